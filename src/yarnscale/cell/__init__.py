@@ -1,0 +1,1 @@
+"""One periodic cell of yarn under a macroscopic state."""

@@ -1,0 +1,1 @@
+"""From a periodic cell to a shell material: sampling, storing, fitting."""

@@ -1,0 +1,1 @@
+"""Cloth as a surface: meshes, fundamental forms, materials and their simulation."""
