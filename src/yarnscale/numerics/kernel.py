@@ -1,0 +1,294 @@
+"""Symbolic graph → SIMD machine code.
+
+A CasADi function of dense columns is translated, instruction by instruction, to LLVM IR that works on ``LANES``
+elements at once, and compiled through llvmlite: no compiler on the user's machine. Arrays are structures of arrays:
+component k of element n lies at ``[k, n]``. Object code is kept on disk (``object_cache``).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import casadi as ca
+import llvmlite.binding as llvm
+import numpy as np
+from llvmlite import ir as llvm_ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from yarnscale.numerics import object_cache
+
+LANES = 8
+"""Elements that one pass of a kernel works on; counts are multiples of it."""
+BLOCK = 128
+"""Elements that callers usually hand over at once, so that all arrays of a block stay in cache."""
+
+# No nnan/ninf: kernels may meet infinities (a contact at zero distance) and must carry them through.
+_FAST = "nsz arcp contract afn reassoc"
+_VECTOR = f"<{LANES} x double>"
+_MASK = f"<{LANES} x i1>"
+_SUFFIX = f"v{LANES}f64"
+
+_BINARY = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+_COMPARE = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
+_UNARY_INTRINSIC = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_FABS: "fabs",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+}
+_BINARY_INTRINSIC = {
+    ca.OP_FMAX: "maxnum",
+    ca.OP_FMIN: "minnum",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_COPYSIGN: "copysign",
+}
+_LIBRARY = {
+    ca.OP_ATAN2: ("atan2", 2),
+    ca.OP_ATAN: ("atan", 1),
+    ca.OP_ACOS: ("acos", 1),
+    ca.OP_ASIN: ("asin", 1),
+    ca.OP_TAN: ("tan", 1),
+    ca.OP_TANH: ("tanh", 1),
+    ca.OP_LOG1P: ("log1p", 1),
+    ca.OP_EXPM1: ("expm1", 1),
+}
+
+
+def _constant(value: float) -> str:
+    bits = np.float64(value).view(np.uint64)
+    return "<" + ", ".join([f"double 0x{bits:016X}"] * LANES) + ">"
+
+
+@dataclass
+class _Writer:
+    """Collects IR lines while walking the instruction list of a CasADi function."""
+
+    lines: list[str] = field(default_factory=list)
+    counter: int = 0
+
+    def fresh(self) -> str:
+        self.counter += 1
+        return f"%t{self.counter}"
+
+    def emit(self, expression: str) -> str:
+        name = self.fresh()
+        self.lines.append(f"  {name} = {expression}")
+        return name
+
+    def address(self, base: str, component: int) -> str:
+        row = self.emit(f"mul i64 %stride, {component}")
+        index = self.emit(f"add i64 {row}, %n")
+        return self.emit(f"getelementptr double, ptr {base}, i64 {index}")
+
+    def truth(self, mask: str) -> str:
+        return self.emit(f"select {_MASK} {mask}, {_VECTOR} {_constant(1.0)}, {_VECTOR} zeroinitializer")
+
+    def is_true(self, value: str) -> str:
+        return self.emit(f"fcmp une {_VECTOR} {value}, zeroinitializer")
+
+    def each_lane(self, function: str, arguments: list[str]) -> str:
+        result = "undef"
+        for lane in range(LANES):
+            scalars = [self.emit(f"extractelement {_VECTOR} {a}, i32 {lane}") for a in arguments]
+            called = self.emit(f"call double @{function}({', '.join('double ' + s for s in scalars)})")
+            result = self.emit(f"insertelement {_VECTOR} {result}, double {called}, i32 {lane}")
+        return result
+
+    def operation(self, code: int, a: str, b: str) -> str:
+        """Emit one arithmetic instruction and return the name of its value."""
+        if code in _BINARY:
+            return self.emit(f"{_BINARY[code]} {_FAST} {_VECTOR} {a}, {b}")
+        if code in _UNARY_INTRINSIC:
+            return self.emit(f"call {_FAST} {_VECTOR} @llvm.{_UNARY_INTRINSIC[code]}.{_SUFFIX}({_VECTOR} {a})")
+        if code in _BINARY_INTRINSIC:
+            name = f"@llvm.{_BINARY_INTRINSIC[code]}.{_SUFFIX}"
+            return self.emit(f"call {_FAST} {_VECTOR} {name}({_VECTOR} {a}, {_VECTOR} {b})")
+        if code in _LIBRARY:
+            name, arity = _LIBRARY[code]
+            return self.each_lane(name, [a, b][:arity])
+        if code in _COMPARE:
+            return self.truth(self.emit(f"fcmp {_COMPARE[code]} {_VECTOR} {a}, {b}"))
+        return self._special(code, a, b)
+
+    def _special(self, code: int, a: str, b: str) -> str:
+        if code == ca.OP_NEG:
+            return self.emit(f"fneg {_FAST} {_VECTOR} {a}")
+        if code == ca.OP_SQ:
+            return self.emit(f"fmul {_FAST} {_VECTOR} {a}, {a}")
+        if code == ca.OP_TWICE:
+            return self.emit(f"fadd {_FAST} {_VECTOR} {a}, {a}")
+        if code == ca.OP_INV:
+            return self.emit(f"fdiv {_FAST} {_VECTOR} {_constant(1.0)}, {a}")
+        if code == ca.OP_ASSIGN:
+            return a
+        if code == ca.OP_NOT:
+            return self.truth(self.emit(f"fcmp oeq {_VECTOR} {a}, zeroinitializer"))
+        if code in (ca.OP_AND, ca.OP_OR):
+            word = "and" if code == ca.OP_AND else "or"
+            return self.truth(self.emit(f"{word} {_MASK} {self.is_true(a)}, {self.is_true(b)}"))
+        if code == ca.OP_IF_ELSE_ZERO:
+            return self.emit(f"select {_MASK} {self.is_true(a)}, {_VECTOR} {b}, {_VECTOR} zeroinitializer")
+        if code == ca.OP_SIGN:
+            size = self.emit(f"call {_VECTOR} @llvm.copysign.{_SUFFIX}({_VECTOR} {_constant(1.0)}, {_VECTOR} {a})")
+            return self.emit(f"select {_MASK} {self.is_true(a)}, {_VECTOR} {size}, {_VECTOR} zeroinitializer")
+        raise NotImplementedError(f"CasADi operation {code} has no vector instruction yet")
+
+
+def _declarations() -> list[str]:
+    unary = [f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR})" for o in sorted(set(_UNARY_INTRINSIC.values()))]
+    binary = [
+        f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR}, {_VECTOR})"
+        for o in sorted(set(_BINARY_INTRINSIC.values()))
+    ]
+    library = [f"declare double @{name}({', '.join(['double'] * n)})" for name, n in sorted(_LIBRARY.values())]
+    return unary + binary + library
+
+
+def _vector_ir(function: ca.Function) -> str:
+    """LLVM IR of ``kernel(count, stride, pointer table)`` for a CasADi function of dense columns."""
+    for kind, n, sparsity in (
+        ("input", function.n_in(), function.sparsity_in),
+        ("output", function.n_out(), function.sparsity_out),
+    ):
+        for k in range(n):
+            if not sparsity(k).is_dense():
+                raise ValueError(f"{kind} {k} of kernel '{function.name()}' must be dense")
+    names = [f"%in{k}" for k in range(function.n_in())] + [f"%out{k}" for k in range(function.n_out())]
+    signature = ", ".join(["i64 %count", "i64 %stride"] + [f"ptr noalias {name}" for name in names])
+    body = _Writer()
+    values: dict[int, str] = {}
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        outputs, inputs = function.instruction_output(k), function.instruction_input(k)
+        if code == ca.OP_CONST:
+            values[outputs[0]] = _constant(function.instruction_constant(k))
+        elif code == ca.OP_INPUT:
+            pointer = body.address(f"%in{inputs[0]}", inputs[1])
+            values[outputs[0]] = body.emit(f"load {_VECTOR}, ptr {pointer}, align 8")
+        elif code == ca.OP_OUTPUT:
+            pointer = body.address(f"%out{outputs[0]}", outputs[1])
+            body.lines.append(f"  store {_VECTOR} {values[inputs[0]]}, ptr {pointer}, align 8")
+        else:
+            a = values[inputs[0]]
+            b = values[inputs[1]] if len(inputs) > 1 else a
+            values[outputs[0]] = body.operation(code, a, b)
+    loads = [
+        f"  %slot{k} = getelementptr ptr, ptr %table, i64 {k}\n  %pointer{k} = load ptr, ptr %slot{k}"
+        for k in range(len(names))
+    ]
+    arguments = ", ".join(["i64 %count", "i64 %stride"] + [f"ptr %pointer{k}" for k in range(len(names))])
+    return "\n".join(
+        [
+            *_declarations(),
+            f"define internal void @body({signature}) {{",
+            "entry:\n  br label %loop",
+            "loop:\n  %n = phi i64 [0, %entry], [%next, %loop]",
+            *body.lines,
+            f"  %next = add i64 %n, {LANES}",
+            "  %more = icmp slt i64 %next, %count",
+            "  br i1 %more, label %loop, label %done",
+            "done:\n  ret void\n}",
+            "define void @kernel(i64 %count, i64 %stride, ptr %table) {",
+            *loads,
+            f"  call void @body({arguments})",
+            "  ret void\n}",
+        ]
+    )
+
+
+class _Machine:
+    """The LLVM target of this machine, created on first use; keeps loaded code alive."""
+
+    def __init__(self) -> None:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        self.cpu = llvm.get_host_cpu_name()
+        self.features = llvm.get_host_cpu_features().flatten()
+        self.triple = llvm.get_process_triple()
+        self.loaded: list[object] = []
+
+    def target(self) -> llvm.TargetMachine:
+        target = llvm.Target.from_triple(self.triple)
+        return target.create_target_machine(cpu=self.cpu, features=self.features, opt=2)
+
+    def object_code(self, text: str) -> bytes:
+        target = self.target()
+        module = llvm.parse_assembly(text)
+        module.verify()
+        passes = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(speed_level=2))
+        passes.getModulePassManager().run(module, passes)
+        return target.emit_object(module)
+
+    def load(self, code: bytes) -> int:
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self.target())
+        file = llvm.ObjectFileRef.from_data(code)
+        engine.add_object_file(file)
+        engine.finalize_object()
+        self.loaded.append((engine, file, code))
+        return engine.get_function_address("kernel")
+
+
+_machine: _Machine | None = None
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Compiled code of one CasADi function; arguments are inputs, then outputs, each (size, stride) float64."""
+
+    name: str
+    address: int
+    sizes: tuple[int, ...]
+    operations: int
+    _call: Callable[..., None] = field(repr=False)
+
+    def __call__(self, count: int, stride: int, *arrays: NDArray[np.float64]) -> None:
+        """Run on the first ``count`` elements (a multiple of LANES) of arrays of shape (size, stride)."""
+        if len(arrays) != len(self.sizes):
+            raise ValueError(f"kernel '{self.name}' takes {len(self.sizes)} arrays, found {len(arrays)}")
+        if count % LANES or count > stride or count <= 0:
+            raise ValueError(f"kernel '{self.name}': count {count} must be a multiple of {LANES} up to {stride}")
+        for size, array in zip(self.sizes, arrays, strict=True):
+            if array.size != size * stride or not array.flags.c_contiguous or array.dtype != np.float64:
+                raise ValueError(f"kernel '{self.name}': expected float64 ({size}, {stride}), found {array.shape}")
+        table = (ctypes.c_void_p * len(arrays))(*(a.ctypes.data for a in arrays))
+        self._call(count, stride, table)
+
+
+def compile_kernel(function: ca.Function, name: str) -> Kernel:
+    """Machine code for a CasADi function whose inputs and outputs are dense; from the disk cache where it is there."""
+    global _machine
+    if _machine is None:
+        _machine = _Machine()
+    machine = _machine
+    text = _vector_ir(function)
+    key = "\n".join([llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text])
+    address = machine.load(object_cache.fetch(key, lambda: machine.object_code(text)))
+    sizes = [function.numel_in(k) for k in range(function.n_in())]
+    sizes += [function.numel_out(k) for k in range(function.n_out())]
+    call = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)(address)
+    return Kernel(name, address, tuple(sizes), function.n_instructions(), call)
+
+
+@intrinsic
+def call_kernel(typingctx, address, count, stride, pointers):  # type: ignore[no-untyped-def]
+    """Inside ``@njit``: call a kernel's ``address`` with an int64 array of data addresses, inputs then outputs."""
+    signature = types.void(types.int64, types.int64, types.int64, pointers)
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        word = llvm_ir.IntType(64)
+        table = cgutils.create_struct_proxy(signature.args[3])(context, builder, value=arguments[3]).data
+        kind = llvm_ir.FunctionType(llvm_ir.VoidType(), [word, word, table.type])
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), [arguments[1], arguments[2], table])
+        return context.get_dummy_value()
+
+    return signature, generate
