@@ -1,0 +1,55 @@
+"""Write a file whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from ..errors import InputError
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Replace `path` by `content` in one step; on failure the old file, if any, stays untouched.
+
+    The bytes go to a temporary file in the same folder, then take the name. Raises InputError where the
+    target cannot be written.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise InputError("output is a folder", where=target, expected="the path of a file")
+    # A link keeps pointing where it did: the file behind it is replaced.
+    target = Path(os.path.realpath(target))
+    temporary: str | None = None
+    try:
+        handle, temporary = tempfile.mkstemp(
+            prefix=f".{target.name[:80]}.", suffix=".part", dir=target.parent
+        )
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, _permissions(target))
+        os.replace(temporary, target)
+        temporary = None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError("output cannot be written", where=path, found=reason) from None
+    finally:
+        if temporary is not None and os.path.exists(temporary):
+            os.unlink(temporary)
+
+
+def write_text(path: str | os.PathLike[str], content: str) -> None:
+    """Replace `path` by UTF-8 text in one step; see `write_bytes`."""
+    write_bytes(path, content.encode("utf-8"))
+
+
+def _permissions(target: Path) -> int:
+    """Mode of the file that is replaced, or that of a new file."""
+    try:
+        return target.stat().st_mode & 0o777
+    except OSError:
+        mask = os.umask(0)
+        os.umask(mask)
+        return 0o666 & ~mask

@@ -1,0 +1,382 @@
+"""The rest geometry of one period of a knitted or woven fabric."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .curves import PeriodicCurve
+
+LARGEST_LENGTH = 1e3
+"""No length of a pattern exceeds this [m]; larger numbers are a mistaken unit."""
+SMALLEST_LENGTH = 1e-9
+"""No radius, period or rest length is smaller than this [m]."""
+DIRECTOR_TOLERANCE = 1e-3
+"""Largest deviation of a reference director from unit length and from a right angle with its edge."""
+LARGEST_RADIUS_OVER_PERIOD = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class YarnPattern:
+    """One period of a fabric at rest: closed periodic yarns as discrete elastic rods (HYLC20 §5).
+
+    x is the course (weft) direction, y the wale (warp) direction, z the thickness. Every vertex has one
+    incoming and one outgoing edge, so there are as many edges as vertices, and **every quantity of an edge
+    is stored at the index of the edge's first vertex**: ``edges[i, 0] == i``. Quantities of a joint (rest
+    curvature, rest twist, reference twist) belong to the vertex between the incoming and the outgoing edge.
+
+    Attributes
+    ----------
+    vertices: positions, shape (n, 3) [m].
+    twist: angle θ of the material frame from the reference frame, per edge, shape (n,) [rad].
+    edges: rows (v0, v1, dx, dy), shape (n, 4); the second end is ``vertices[v1] + (dx px, dy py, 0)``.
+    rest_length: per edge, shape (n,) [m].
+    rest_curvature: integrated material curvatures (κ¹, κ²) per vertex, shape (n, 2) [-].
+    rest_twist: integrated twist per vertex, shape (n,) [rad].
+    reference_director: d1, a unit vector at a right angle to the edge, per edge, shape (n, 3).
+    reference_twist: signed angle about the outgoing tangent from the incoming edge's d1, carried over by
+        parallel transport, to the outgoing edge's d1, per vertex, shape (n,) [rad].
+    period: (px, py), shape (2,) [m].
+    radius: yarn radius [m].
+    name: a label; no part of the content.
+
+    Raises InputError naming the field for shapes, values or a topology that make no pattern. Treat the
+    arrays as read-only: `dataclasses.replace` and the methods below give changed copies.
+    """
+
+    vertices: np.ndarray
+    twist: np.ndarray
+    edges: np.ndarray
+    rest_length: np.ndarray
+    rest_curvature: np.ndarray
+    rest_twist: np.ndarray
+    reference_director: np.ndarray
+    reference_twist: np.ndarray
+    period: np.ndarray
+    radius: float
+    name: str = "pattern"
+
+    def __post_init__(self) -> None:
+        """Store contiguous arrays of the right type and check everything that can be checked cheaply."""
+        vertices = np.asarray(self.vertices)
+        n = vertices.shape[0] if vertices.ndim == 2 else 0
+        if n == 0:
+            raise InputError(
+                "vertices must be a non-empty table", expected="shape (n, 3)", found=vertices.shape
+            )
+        shapes = {
+            "vertices": (n, 3),
+            "twist": (n,),
+            "rest_length": (n,),
+            "rest_curvature": (n, 2),
+            "rest_twist": (n,),
+            "reference_director": (n, 3),
+            "reference_twist": (n,),
+            "period": (2,),
+        }
+        for field, shape in shapes.items():
+            object.__setattr__(self, field, _float_array(field, getattr(self, field), shape))
+        object.__setattr__(self, "edges", _edge_array(self.edges, n))
+        object.__setattr__(self, "radius", float(self.radius))
+        self._check_values()
+
+    def _check_values(self) -> None:
+        _check_length("radius", np.array([self.radius]))
+        _check_length("period", self.period)
+        _check_length("rest_length", self.rest_length)
+        if np.abs(self.vertices).max() > LARGEST_LENGTH:
+            raise InputError("vertices lie too far out", expected=f"metres, below {LARGEST_LENGTH:g}")
+        if self.radius > LARGEST_RADIUS_OVER_PERIOD * self.period.min():
+            raise InputError(
+                "radius is too large for the period",
+                expected=f"at most {LARGEST_RADIUS_OVER_PERIOD:g} times the smaller period "
+                f"{self.period.min():g} m",
+                found=f"{self.radius:g} m",
+            )
+        edge = self.edge_vectors()
+        length = np.linalg.norm(edge, axis=1)
+        if (bad := _first(~((length > 0.0) & (length < LARGEST_LENGTH)))) is not None:
+            raise InputError(
+                f"edges[{bad}] has no usable length", expected="two distinct ends", found=f"{length[bad]:g} m"
+            )
+        director = self.reference_director
+        off = np.abs(np.linalg.norm(director, axis=1) - 1.0)
+        lean = np.abs(np.einsum("ij,ij->i", director, edge)) / length
+        if (bad := _first(off > DIRECTOR_TOLERANCE)) is not None:
+            raise InputError(
+                f"reference_director[{bad}] must be a unit vector",
+                expected="length 1",
+                found=f"length {np.linalg.norm(director[bad]):.6g}",
+            )
+        if (bad := _first(lean > DIRECTOR_TOLERANCE)) is not None:
+            raise InputError(
+                f"reference_director[{bad}] must be perpendicular to its edge",
+                expected="cosine 0",
+                found=f"cosine {lean[bad]:.3g}",
+            )
+
+    # --- topology -------------------------------------------------------------------------------------
+
+    @property
+    def next_vertex(self) -> np.ndarray:
+        """The vertex at the end of each vertex's outgoing edge, shape (n,)."""
+        return self.edges[:, 1]
+
+    @cached_property
+    def previous_vertex(self) -> np.ndarray:
+        """The vertex at the start of each vertex's incoming edge, shape (n,)."""
+        previous = np.empty(len(self.edges), dtype=np.int64)
+        previous[self.edges[:, 1]] = self.edges[:, 0]
+        return previous
+
+    @cached_property
+    def yarns(self) -> list[np.ndarray]:
+        """Vertex indices in order along each closed periodic yarn; yarns start at their lowest index."""
+        following = self.next_vertex.tolist()
+        seen = [False] * len(following)
+        yarns = []
+        for start in range(len(following)):
+            if seen[start]:
+                continue
+            chain, vertex = [], start
+            while not seen[vertex]:
+                seen[vertex] = True
+                chain.append(vertex)
+                vertex = following[vertex]
+            yarns.append(np.array(chain, dtype=np.int64))
+        return yarns
+
+    @cached_property
+    def yarn_of_vertex(self) -> np.ndarray:
+        """Index of each vertex's yarn in `yarns`, shape (n,)."""
+        owner = np.empty(len(self.edges), dtype=np.int64)
+        for index, chain in enumerate(self.yarns):
+            owner[chain] = index
+        return owner
+
+    @cached_property
+    def position_along_yarn(self) -> np.ndarray:
+        """Number of edges from the yarn's first vertex to each vertex, shape (n,)."""
+        position = np.empty(len(self.edges), dtype=np.int64)
+        for chain in self.yarns:
+            position[chain] = np.arange(len(chain))
+        return position
+
+    @cached_property
+    def tile_along_yarn(self) -> np.ndarray:
+        """Tile reached by walking from the yarn's first vertex to each vertex, shape (n, 2).
+
+        ``vertices[v] + tile_along_yarn[v] * period`` is continuous along the yarn.
+        """
+        tile = np.zeros((len(self.edges), 2), dtype=np.int64)
+        for chain in self.yarns:
+            tile[chain[1:]] = np.cumsum(self.edges[chain[:-1], 2:], axis=0)
+        return tile
+
+    @cached_property
+    def yarn_shift(self) -> np.ndarray:
+        """Net tile shift (dx, dy) of each yarn over one period, shape (yarns, 2)."""
+        return np.array([self.edges[chain, 2:].sum(axis=0) for chain in self.yarns], dtype=np.int64)
+
+    # --- geometry -------------------------------------------------------------------------------------
+
+    @property
+    def area(self) -> float:
+        """Reference area of one period [m²]."""
+        return float(self.period[0] * self.period[1])
+
+    @cached_property
+    def voronoi_length(self) -> np.ndarray:
+        """Rest length that belongs to each vertex, half of its two edges, shape (n,) [m]."""
+        return 0.5 * (self.rest_length[self.previous_vertex] + self.rest_length)
+
+    def edge_vectors(self) -> np.ndarray:
+        """Vector along each edge, shape (n, 3) [m]."""
+        edge = self.vertices[self.edges[:, 1]] - self.vertices
+        edge[:, :2] += self.edges[:, 2:] * self.period
+        return edge
+
+    def unwrapped_yarn(self, index: int) -> np.ndarray:
+        """One yarn as a continuous line, closed by its image one period on, shape (k + 1, 3) [m]."""
+        chain = self.yarns[index]
+        points = self.vertices[chain].copy()
+        points[:, :2] += self.tile_along_yarn[chain] * self.period
+        end = points[:1].copy()
+        end[:, :2] += self.yarn_shift[index] * self.period
+        return np.concatenate([points, end])
+
+    # --- changed copies -------------------------------------------------------------------------------
+
+    def repeated(self, courses: int, wales: int) -> YarnPattern:
+        """The same fabric described by a period of ``courses`` by ``wales`` tiles along x and y.
+
+        Vertex i of tile (a, b) gets the index ``(a * wales + b) * n + i``. The energy per area is the same.
+        """
+        if courses < 1 or wales < 1:
+            raise InputError("the numbers of tiles must be positive", expected="≥ 1", found=(courses, wales))
+        n = len(self.edges)
+        tiles = np.stack(np.meshgrid(np.arange(courses), np.arange(wales), indexing="ij"), -1).reshape(-1, 2)
+        count = np.array([courses, wales])
+        vertices = np.tile(self.vertices, (len(tiles), 1, 1))
+        vertices[:, :, :2] += (tiles * self.period)[:, None, :]
+        target = tiles[:, None, :] + self.edges[None, :, 2:]
+        shift, inside = np.divmod(target, count)
+        edges = np.empty((len(tiles), n, 4), dtype=np.int64)
+        edges[:, :, 0] = np.arange(len(tiles) * n).reshape(-1, n)
+        edges[:, :, 1] = (inside[..., 0] * wales + inside[..., 1]) * n + self.edges[None, :, 1]
+        edges[:, :, 2:] = shift
+
+        def tiled(array: np.ndarray) -> np.ndarray:
+            return np.tile(array, (len(tiles),) + (1,) * (array.ndim - 1))
+
+        return YarnPattern(
+            vertices=vertices.reshape(-1, 3),
+            twist=tiled(self.twist),
+            edges=edges.reshape(-1, 4),
+            rest_length=tiled(self.rest_length),
+            rest_curvature=tiled(self.rest_curvature),
+            rest_twist=tiled(self.rest_twist),
+            reference_director=tiled(self.reference_director),
+            reference_twist=tiled(self.reference_twist),
+            period=self.period * count,
+            radius=self.radius,
+            name=self.name if courses * wales == 1 else f"{self.name}-{courses}x{wales}",
+        )
+
+    def shifted(self, dx: float, dy: float) -> YarnPattern:
+        """The pattern moved by (dx, dy) in the plane [m]."""
+        return replace(self, vertices=self.vertices + np.array([dx, dy, 0.0]))
+
+    def retiled(self, tiles: np.ndarray) -> YarnPattern:
+        """The same fabric with each vertex v stored by its copy in tile ``tiles[v]``, shape (n, 2)."""
+        tiles = np.broadcast_to(np.asarray(tiles, dtype=np.int64), (len(self.edges), 2))
+        vertices, edges = self.vertices.copy(), self.edges.copy()
+        vertices[:, :2] += tiles * self.period
+        edges[:, 2:] += tiles - tiles[self.edges[:, 1]]
+        return replace(self, vertices=vertices, edges=edges)
+
+    def wrapped(self) -> YarnPattern:
+        """The same fabric with every stored vertex inside [0, px) × [0, py)."""
+        return self.retiled(-np.floor(self.vertices[:, :2] / self.period).astype(np.int64))
+
+    def scaled(self, factor: float) -> YarnPattern:
+        """The pattern with all lengths multiplied; integrated curvatures and twists stay as they are."""
+        return replace(
+            self,
+            vertices=self.vertices * factor,
+            rest_length=self.rest_length * factor,
+            period=self.period * factor,
+            radius=self.radius * factor,
+        )
+
+    @classmethod
+    def from_curves(
+        cls,
+        curves: Sequence[PeriodicCurve],
+        period: Sequence[float] | np.ndarray,
+        radius: float,
+        *,
+        name: str = "pattern",
+        rest_length_scale: float = 1.0,
+        rest_curvature: str = "zero",
+    ) -> YarnPattern:
+        """A pattern from sampled centre lines; see `curves.pattern_from_curves`."""
+        from .curves import pattern_from_curves
+
+        return pattern_from_curves(
+            curves,
+            period,
+            radius,
+            name=name,
+            rest_length_scale=rest_length_scale,
+            rest_curvature=rest_curvature,
+        )
+
+    def content_hash(self) -> str:
+        """SHA-256 (hex) of everything but the name; equal patterns give equal hashes on every machine."""
+        digest = hashlib.sha256(b"yarnscale-pattern-1")
+        digest.update(np.array([len(self.edges)], dtype="<i8").tobytes())
+        digest.update(np.ascontiguousarray(self.edges, dtype="<i8").tobytes())
+        for array in (
+            self.vertices,
+            self.twist,
+            self.rest_length,
+            self.rest_curvature,
+            self.rest_twist,
+            self.reference_director,
+            self.reference_twist,
+            self.period,
+            np.array([self.radius]),
+        ):
+            # Adding zero turns -0.0 into 0.0: equal numbers, equal bytes.
+            digest.update(np.ascontiguousarray(array + 0.0, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+
+def _first(mask: np.ndarray) -> int | None:
+    """Index of the first true entry."""
+    return int(np.argmax(mask)) if mask.any() else None
+
+
+def _float_array(field: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{field} must hold numbers", expected=f"shape {shape}", found=error) from None
+    if array.shape != shape:
+        raise InputError(f"{field} has the wrong shape", expected=shape, found=array.shape)
+    finite = np.isfinite(array)
+    if not finite.all():
+        index = tuple(int(i) for i in np.argwhere(~finite)[0])
+        place = ", ".join(map(str, index))
+        raise InputError(f"{field}[{place}] must be finite", expected="a finite number", found=array[index])
+    return array
+
+
+def _edge_array(value: object, n: int) -> np.ndarray:
+    array = np.asarray(value)
+    if array.shape != (n, 4):
+        raise InputError("edges has the wrong shape", expected=(n, 4), found=array.shape)
+    if array.dtype.kind not in "iu" and not (array.dtype.kind == "f" and (array == np.rint(array)).all()):
+        raise InputError("edges must hold integers", expected="rows (v0, v1, dx, dy)", found=array.dtype)
+    edges = np.array(array, dtype=np.int64, order="C")
+    if (bad := _first(edges[:, 0] != np.arange(n))) is not None:
+        raise InputError(
+            f"edges[{bad}] must start at vertex {bad}", expected=f"v0 = {bad}", found=f"v0 = {edges[bad, 0]}"
+        )
+    if (bad := _first((edges[:, 1] < 0) | (edges[:, 1] >= n))) is not None:
+        raise InputError(
+            f"edges[{bad}] ends at a vertex that is not there",
+            expected=f"0 ≤ v1 < {n}",
+            found=f"v1 = {edges[bad, 1]}",
+        )
+    incoming = np.bincount(edges[:, 1], minlength=n)
+    if (bad := _first(incoming != 1)) is not None:
+        raise InputError(
+            f"vertex {bad} must have one incoming edge", expected="1 edge", found=f"{incoming[bad]} edges"
+        )
+    if np.abs(edges[:, 2:]).max() > 10_000:
+        raise InputError("edges reach too many tiles away", expected="|dx|, |dy| ≤ 10000")
+    return edges
+
+
+def _check_length(field: str, value: np.ndarray) -> None:
+    """Every length is positive, finite and of a size that metres can mean."""
+    if (bad := _first(~(value > 0.0))) is not None:
+        place = "" if field == "radius" else f"[{bad}]"
+        raise InputError(f"{field}{place} must be positive", expected="> 0 m", found=f"{value[bad]:g}")
+    if (bad := _first(~((value >= SMALLEST_LENGTH) & (value <= LARGEST_LENGTH)))) is not None:
+        place = "" if field == "radius" else f"[{bad}]"
+        raise InputError(
+            f"{field}{place} is no length in metres",
+            expected=f"{SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m",
+            found=f"{value[bad]:g}",
+        )

@@ -1,0 +1,62 @@
+"""Frames of a discrete rod at rest: transport, reference twist, material curvature (HYLC20 §5.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def parallel_transport(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Turn vectors by the smallest rotations that take unit tangents `before` to `after`; shapes (n, 3).
+
+    Undefined where a tangent reverses; the caller keeps bends below 180°.
+    """
+    axis = np.cross(before, after)
+    cosine = np.einsum("ij,ij->i", before, after)[:, None]
+    along = np.einsum("ij,ij->i", axis, vector)[:, None]
+    return vector * cosine + np.cross(axis, vector) + axis * along / np.maximum(1.0 + cosine, 1e-12)
+
+
+def signed_angle(start: np.ndarray, end: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Angle about unit `axis` that turns `start` into `end`, in (-π, π]; shapes (n, 3) -> (n,) [rad]."""
+    sine = np.einsum("ij,ij->i", np.cross(start, end), axis)
+    return np.arctan2(sine, np.einsum("ij,ij->i", start, end))
+
+
+def reference_twist(tangent: np.ndarray, director: np.ndarray, previous: np.ndarray) -> np.ndarray:
+    """Twist of the reference frame at each joint, shape (n,) [rad].
+
+    The angle about the outgoing tangent from the incoming edge's director, carried over the joint by
+    parallel transport, to the outgoing edge's director. `tangent` and `director` are per edge, shape
+    (n, 3); `previous` gives the incoming edge of each joint.
+    """
+    carried = parallel_transport(director[previous], tangent[previous], tangent)
+    return signed_angle(carried, director, tangent)
+
+
+def material_frame(
+    tangent: np.ndarray, director: np.ndarray, twist: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Material directors m1, m2: the frame (d1, t × d1) turned by θ about the tangent; (n, 3) each."""
+    second = np.cross(tangent, director)
+    cosine, sine = np.cos(twist)[:, None], np.sin(twist)[:, None]
+    return cosine * director + sine * second, cosine * second - sine * director
+
+
+def material_curvature(
+    tangent: np.ndarray, director: np.ndarray, twist: np.ndarray, previous: np.ndarray
+) -> np.ndarray:
+    """Integrated curvatures (κ¹, κ²) of each joint in its material frames, shape (n, 2) [-].
+
+    κb = 2 t₋×t / (1 + t₋·t), κ¹ = ½(m2₋ + m2)·κb, κ² = −½(m1₋ + m1)·κb.
+    """
+    before = tangent[previous]
+    cosine = np.einsum("ij,ij->i", before, tangent)[:, None]
+    binormal = 2.0 * np.cross(before, tangent) / np.maximum(1.0 + cosine, 1e-12)
+    first, second = material_frame(tangent, director, twist)
+    return np.stack(
+        [
+            0.5 * np.einsum("ij,ij->i", second[previous] + second, binormal),
+            -0.5 * np.einsum("ij,ij->i", first[previous] + first, binormal),
+        ],
+        axis=1,
+    )
