@@ -1,0 +1,75 @@
+"""What it costs when yarns press on each other: the published penalty of two segments with its quadrature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from yarnscale.numerics.energy import LinearTerms, StencilEnergy, Symbol
+
+_POINTS = {"a0": 3, "a1": 3, "b0": 3, "b1": 3}
+
+
+def _hylc2020(p: dict[str, Symbol]) -> Callable[[Symbol], Symbol]:
+    """f(d) = 1/d² + d² − 2 for d = D/2r < 1, written as max(0, 1 − y)²/y with y = d² (HYLC20, after Kaldor 2008)."""
+
+    def penalty(offset: Symbol) -> Symbol:
+        y = ca.dot(offset, offset) * p["inverse_reach_squared"]
+        return p["stiffness"] * ca.fmax(0, 1 - y) ** 2 / y
+
+    return penalty
+
+
+def _est2022(p: dict[str, Symbol]) -> Callable[[Symbol], Symbol]:
+    """Two barriers k_i f(min(D/2R_i, 1)²) with f(x) = −(x − 1)² ln x (EST22 eq. 7)."""
+
+    def barrier(y: Symbol) -> Symbol:
+        x = ca.fmin(y, 1)
+        return -((x - 1) ** 2) * ca.log(x)
+
+    def penalty(offset: Symbol) -> Symbol:
+        square = ca.dot(offset, offset)
+        outer = p["stiffness"] * barrier(square * p["inverse_reach_squared"])
+        return outer + p["inner_stiffness"] * barrier(square * p["inner_inverse_reach_squared"])
+
+    return penalty
+
+
+_KERNELS = {
+    "hylc2020": (_hylc2020, {"stiffness": 1, "inverse_reach_squared": 1}),
+    "est2022": (
+        _est2022,
+        {"stiffness": 1, "inverse_reach_squared": 1, "inner_stiffness": 1, "inner_inverse_reach_squared": 1},
+    ),
+}
+
+
+@lru_cache
+def contact_energy(kernel: str, points: tuple[float, ...], weights: tuple[float, ...]) -> StencilEnergy:
+    """Contact energy of two segments (a0, a1), (b0, b1): Σ_ij w_i w_j penalty(distance at (s_i, t_j)).
+
+    kernel: ``hylc2020`` or ``est2022``. points, weights: quadrature along each segment on [0, 1].
+    Parameters of a pair: ``stiffness`` k l_a l_b [J], ``inverse_reach_squared`` 1/(2r)² [1/m²] (and the inner pair).
+    """
+    build, parameters = _KERNELS[kernel]
+    eye, zero = np.eye(3), np.zeros((3, 3))
+    to_offsets = np.block([[eye, zero, -eye, zero], [-eye, eye, zero, zero], [zero, zero, -eye, eye]])
+
+    def energy(v: dict[str, Symbol], p: dict[str, Symbol]) -> LinearTerms:
+        penalty = build(p)
+
+        def along_second(weight: float, t: float) -> tuple[ca.DM, Callable[[Symbol], Symbol]]:
+            return ca.sparsify(ca.DM(np.block([eye, -t * eye]))), lambda u: weight * penalty(u)
+
+        def along_first(s: float, w: float) -> tuple[ca.DM, Callable[[Symbol], LinearTerms]]:
+            matrix = ca.sparsify(ca.DM(np.block([[eye, s * eye, zero], [zero, zero, eye]])))
+            inner = [along_second(w * w2, t) for t, w2 in zip(points, weights, strict=True)]
+            return matrix, lambda _: LinearTerms(inner)
+
+        outer = [along_first(s, w) for s, w in zip(points, weights, strict=True)]
+        return LinearTerms([(ca.sparsify(ca.DM(to_offsets)), lambda _: LinearTerms(outer))])
+
+    return StencilEnergy(f"contact_{kernel}_{len(points)}", _POINTS, parameters, energy)  # type: ignore[arg-type]
