@@ -6,7 +6,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from ..errors import InputError
+from yarnscale.errors import InputError
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:

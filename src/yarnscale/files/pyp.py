@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..yarn.clearance import check_clearance
-from ..yarn.pattern import LARGEST_LENGTH, YarnPattern
-from .atomic import write_text
-from .source_text import read_source
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_text
+from yarnscale.files.source_text import read_source
+from yarnscale.yarn.clearance import check_clearance
+from yarnscale.yarn.pattern import LARGEST_LENGTH, YarnPattern
 
 COLUMNS = {
     "pattern": ("px", "py", "radius", "n"),

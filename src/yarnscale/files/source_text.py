@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ..errors import InputError
+from yarnscale.errors import InputError
 
 LARGEST_FILE = 256 * 1024 * 1024
 

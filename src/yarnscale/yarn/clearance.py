@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..errors import InputError
-from .pattern import YarnPattern
+from yarnscale.errors import InputError
+from yarnscale.yarn.pattern import YarnPattern
 
 THROUGH_EACH_OTHER = 0.05
 """Centre lines closer than this share of the diameter are taken for yarns that run through each other."""

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
+from yarnscale.errors import InputError
 
 if TYPE_CHECKING:
-    from .curves import PeriodicCurve
+    from yarnscale.yarn.curves import PeriodicCurve
 
 LARGEST_LENGTH = 1e3
 """No length of a pattern exceeds this [m]; larger numbers are a mistaken unit."""
@@ -289,7 +289,7 @@ class YarnPattern:
         rest_curvature: str = "zero",
     ) -> YarnPattern:
         """A pattern from sampled centre lines; see `curves.pattern_from_curves`."""
-        from .curves import pattern_from_curves
+        from yarnscale.yarn.curves import pattern_from_curves
 
         return pattern_from_curves(
             curves,

@@ -1,0 +1,87 @@
+"""Yarn materials as TOML files; the format is described in docs/material_format.md."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_text
+from yarnscale.files.source_text import read_source
+from yarnscale.yarn.material import CONTACT_FIELDS, NUMBERS, PRESETS, ContactRule, YarnMaterial
+
+TOP_LEVEL = (*NUMBERS, "name", "contact")
+
+
+def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
+    """A material by preset name or from a TOML file; InputError naming file and field for anything else."""
+    if isinstance(source, str) and source in PRESETS:
+        return PRESETS[source]
+    path = Path(source)
+    if not path.exists() and path.suffix == "" and len(path.parts) == 1:
+        raise InputError(
+            "unknown material",
+            expected=f"a TOML file or one of {', '.join(PRESETS)}",
+            found=repr(str(source)),
+        )
+    return read_material_file(path)
+
+
+def read_material_file(path: str | os.PathLike[str]) -> YarnMaterial:
+    """A material from a TOML file; InputError with file, line where known, field, expected and found."""
+    path = Path(path)
+    text = read_source(path)
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        line = re.search(r"at line (\d+)", str(error))
+        where = f"{path}:{line.group(1)}" if line else path
+        raise InputError("file is not TOML", where=where, found=str(error)) from None
+    _known(path, table, TOP_LEVEL, "")
+    for name in NUMBERS:
+        if name not in table:
+            raise InputError(f"{name} is missing", where=path, expected=", ".join(NUMBERS))
+        if isinstance(table[name], bool) or not isinstance(table[name], (int, float)):
+            raise InputError(
+                f"{name} must be a number", where=path, expected="a number", found=repr(table[name])
+            )
+    contact = table.get("contact", {})
+    if not isinstance(contact, dict):
+        raise InputError("contact must be a table", where=path, expected="[contact]", found=repr(contact))
+    _known(path, contact, CONTACT_FIELDS, "contact.")
+    values = {name: table[name] for name in NUMBERS}
+    try:
+        return YarnMaterial(**values, name=table.get("name", path.stem), contact=ContactRule(**contact))
+    except InputError as error:
+        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
+
+
+def write_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None:
+    """Write a material as TOML with every digit; whole or not at all."""
+    lines = [
+        "# yarnscale yarn material; SI units, see docs/material_format.md",
+        f"name = {_string(material.name)}",
+        *(f"{name} = {getattr(material, name)!r}" for name in NUMBERS),
+        "",
+        "[contact]",
+    ]
+    for entry in fields(ContactRule):
+        value = getattr(material.contact, entry.name)
+        lines.append(f"{entry.name} = {_string(value) if isinstance(value, str) else repr(value)}")
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _known(path: Path, table: dict[str, object], names: tuple[str, ...], prefix: str) -> None:
+    for key in table:
+        if key not in names:
+            raise InputError(f"unknown field {prefix}{key}", where=path, expected=", ".join(names))
+
+
+def _string(text: str) -> str:
+    """A TOML basic string."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    plain = "".join(c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}" for c in escaped)
+    return f'"{plain}"'
