@@ -1,0 +1,171 @@
+"""Elastic energy of a mesh: E = Σ area·ψ(I, II), its gradient, and two Hessians with one sparsity pattern.
+
+The exact Hessian is rarely positive definite (nearly half of the triangles of a curled knit are not). The positive
+model takes the magnitudes of the eigenvalues of the 6×6 moduli and the tensile part of the membrane's geometric term.
+Newton starts with the positive one and moves to the exact one: exact + shift·(positive − exact).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.kernel import BLOCK, Kernel
+from yarnscale.shell.element_loops import forms_of_blocks, gradient_of_blocks, hessian_of_blocks
+from yarnscale.shell.elements import FreeEdges, ShellElements, shell_elements
+from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.strain import form_kernels
+
+Floats = NDArray[np.float64]
+
+
+class ElementKernels(Protocol):
+    """Compiled energy density: ``value`` → ψ (1), ``second`` → ψ (1), gradient (6), lower second derivative (21)."""
+
+    @property
+    def value(self) -> Kernel: ...
+
+    @property
+    def second(self) -> Kernel: ...
+
+
+class ElementMaterial(Protocol):
+    """What the cloth solver needs of a material; ``shell.material`` describes it."""
+
+    density: float
+
+    @property
+    def parameter_count(self) -> int: ...
+
+    def gather(self, forms: Floats, count: int, parameters: Floats) -> None: ...
+
+    def kernels(self) -> ElementKernels: ...
+
+
+class ShellEnergy:
+    """Elastic energy of a mesh of one material at positions (nv, 3) [m].
+
+    The fold angles are measured from reference angles kept here; call ``follow`` after every accepted motion.
+    """
+
+    def __init__(
+        self, mesh: TriangleMesh, material: ElementMaterial, *, free_edges: FreeEdges = "extrapolate"
+    ) -> None:
+        self.mesh, self.material = mesh, material
+        self.elements = shell_elements(mesh, free_edges=free_edges)
+        self.pattern, self._slots = _pattern_and_slots(self.elements, mesh.vertex_count)
+        self._forms = np.empty((self.elements.blocks, 6, BLOCK))
+        self._parameters = np.zeros((material.parameter_count, BLOCK))
+        self._density = np.empty((1, BLOCK))
+        self._no_jacobian = np.empty((0, 0, 0))
+
+    @property
+    def masses(self) -> Floats:
+        """Lumped mass of every vertex [kg], (nv,)."""
+        return self.mesh.vertex_areas * self.material.density
+
+    def follow(self, positions: Floats) -> float:
+        """Let the reference angles follow the motion; the largest |fold angle| [rad]."""
+        return self.elements.follow(positions)
+
+    def value(self, positions: Floats) -> float:
+        """Energy [J]; inf where the state is not admissible."""
+        elements, kernels = self.elements, self.material.kernels()
+        address = form_kernels().value.address
+        forms_of_blocks(
+            positions, elements.stencils, elements.geometry, address, self._no_jacobian, self._forms
+        )
+        total = 0.0
+        for block in range(elements.blocks):
+            self.material.gather(self._forms[block], BLOCK, self._parameters)
+            kernels.value(BLOCK, BLOCK, self._forms[block], self._parameters, self._density)
+            total += float(self._density[0] @ elements.areas[block])
+        return total if np.isfinite(total) else np.inf
+
+    def densities(self, positions: Floats) -> Floats:
+        """ψ of every element [J/m²], (blocks, BLOCK)."""
+        elements, kernels = self.elements, self.material.kernels()
+        forms = elements.forms(positions)
+        densities = np.empty((elements.blocks, 1, BLOCK))
+        for block in range(elements.blocks):
+            self.material.gather(forms[block], BLOCK, self._parameters)
+            kernels.value(BLOCK, BLOCK, forms[block], self._parameters, densities[block])
+        return densities[:, 0]
+
+    def linearise(self, positions: Floats, into: Linearisation | None = None) -> Linearisation:
+        """Energy, gradient and what the Hessians need; ``into`` lends its memory, and is no longer valid."""
+        elements, kernels = self.elements, self.material.kernels()
+        result = into if into is not None else Linearisation(self)
+        result.positions = np.array(positions, dtype=np.float64)
+        address = form_kernels().jacobian.address
+        forms_of_blocks(
+            result.positions, elements.stencils, elements.geometry, address, result.jacobian, self._forms
+        )
+        total = 0.0
+        for block in range(elements.blocks):
+            self.material.gather(self._forms[block], BLOCK, self._parameters)
+            kernels.second(
+                BLOCK, BLOCK, self._forms[block], self._parameters, self._density, result.stress[block],
+                result.moduli[block],
+            )  # fmt: skip
+            total += float(self._density[0] @ elements.areas[block])
+        result.value = total if np.isfinite(total) else np.inf
+        result.gradient = np.zeros_like(result.positions)
+        gradient_of_blocks(result.jacobian, result.stress, elements.areas, elements.stencils, result.gradient)
+        return result
+
+    def assemble(self, linearisation: Linearisation, kind: Literal["exact", "positive"]) -> tuple[Floats, int]:
+        """Entries of a Hessian in ``pattern`` [N/m], and the number of indefinite moduli met (positive model)."""
+        elements, l = self.elements, linearisation  # noqa: E741
+        values = np.zeros(self.pattern.entries + 1)  # the last one collects what belongs nowhere
+        address = form_kernels().curvature.address if kind == "exact" else 0
+        indefinite = hessian_of_blocks(
+            l.positions, elements.stencils, elements.geometry, elements.areas, l.jacobian, l.stress, l.moduli,
+            address, self._slots, values,
+        )  # fmt: skip
+        return values[:-1], indefinite
+
+
+@dataclass(eq=False)
+class Linearisation:
+    """Energy [J], gradient (nv, 3) [N] and per-element derivatives at one state."""
+
+    energy: ShellEnergy = field(repr=False)
+    value: float = field(init=False, default=0.0)
+    positions: Floats = field(init=False, repr=False)
+    gradient: Floats = field(init=False, repr=False)
+    jacobian: Floats = field(init=False, repr=False)
+    stress: Floats = field(init=False, repr=False)
+    moduli: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        blocks = self.energy.elements.blocks
+        self.jacobian = np.empty((blocks, 108, BLOCK))
+        self.stress = np.empty((blocks, 6, BLOCK))
+        self.moduli = np.empty((blocks, 21, BLOCK))
+
+    def hessian(self, kind: Literal["exact", "positive"] = "exact") -> Floats:
+        """Entries of the Hessian in the pattern of the energy [N/m]."""
+        return self.energy.assemble(self, kind)[0]
+
+
+def _pattern_and_slots(
+    elements: ShellElements, vertex_count: int
+) -> tuple[SymmetricPattern, NDArray[np.int32]]:
+    """Pattern of the 3nv unknowns, and where each of the 171 entries of an element goes, (nb, B, 171)."""
+    size = 3 * vertex_count
+    stencils = elements.stencils.reshape(-1, 6)
+    unknowns = (3 * stencils[:, :, None] + np.arange(3)).reshape(-1, 18)
+    present = np.repeat(elements.present.reshape(-1, 6), 3, axis=1)
+    row, column = np.tril_indices(18)
+    first, second = unknowns[:, row], unknowns[:, column]
+    keys = np.minimum(first, second) * size + np.maximum(first, second)
+    matters = present[:, row] & present[:, column]
+    diagonal = np.arange(size) * (size + 1)
+    unique = np.unique(np.concatenate([keys[matters], diagonal]))
+    slots = np.where(matters, np.searchsorted(unique, keys), len(unique)).astype(np.int32)
+    return SymmetricPattern.from_keys(size, unique), slots.reshape(*elements.areas.shape, 171)

@@ -1,0 +1,158 @@
+"""Fundamental forms of a triangle and its neighbours (HYLC20 eq. 33–36), symbolically and as kernels.
+
+With F = (x1 − x0, x2 − x0) Dm⁻¹ and the dihedral angles θ_k over the three edges,
+
+    I = FᵀF,   Λ = Σ_k θ_k / (2 A l_k) t_k ⊗ t_k,   II = Fᵀ Λ F,
+
+t_k perpendicular to edge k in the triangle's plane, |t_k| = l_k, everything but Dm in world space. Signs:
+z = +x²/2 with normal +z has II11 = +1.
+
+Two liberties. The angle is measured from a reference angle that follows the motion, so that it neither jumps at
+±π nor loses a turn. And the triangle that gives I need not be the one that gives II (``shell.elements``).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.kernel import Kernel, compile_kernel
+
+GEOMETRY = 15
+"""Numbers per element: inverse rest matrix of the triangle of II (4, by columns), of that of I (4, by columns),
+choice of the triangle of I (0: v0 v1 v2, 1: v0 v1 v3), neighbour flags (3), reference angles (3)."""
+FLAGS = slice(9, 12)
+REFERENCE = slice(12, 15)
+
+
+def fundamental_forms() -> ca.Function:
+    """Symbolic (x0..x5 [m] (18,), geometry (15,)) → (I11, I12, I22 [-], II11, II12, II22 [1/m])."""
+    positions, geometry = ca.SX.sym("positions", 18), ca.SX.sym("geometry", GEOMETRY)
+    return ca.Function(
+        "fundamental_forms",
+        [positions, geometry],
+        [_forms(positions, geometry)],
+        ["positions", "geometry"],
+        ["forms"],
+        {"cse": True},
+    )
+
+
+def _forms(positions: ca.SX, geometry: ca.SX) -> ca.SX:
+    x = [positions[3 * i : 3 * i + 3] for i in range(6)]
+    bent_x, bent_y = _columns(x[1] - x[0], x[2] - x[0], geometry[0:4])
+    apex = x[2] + geometry[8] * (x[3] - x[2])
+    first_x, first_y = _columns(x[1] - x[0], apex - x[0], geometry[4:8])
+    double_normal = ca.cross(x[1] - x[0], x[2] - x[0])
+    double_area = ca.norm_2(double_normal)
+    normal = double_normal / double_area
+    second = [ca.SX(0), ca.SX(0), ca.SX(0)]
+    for k in range(3):
+        tail, head, own = x[k], x[(k + 1) % 3], x[(k + 2) % 3]
+        flag, reference = geometry[9 + k], geometry[12 + k]
+        # A missing neighbour is replaced by the triangle's own corner: harmless, and cancelled by the flag.
+        across = own + flag * (x[3 + k] - own)
+        edge = head - tail
+        length = ca.norm_2(edge)
+        angle = _dihedral(normal, ca.cross(across - tail, edge), edge / length, reference)
+        perpendicular = ca.cross(edge, normal)
+        weight = -flag * angle / (double_area * length)
+        u, v = ca.dot(bent_x, perpendicular), ca.dot(bent_y, perpendicular)
+        second = [second[0] + weight * u * u, second[1] + weight * u * v, second[2] + weight * v * v]
+    first = [ca.dot(first_x, first_x), ca.dot(first_x, first_y), ca.dot(first_y, first_y)]
+    return ca.vertcat(*first, *second)
+
+
+def _columns(a: ca.SX, b: ca.SX, inverse: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Columns of the deformation gradient (a, b) Dm⁻¹."""
+    return a * inverse[0] + b * inverse[1], a * inverse[2] + b * inverse[3]
+
+
+def _dihedral(normal: ca.SX, other: ca.SX, direction: ca.SX, reference: ca.SX) -> ca.SX:
+    """Signed angle between two normals about an edge, on the branch next to the reference angle."""
+    other = other / ca.norm_2(other)
+    sine = ca.dot(ca.cross(normal, other), direction)
+    cosine = ca.dot(normal, other)
+    c, s = ca.cos(reference), ca.sin(reference)
+    return ca.atan2(sine * c - cosine * s, cosine * c + sine * s) + reference
+
+
+@dataclass(frozen=True)
+class FormKernels:
+    """Compiled forms.
+
+    value: (positions, geometry) → forms (6).
+    jacobian: (positions, geometry) → forms (6), d forms / d positions (108, row by row 6 × 18).
+    curvature: (positions, geometry, stress (6)) → Σ stress_k ∇² forms_k (171, lower triangle row by row).
+    """
+
+    value: Kernel
+    jacobian: Kernel
+    curvature: Kernel
+
+
+@cache
+def form_kernels() -> FormKernels:
+    """The kernels of the fundamental forms, compiled once (object code is kept on disk)."""
+    positions, geometry = ca.SX.sym("positions", 18), ca.SX.sym("geometry", GEOMETRY)
+    stress = ca.SX.sym("stress", 6)
+    forms = _forms(positions, geometry)
+    rows = ca.densify(ca.jacobian(forms, positions).T)
+    hessian, _ = ca.hessian(ca.dot(stress, forms), positions)
+    lower = ca.vertcat(*[hessian[i, j] for i in range(18) for j in range(i + 1)])
+    cse = {"cse": True}
+    return FormKernels(
+        value=compile_kernel(ca.Function("forms", [positions, geometry], [forms], cse), "shell_forms"),
+        jacobian=compile_kernel(
+            ca.Function("jacobian", [positions, geometry], [forms, ca.vec(rows)], cse), "shell_jacobian"
+        ),
+        curvature=compile_kernel(
+            ca.Function("curvature", [positions, geometry, stress], [ca.densify(lower)], cse),
+            "shell_curvature",
+        ),
+    )
+
+
+@numba.njit(cache=True)
+def follow_angles(positions: NDArray, stencils: NDArray, geometry: NDArray) -> float:
+    """Move the reference angles of ``geometry`` (nb, 15, B) to the present fold angles; the largest |angle| [rad].
+
+    positions: (nv, 3) [m]; stencils: (nb, B, 6). The angle taken is the one nearest to the old reference.
+    """
+    largest = 0.0
+    for block in range(stencils.shape[0]):
+        for n in range(stencils.shape[1]):
+            stencil = stencils[block, n]
+            origin = positions[stencil[0]]
+            normal = _unit_cross(positions[stencil[1]] - origin, positions[stencil[2]] - origin)
+            for k in range(3):
+                if geometry[block, 9 + k, n] == 0.0:
+                    continue
+                tail = positions[stencil[k]]
+                edge = positions[stencil[(k + 1) % 3]] - tail
+                other = _unit_cross(positions[stencil[3 + k]] - tail, edge)
+                turned = (
+                    (normal[1] * other[2] - normal[2] * other[1]) * edge[0]
+                    + (normal[2] * other[0] - normal[0] * other[2]) * edge[1]
+                    + (normal[0] * other[1] - normal[1] * other[0]) * edge[2]
+                )
+                sine = turned / math.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
+                cosine = normal[0] * other[0] + normal[1] * other[1] + normal[2] * other[2]
+                change = math.atan2(sine, cosine) - geometry[block, 12 + k, n]
+                change -= 2.0 * math.pi * np.round(change / (2.0 * math.pi))
+                geometry[block, 12 + k, n] += change
+                largest = max(largest, abs(geometry[block, 12 + k, n]))
+    return largest
+
+
+@numba.njit(cache=True)
+def _unit_cross(a: NDArray, b: NDArray) -> tuple[float, float, float]:
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    length = math.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
