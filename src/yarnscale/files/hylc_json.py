@@ -1,0 +1,84 @@
+"""Reader of the material files published with HYLC20 ("HYLC JSON").
+
+Strains in the file are normalised, x = strain / scale; terms are cubic (bicubic) Hermite splines of them,
+continued linearly outside. Terms are kept as they are: published one-dimensional splines are not zero at zero
+strain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.files.json_fields import Fields, read_json
+from yarnscale.shell.spline_material import AXES, PLANES, SplineMaterial
+from yarnscale.shell.tables import BicubicSpline, CubicSpline
+
+Array = NDArray[np.float64]
+
+
+def is_hylc(content: Mapping[str, object]) -> bool:
+    """Whether a parsed file looks like a HYLC material."""
+    return "coeffs" in content or "strain scale" in content
+
+
+def read_hylc_json(path: str | Path) -> SplineMaterial:
+    """Material of a published HYLC JSON file; InputError (file and field) where it is not one."""
+    return hylc_material(read_json(path), path)
+
+
+def hylc_material(content: Mapping[str, object], path: str | Path) -> SplineMaterial:
+    """Material of the parsed content of a HYLC JSON file; ``path`` is named in errors and provenance."""
+    fields = Fields(content, path)
+    scale = fields.numbers("strain scale", shape=(5,))
+    if not np.all(scale > 0):
+        raise fields.fault("strain scale", expected="positive numbers", found=scale.tolist())
+    density = fields.number("density", positive=True)
+    terms = fields.fields("coeffs")
+    axes = _axes(terms, scale)
+    provenance = {"source": "HYLC JSON", "file": Path(path).name}
+    return SplineMaterial(terms.number("const"), axes, _planes(terms, scale), density, provenance=provenance)
+
+
+def _axes(terms: Fields, scale: Array) -> tuple[CubicSpline, ...]:
+    found: dict[int, CubicSpline] = {}
+    for item in terms.items("1D"):
+        axis = _axis(item, "k", found)
+        knots = item.knots("t")
+        values, slopes = item.numbers("p", shape=knots.shape), item.numbers("m", shape=knots.shape)
+        found[axis] = CubicSpline(knots * scale[axis], values, slopes / scale[axis])
+    for axis, name in enumerate(AXES):
+        if axis not in found:
+            raise InputError(f"missing one-dimensional term k = {axis} ({name})", where=terms.path)
+    return tuple(found[axis] for axis in range(len(AXES)))
+
+
+def _planes(terms: Fields, scale: Array) -> dict[tuple[int, int], BicubicSpline]:
+    found: dict[tuple[int, int], BicubicSpline] = {}
+    for item in terms.items("2D"):
+        pair = (item.integer("k0"), item.integer("k1"))
+        if pair not in PLANES or pair in found:
+            expected = f"each of {PLANES} at most once"
+            raise item.fault("k0, k1", expected=expected, found=pair)
+        u, v = item.knots("tu"), item.knots("tv")
+
+        def nodal(key: str, *, item: Fields = item, shape: tuple[int, int] = (len(v), len(u))) -> Array:
+            return item.numbers(key, shape=(shape[0] * shape[1],)).reshape(shape).T
+
+        twists = nodal("muv") if "muv" in item.content else np.zeros((len(u), len(v)))
+        a, b = scale[pair[0]], scale[pair[1]]
+        found[pair] = BicubicSpline(
+            u * a, v * b, nodal("p"), nodal("mu") / a, nodal("mv") / b, twists / (a * b)
+        )
+    return found
+
+
+def _axis(item: Fields, key: str, taken: Mapping[int, object]) -> int:
+    axis = item.integer(key)
+    if axis not in range(len(AXES)) or axis in taken:
+        raise item.fault(key, expected="each of 0 to 4 once", found=axis)
+    return axis

@@ -1,0 +1,160 @@
+"""What every shell material offers: an energy density of the fundamental forms.
+
+A material writes its energy once, as a symbolic function of the forms (I11, I12, I22, II11, II12, II22) and
+of per-element parameters, and says how to gather the parameters of an element. The cloth solver calls gather
+and kernels on blocks of elements; ``energy_density``, ``stress`` and ``moduli`` serve everyone else.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.kinematics import COMPONENTS
+from yarnscale.numerics.kernel import LANES, Kernel, compile_kernel
+
+Array = NDArray[np.float64]
+
+LOWER = tuple((i, j) for i in range(6) for j in range(i + 1))
+"""Rows and columns of the 21 entries in which kernels return the 6×6 second derivative."""
+
+_CHUNK = 1024
+
+
+@dataclass(frozen=True)
+class MaterialKernels:
+    """Compiled energy density [J/m²] over (forms (6), parameters (P)).
+
+    value: → ψ (1). second: → ψ (1), gradient by the forms (6), second derivative (21, order ``LOWER``).
+    """
+
+    value: Kernel
+    second: Kernel
+
+
+def compile_material(
+    energy: Callable[[ca.SX, ca.SX], ca.SX], parameter_count: int, name: str
+) -> MaterialKernels:
+    """Kernels of an energy density given as a symbolic function of forms (6) and parameters."""
+    forms, parameters = ca.SX.sym("forms", 6), ca.SX.sym("parameters", parameter_count)
+    density = energy(forms, parameters)
+    hessian, gradient = ca.hessian(density, forms)
+    lower = ca.vertcat(*[hessian[i, j] for i, j in LOWER])
+    options = {"cse": True}
+    value = ca.Function(f"{name}_value", [forms, parameters], [density], options)
+    outputs = [density, ca.densify(gradient), ca.densify(lower)]
+    second = ca.Function(f"{name}_second", [forms, parameters], outputs, options)
+    return MaterialKernels(compile_kernel(value, value.name()), compile_kernel(second, second.name()))
+
+
+class ShellMaterial(ABC):
+    """Energy density of a thin shell as a function of its first and second fundamental forms."""
+
+    density: float
+    """Mass per rest area [kg/m²]."""
+
+    @property
+    @abstractmethod
+    def parameter_count(self) -> int:
+        """Number of parameters of one element."""
+
+    @abstractmethod
+    def gather(self, forms: Array, count: int, parameters: Array) -> None:
+        """Fill ``parameters`` (P, stride) for the first ``count`` columns of ``forms`` (6, stride).
+
+        Forms are rows I11, I12, I22 [-], II11, II12, II22 [1/m]; count is a multiple of LANES, and columns
+        that only pad it must hold some valid state (I = identity, II = 0).
+        """
+
+    @abstractmethod
+    def kernels(self) -> MaterialKernels:
+        """Compiled energy and derivatives, the same object for every material of a kind."""
+
+    def energy_density(self, strains: ArrayLike) -> Array:
+        """ψ [J/m²], shape (...), of strains (..., 6) in the order of ``kinematics.COMPONENTS``."""
+        return self._evaluate(strains, order=0)[0]
+
+    def stress(self, strains: ArrayLike) -> Array:
+        """dψ/d(s_x, s_a, s_y, II11, II12, II22), shape (..., 6): in-plane [N/m], bending [N]."""
+        return self._evaluate(strains, order=1)[1]
+
+    def moduli(self, strains: ArrayLike) -> Array:
+        """Second derivative of ψ by the six strains, shape (..., 6, 6)."""
+        return self._evaluate(strains, order=2)[2]
+
+    def _evaluate(self, strains: ArrayLike, *, order: int) -> tuple[Array, Array, Array]:
+        strains = checked_strains(strains)
+        flat = strains.reshape(-1, 6)
+        energy, stress, moduli = np.empty(len(flat)), np.empty((len(flat), 6)), np.empty((len(flat), 6, 6))
+        for start in range(0, len(flat), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            psi, gradient, lower = self._run(flat[part], order)
+            energy[part] = psi
+            if order > 0:
+                stress[part], moduli[part] = _by_strain(flat[part], gradient, lower)
+        lead = strains.shape[:-1]
+        return energy.reshape(lead), stress.reshape(*lead, 6), moduli.reshape(*lead, 6, 6)
+
+    def _run(self, strains: Array, order: int) -> tuple[Array, Array, Array]:
+        """Energy (n,), gradient (6, n) and lower second derivative (21, n) by the forms."""
+        count = len(strains)
+        stride = -(-count // LANES) * LANES
+        forms = np.zeros((6, stride))
+        forms[[0, 2]] = 1.0
+        forms[:, :count] = forms_of_strains(strains).T
+        parameters = np.zeros((self.parameter_count, stride))
+        self.gather(forms, stride, parameters)
+        psi, gradient, lower = np.empty((1, stride)), np.zeros((6, stride)), np.zeros((21, stride))
+        kernels = self.kernels()
+        if order == 0:
+            kernels.value(stride, stride, forms, parameters, psi)
+        else:
+            kernels.second(stride, stride, forms, parameters, psi, gradient, lower)
+        return psi[0, :count], gradient[:, :count], lower[:, :count]
+
+
+def checked_strains(strains: ArrayLike) -> Array:
+    """Strains (..., 6) as float64; InputError where no surface has such a state."""
+    array = np.asarray(strains, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != 6:
+        raise InputError("strains", expected=f"the 6 components {', '.join(COMPONENTS)}", found=array.shape)
+    if not np.all(np.isfinite(array)):
+        raise InputError("strains", expected="finite numbers", found="NaN or infinity")
+    if np.any(array[..., [0, 2]] <= -1.0) or np.any(np.abs(array[..., 1]) >= 1.0):
+        raise InputError(
+            "strains", expected="s_x and s_y above -1 and |s_a| < 1", found="a state without area"
+        )
+    return array
+
+
+def forms_of_strains(strains: Array) -> Array:
+    """(I11, I12, I22, II11, II12, II22) of strains (n, 6), shape (n, 6) (HYLC20 eq. 30)."""
+    a, b = 1 + strains[:, 0], 1 + strains[:, 2]
+    return np.column_stack([a * a, strains[:, 1] * a * b, b * b, strains[:, 3:]])
+
+
+def _by_strain(strains: Array, gradient: Array, lower: Array) -> tuple[Array, Array]:
+    """Chain rule from derivatives by the forms to derivatives by (s_x, s_a, s_y, II)."""
+    n = len(strains)
+    a, shear, b = 1 + strains[:, 0], strains[:, 1], 1 + strains[:, 2]
+    jacobian = np.zeros((n, 6, 6))
+    jacobian[:, 3:, 3:] = np.eye(3)
+    jacobian[:, 0, 0] = 2 * a
+    jacobian[:, 1, 0], jacobian[:, 1, 1], jacobian[:, 1, 2] = shear * b, a * b, shear * a
+    jacobian[:, 2, 2] = 2 * b
+    second = np.empty((n, 6, 6))
+    for k, (i, j) in enumerate(LOWER):
+        second[:, i, j] = second[:, j, i] = lower[k]
+    moduli = np.einsum("nki,nkl,nlj->nij", jacobian, second, jacobian, optimize=True)
+    moduli[:, 0, 0] += 2 * gradient[0]
+    moduli[:, 2, 2] += 2 * gradient[2]
+    for (i, j), value in (((0, 1), b), ((1, 2), a), ((0, 2), shear)):
+        moduli[:, i, j] += gradient[1] * value
+        moduli[:, j, i] += gradient[1] * value
+    return np.einsum("kn,nki->ni", gradient, jacobian), moduli
