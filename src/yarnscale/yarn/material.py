@@ -193,9 +193,9 @@ PRESETS: dict[str, YarnMaterial] = {
 
 ``wool``, ``cotton``, ``acrylic``: soft hand-knitting yarns of about 400 to 550 tex and a visible radius of
 about 1 mm, as effective rods. Only the bending stiffness of ``acrylic`` is tied to a measurement (4.5e-8 N m²
-= 0.045 N mm² at r = 1 mm: the acrylic yarn of Singal et al., Programming mechanics in knitted materials, 2024).
-The rest are our estimates, right to an order of magnitude: the densities follow from linear densities of common
-yarns; stretch stiffnesses of 30 to 160 N stand for the low-load modulus of bulky spun yarns, far below that of
-their fibres; wool bends more softly and cotton more stiffly than acrylic; G = 0.4 E and the contact stiffness
-follow the published stockinette. Replace them by measured values where it matters.
+= 0.045 N mm² at r = 1 mm: the acrylic yarn of Singal et al., Programming mechanics in knitted materials,
+2024). The rest are our estimates, right to an order of magnitude: the densities follow from linear densities
+of common yarns; stretch stiffnesses of 30 to 160 N stand for the low-load modulus of bulky spun yarns, far
+below that of their fibres; wool bends more softly and cotton more stiffly than acrylic; G = 0.4 E and the
+contact stiffness follow the published stockinette. Replace them by measured values where it matters.
 """

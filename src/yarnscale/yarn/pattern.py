@@ -286,7 +286,7 @@ class YarnPattern:
         *,
         name: str = "pattern",
         rest_length_scale: float = 1.0,
-        rest_curvature: str = "zero",
+        rest_shape: str = "straight",
     ) -> YarnPattern:
         """A pattern from sampled centre lines; see `curves.pattern_from_curves`."""
         from yarnscale.yarn.curves import pattern_from_curves
@@ -297,7 +297,7 @@ class YarnPattern:
             radius,
             name=name,
             rest_length_scale=rest_length_scale,
-            rest_curvature=rest_curvature,
+            rest_shape=rest_shape,
         )
 
     def content_hash(self) -> str:

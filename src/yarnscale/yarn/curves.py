@@ -1,0 +1,149 @@
+"""From centre lines to patterns: sampling, reference frames and rest shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from yarnscale.errors import InputError
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.rest_frames import material_curvature, parallel_transport, reference_twist
+
+REST_SHAPES = ("straight", "current")
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicCurve:
+    """A centre line that closes on its own image.
+
+    points: shape (k, 3) [m]; the point after the last is ``points[0] + shift * period``.
+    shift: net tile shift (dx, dy) of one lap.
+    """
+
+    points: np.ndarray
+    shift: tuple[int, int]
+
+    def closed(self, period: np.ndarray) -> np.ndarray:
+        """The points with the image of the first one at the end, shape (k + 1, 3) [m]."""
+        end = self.points[:1] + np.array([*(np.asarray(self.shift) * period), 0.0])
+        return np.concatenate([self.points, end])
+
+    def length(self, period: np.ndarray) -> float:
+        """Length of one lap [m]."""
+        return float(np.linalg.norm(np.diff(self.closed(period), axis=0), axis=1).sum())
+
+    def resampled(self, count: int, period: np.ndarray) -> PeriodicCurve:
+        """`count` points at equal distances along this (densely sampled) line, beginning at the first."""
+        points = self.closed(period)
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        at = np.arange(count) * along[-1] / count
+        return PeriodicCurve(np.stack([np.interp(at, along, points[:, k]) for k in range(3)], 1), self.shift)
+
+
+def pattern_from_curves(
+    curves: Sequence[PeriodicCurve],
+    period: Sequence[float] | np.ndarray,
+    radius: float,
+    *,
+    name: str = "pattern",
+    rest_length_scale: float = 1.0,
+    rest_shape: str = "straight",
+) -> YarnPattern:
+    """A pattern whose yarns have their vertices at the points of the curves.
+
+    Rest lengths are the present edge lengths times `rest_length_scale`. The rest curvature is zero
+    (``rest_shape="straight"``) or the present one (``"current"``), and so is the rest twist. Reference
+    directors are carried along each yarn by parallel transport; where the yarn closes, what is left to the
+    first director is that joint's reference twist, and the twist angles spread it evenly along the yarn.
+    Raises InputError for curves with fewer than three points or anything `YarnPattern` refuses.
+    """
+    if rest_shape not in REST_SHAPES:
+        raise InputError("rest_shape is unknown", expected=" or ".join(REST_SHAPES), found=rest_shape)
+    if not rest_length_scale > 0.0:
+        raise InputError("rest_length_scale must be positive", expected="> 0", found=rest_length_scale)
+    if len(curves) == 0:
+        raise InputError("a pattern needs yarns", expected="at least one curve", found=0)
+    period = np.asarray(period, dtype=np.float64)
+    for index, curve in enumerate(curves):
+        if curve.points.ndim != 2 or curve.points.shape[1] != 3 or len(curve.points) < 3:
+            raise InputError(
+                f"curves[{index}] has too few points", expected="shape (≥ 3, 3)", found=curve.points.shape
+            )
+    counts = np.array([len(curve.points) for curve in curves])
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    edges = _edges(starts, counts, [curve.shift for curve in curves])
+    tangents = [_tangents(curve, period) for curve in curves]
+    director = np.concatenate([_transported_directors(tangent) for tangent in tangents])
+    tangent = np.concatenate(tangents)
+    length = np.concatenate(
+        [np.linalg.norm(np.diff(curve.closed(period), axis=0), axis=1) for curve in curves]
+    )
+    previous = np.empty(len(edges), dtype=np.int64)
+    previous[edges[:, 1]] = edges[:, 0]
+    joint_twist = reference_twist(tangent, director, previous)
+    twist = np.concatenate(
+        [
+            _even_twist(joint_twist[start : start + count], length[start : start + count])
+            for start, count in zip(starts, counts, strict=True)
+        ]
+    )
+    bent = rest_shape == "current"
+    curvature = material_curvature(tangent, director, twist, previous)
+    return YarnPattern(
+        vertices=np.concatenate([curve.points for curve in curves]),
+        twist=twist,
+        edges=edges,
+        rest_length=length * rest_length_scale,
+        rest_curvature=curvature if bent else np.zeros((len(edges), 2)),
+        rest_twist=twist - twist[previous] + joint_twist if bent else np.zeros(len(edges)),
+        reference_director=director,
+        reference_twist=joint_twist,
+        period=period,
+        radius=radius,
+        name=name,
+    )
+
+
+def _edges(starts: np.ndarray, counts: np.ndarray, shifts: list[tuple[int, int]]) -> np.ndarray:
+    """Rows (v0, v1, dx, dy): vertices in turn, the last edge leading to the first's image."""
+    edges = np.zeros((int(counts.sum()), 4), dtype=np.int64)
+    edges[:, 0] = np.arange(len(edges))
+    edges[:, 1] = edges[:, 0] + 1
+    last = starts + counts - 1
+    edges[last, 1] = starts
+    edges[last, 2:] = np.asarray(shifts, dtype=np.int64)
+    return edges
+
+
+def _tangents(curve: PeriodicCurve, period: np.ndarray) -> np.ndarray:
+    edge = np.diff(curve.closed(period), axis=0)
+    length = np.linalg.norm(edge, axis=1)
+    if not (length > 0.0).all():
+        raise InputError(
+            "a curve repeats a point", expected="distinct points", found=curve.points[length == 0.0][0]
+        )
+    return edge / length[:, None]
+
+
+def _transported_directors(tangent: np.ndarray) -> np.ndarray:
+    """Directors along one yarn without twist, beginning near the z axis; shape (k, 3)."""
+    start = np.array([0.0, 0.0, 1.0]) if abs(tangent[0, 2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    director = np.empty_like(tangent)
+    director[0] = start - (start @ tangent[0]) * tangent[0]
+    director[0] /= np.linalg.norm(director[0])
+    for i in range(1, len(tangent)):
+        moved = parallel_transport(director[i - 1 : i], tangent[i - 1 : i], tangent[i : i + 1])[0]
+        # Rounding would add up over a long yarn.
+        moved -= (moved @ tangent[i]) * tangent[i]
+        director[i] = moved / np.linalg.norm(moved)
+    return director
+
+
+def _even_twist(joint_twist: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Angles θ of one yarn that spread its whole twist evenly, with Σ l θ = 0; shape (k,) [rad]."""
+    voronoi = 0.5 * (length + np.roll(length, 1))
+    wanted = joint_twist.sum() * voronoi / voronoi.sum()
+    twist = np.cumsum(wanted - joint_twist)
+    return twist - (length * twist).sum() / length.sum()

@@ -1,0 +1,51 @@
+"""Checks that every generated pattern shares: sizes, vertex counts, room between the yarns."""
+
+from __future__ import annotations
+
+import math
+from numbers import Real
+
+from yarnscale.errors import InputError
+from yarnscale.yarn.clearance import closest_approach
+from yarnscale.yarn.pattern import YarnPattern
+
+LEAST_CLEARANCE = 0.7
+"""Generated centre lines stay at least this share of the diameter apart."""
+EDGE_LENGTH = 1.05
+"""Length of an edge in radii where no number of vertices is asked for.
+
+Shorter edges than about 0.7 radii would let a straight yarn touch itself beyond the third neighbour."""
+MOST_VERTICES = 1000
+
+
+def positive(name: str, value: object) -> float:
+    """A finite positive number; InputError naming the parameter otherwise."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{name} must be a number", expected="> 0", found=repr(value))
+    number = float(value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise InputError(f"{name} must be positive", expected="> 0", found=number)
+    return number
+
+
+def vertex_count(length: float, stitches: int, per_stitch: float | None, radius: float) -> int:
+    """Number of vertices of a yarn of `length` [m] over `stitches` stitches, at least 3."""
+    if per_stitch is None:
+        return max(3, round(length / (EDGE_LENGTH * radius)))
+    per_stitch = positive("vertices_per_stitch", per_stitch)
+    if per_stitch > MOST_VERTICES:
+        raise InputError("vertices_per_stitch is too large", expected=f"≤ {MOST_VERTICES}", found=per_stitch)
+    return max(3, round(stitches * per_stitch))
+
+
+def check_drawn(pattern: YarnPattern) -> YarnPattern:
+    """The pattern itself, or InputError where its yarns overlap."""
+    approach = closest_approach(pattern)
+    share = approach.distance / (2.0 * pattern.radius)
+    if share < LEAST_CLEARANCE:
+        raise InputError(
+            f"the yarns of {pattern.name} overlap at this stitch size",
+            expected=f"centre lines at least {LEAST_CLEARANCE:g} diameters apart (a larger spacing)",
+            found=f"{share:.2g} diameters between segments {approach.first} and {approach.second}",
+        )
+    return pattern

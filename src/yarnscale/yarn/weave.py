@@ -1,0 +1,122 @@
+"""Woven patterns from a draft: which warp ends lie over which weft picks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from yarnscale.errors import InputError
+from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stitch_size import check_drawn, positive, vertex_count
+
+SAMPLES_PER_CROSSING = 200
+LARGEST_DRAFT = 64
+
+
+def weave(
+    draft: Sequence[Sequence[int]] | np.ndarray,
+    *,
+    radius: float = 1e-3,
+    warp_spacing: float = 3.2,
+    weft_spacing: float = 3.2,
+    half_thickness: float = 1.1,
+    vertices_per_stitch: float | None = None,
+    rest_shape: str = "straight",
+    name: str = "weave",
+) -> YarnPattern:
+    """A woven pattern from a binary draft: rows are weft picks (y upwards), columns warp ends (x).
+
+    ``draft[i][j] = 1`` lays warp end j over (on the +z side of) weft pick i. The weft yarns run along x and
+    come first, the warp yarns run along y.
+
+    radius: of the yarn [m]. warp_spacing, weft_spacing: distance between neighbouring warp ends and weft
+    picks, in radii. half_thickness: height of the centre lines above the middle plane at a crossing, in radii.
+    vertices_per_stitch: vertices per crossing along a yarn; by default edges are about as long as the radius.
+    rest_shape: see `curves.pattern_from_curves`. The geometry touches or nearly touches at the crossings; it
+    is a start for a relaxation, not an equilibrium.
+
+    Raises InputError for a draft that is not binary or does not hold together (a yarn that never changes
+    sides), and for sizes at which the yarns would overlap.
+    """
+    table = _draft_table(draft)
+    radius = positive("radius", radius)
+    warp_spacing = positive("warp_spacing", warp_spacing) * radius
+    weft_spacing = positive("weft_spacing", weft_spacing) * radius
+    height = positive("half_thickness", half_thickness) * radius
+    picks, ends = table.shape
+    period = np.array([ends * warp_spacing, picks * weft_spacing])
+    side = 2 * table - 1
+    curves = [
+        *(_wave(-side[i] * height, 0, warp_spacing, (i + 0.5) * weft_spacing) for i in range(picks)),
+        *(_wave(side[:, j] * height, 1, weft_spacing, (j + 0.5) * warp_spacing) for j in range(ends)),
+    ]
+    sampled = [
+        curve.resampled(vertex_count(curve.length(period), crossings, vertices_per_stitch, radius), period)
+        for curve, crossings in zip(curves, [ends] * picks + [picks] * ends, strict=True)
+    ]
+    level = np.concatenate([curve.points for curve in sampled])[:, 2].mean()
+    centred = [PeriodicCurve(curve.points - [0.0, 0.0, level], curve.shift) for curve in sampled]
+    return check_drawn(pattern_from_curves(centred, period, radius, name=name, rest_shape=rest_shape))
+
+
+def plain_draft() -> np.ndarray:
+    """Over one, under one."""
+    return np.array([[1, 0], [0, 1]])
+
+
+def basket_draft(size: int = 2) -> np.ndarray:
+    """Plain weave of groups of `size` yarns."""
+    return np.kron(plain_draft(), np.ones((size, size), dtype=int))
+
+
+def twill_draft(over: int = 2, under: int = 2) -> np.ndarray:
+    """Over `over`, under `under`, one step to the side from pick to pick."""
+    row = np.array([1] * over + [0] * under)
+    return np.stack([np.roll(row, pick) for pick in range(over + under)])
+
+
+def satin_draft(ends: int = 5, move: int = 2) -> np.ndarray:
+    """Warp-faced satin: each pick goes over one end in `ends`, `move` ends further from pick to pick."""
+    if np.gcd(ends, move) != 1:
+        raise InputError("satin move has a common divisor with the ends", expected="none", found=(ends, move))
+    draft = np.ones((ends, ends), dtype=int)
+    draft[np.arange(ends), np.arange(ends) * move % ends] = 0
+    return draft
+
+
+def _draft_table(draft: Sequence[Sequence[int]] | np.ndarray) -> np.ndarray:
+    try:
+        table = np.asarray(draft)
+    except ValueError:
+        raise InputError("draft rows differ in length", expected="a rectangular table") from None
+    if table.ndim != 2 or table.size == 0 or max(table.shape) > LARGEST_DRAFT:
+        expected = f"rows × columns, 1 to {LARGEST_DRAFT} each"
+        raise InputError("draft has the wrong shape", expected=expected, found=table.shape)
+    if table.dtype.kind not in "biuf" or not np.isin(table, (0, 1)).all():
+        raise InputError("draft is not binary", expected="0 (weft over) or 1 (warp over)")
+    table = table.astype(np.int64)
+    for axis, label in ((1, "weft pick"), (0, "warp end")):
+        for index in np.flatnonzero(table.min(axis=axis) == table.max(axis=axis)):
+            raise InputError(
+                f"draft does not hold together: {label} {index} never changes sides",
+                expected="both 0 and 1 in every row and column",
+            )
+    return table
+
+
+def _wave(heights: np.ndarray, axis: int, spacing: float, across: float) -> PeriodicCurve:
+    """A yarn along x (axis 0) or y (axis 1) that reaches each height at the middle of its crossing.
+
+    Between two crossings the height follows 3u² - 2u³, level at both.
+    """
+    u = (np.arange(SAMPLES_PER_CROSSING) / SAMPLES_PER_CROSSING)[None, :]
+    step = (np.roll(heights, -1) - heights)[:, None]
+    z = heights[:, None] + step * (3.0 * u**2 - 2.0 * u**3)
+    along = (np.arange(len(heights))[:, None] + 0.5 + u) * spacing
+    points = np.empty((z.size, 3))
+    points[:, axis] = along.ravel()
+    points[:, 1 - axis] = across
+    points[:, 2] = z.ravel()
+    return PeriodicCurve(points, (1, 0) if axis == 0 else (0, 1))
