@@ -266,23 +266,26 @@ def _copy_family(tables, place, axis, origin, parameters, row, start):
 
 @numba.njit(cache=True)
 def _copy_patches(table, first, second, parameters, row, start):
-    for k in range(16):
-        for lane in range(LANES):
-            parameters[row + k, start + lane] = table[first[lane], second[lane], k]
+    for lane in range(LANES):
+        patch = table[first[lane], second[lane]]
+        for k in range(16):
+            parameters[row + k, start + lane] = patch[k]
 
 
 @numba.njit(cache=True)
 def _copy_differences(table, first, upper, lower, origin, parameters, row, start):
     """Patch of λ1 less patch of λ2, both about the left knot of λ1's interval."""
-    for k in range(16):
-        for lane in range(LANES):
-            parameters[row + k, start + lane] = 0.0
     for lane in range(LANES):
+        n = start + lane
         if upper[lane] == lower[lane]:
+            for k in range(16):
+                parameters[row + k, n] = 0.0
             continue
-        n, offset = start + lane, origin[upper[lane]] - origin[lower[lane]]
+        offset = origin[upper[lane]] - origin[lower[lane]]
         p, q = table[first[lane], upper[lane]], table[first[lane], lower[lane]]
         for k in range(0, 16, 4):
+            parameters[row + k, n] = 0.0
+            parameters[row + k + 1, n] = 0.0
             if upper[lane] > lower[lane] + 1:  # else values and slopes agree at the shared knot
                 moved = q[k] + offset * (q[k + 1] + offset * (q[k + 2] + offset * q[k + 3]))
                 parameters[row + k, n] = p[k] - moved
