@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.kernel import BLOCK, LANES, call_kernel
+from yarnscale.numerics.kernel import BLOCK, LANES, call_kernel, run_columns
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -90,6 +90,11 @@ class StencilSet:
             address, full, self._index, self._parameters, self.count, gradient,
             slots, entries * (entries + 1) // 2, rotation, self.vectors, values,
         )  # fmt: skip
+
+    def by_parameters(self, full: Array, names: tuple[str, ...]) -> Array:
+        """Derivative of every stencil's energy by the named parameters, (N, k)."""
+        kernel = self.energy.mixed(names)
+        return run_columns(kernel, full[self.variables], self.parameters)[0]
 
     def elements(self, full: Array) -> tuple[Array, Array, Array]:
         """Energy (N,), gradient (N, n) and Hessian (N, n, n) of every stencil in the full variables."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -34,7 +34,7 @@ def lower_triangle(size: int) -> list[tuple[int, int]]:
     return [(i, j) for i in range(size) for j in range(i + 1)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StencilEnergy:
     """A scalar energy of a stencil: named variables, named per-element parameters, one symbolic function.
 
@@ -87,7 +87,8 @@ class StencilEnergy:
         rows = [hessian.get(entry, ca.SX(0)) for entry in lower_triangle(self.variable_count)]
         return self._compile("hessian", [q, p], [value, gradient, ca.vertcat(*rows)])
 
-    def mixed(self, names: Sequence[str]) -> Kernel:
+    @lru_cache(maxsize=None)  # noqa: B019 - energies are few and live as long as the process
+    def mixed(self, names: tuple[str, ...]) -> Kernel:
         """Kernel: variables, parameters → dE/dp (k), d²E/dq dp (n·k, [i·k + j]), for the named parameters."""
         q, p, energy = self._symbolic()
         value = _scalar(energy, q)

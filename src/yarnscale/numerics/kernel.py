@@ -279,6 +279,21 @@ def compile_kernel(function: ca.Function, name: str) -> Kernel:
     return Kernel(name, address, tuple(sizes), function.n_instructions(), call)
 
 
+def run_columns(kernel: Kernel, *inputs: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Run a kernel on arrays (n, size), one row an element; its outputs likewise."""
+    n = len(inputs[0])
+    count = max(LANES, -(-n // LANES) * LANES)
+    arrays = []
+    for array in inputs:
+        column = np.empty((array.shape[1], count))
+        column[:, :n] = array.T
+        column[:, n:] = array[-1:].T
+        arrays.append(column)
+    outputs = [np.empty((size, count)) for size in kernel.sizes[len(inputs) :]]
+    kernel(count, count, *arrays, *outputs)
+    return [output[:, :n].T.copy() for output in outputs]
+
+
 @intrinsic
 def call_kernel(typingctx, address, count, stride, pointers):  # type: ignore[no-untyped-def]
     """Inside ``@njit``: call a kernel's ``address`` with an int64 array of data addresses, inputs then outputs."""

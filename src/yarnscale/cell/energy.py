@@ -1,0 +1,382 @@
+"""The energy of a periodic cell as a function of co-rotated fluctuations and twists (theory §2, eq. C1).
+
+Every copy of vertex i in tile t lies at ``m(X_i + t) + R(ξ_i + t) û_i``. Lengths are counted in yarn radii and energies
+in E π r³ inside this room, so that tolerances and regularisation suit every pattern.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.midsurface import Midsurface
+from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.affine import CopiedNodes
+from yarnscale.numerics.assembly import BlockPattern, StencilSet
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.newton import LinearConstraints
+from yarnscale.yarn.contact import contact_energy
+from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps, safe_fraction
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, STRETCH, carried_frames
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STEP_LIMIT = 0.3
+"""Largest move of a vertex in one step [r]."""
+SKIN = 0.7
+"""How much farther than contact pairs are listed [r]; at least twice the step limit, so that none is missed."""
+PATTERN_MARGIN = 0.8
+"""How much farther than the list the matrix pattern looks ahead [r]; saves symbolic analyses."""
+TWIST_LIMIT = 1.0
+"""Largest change of a twist in one step [rad]."""
+GAP_SHARE = 0.8
+"""Share of its distance that a pair may close in one step: yarns never pass through each other."""
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def _independent(rows: Array) -> Array:
+    """Orthonormal rows that span the given ones (parallel yarns that all slide are a translation)."""
+    sizes, vectors = np.linalg.eigh(rows @ rows.T)
+    kept = sizes > 1e-14 * sizes[-1]
+    return (vectors[:, kept] / np.sqrt(sizes[kept])).T @ rows
+
+
+@dataclass(eq=False)
+class CellModel:
+    """H + shift·D of a cell, D scaled separately for positions and twists."""
+
+    pattern: SymmetricPattern
+    entries: Array
+    scale: Array
+
+    def values(self, shift: float) -> Array:
+        """Entries of the regularised Hessian."""
+        values = self.entries.copy()
+        values[self.pattern.diagonal] += shift * self.scale
+        return values
+
+
+@dataclass(eq=False)
+class _Contacts:
+    """Pairs listed at the positions ``built_at``, and their stencils."""
+
+    first: Indices
+    second: Indices
+    built_at: Array
+    stencils: StencilSet
+    unknowns: Indices
+    slots: NDArray[np.int32] | None = None
+
+
+@dataclass(eq=False)
+class CellEnergy:
+    """Energy of a pattern under one macroscopic state; an objective for ``numerics.newton``.
+
+    The free vector is [û (3n, in radii), θ (n)]. sliding: whether yarns may slide along themselves as a whole.
+    symmetric: count every contact pair from both sides, half each; needed off singly curved states only.
+    """
+
+    pattern: YarnPattern
+    material: YarnMaterial
+    strain: ShellStrain
+    sliding: bool = False
+    symmetric: bool = False
+    nodes: CopiedNodes = field(init=False)
+    constraints: LinearConstraints = field(init=False)
+    residual_scale: float = field(init=False, default=1.0)
+
+    def __post_init__(self) -> None:
+        pattern, radius = self.pattern, self.pattern.radius
+        self.unit = self.material.young_modulus * math.pi * radius**3
+        self.surface = Midsurface(self.strain, length=radius)
+        n = self.count = len(pattern.edges)
+        self.images = Images.of(pattern, self._rings())
+        tiles = np.repeat(self.images.tiles, n, axis=0)
+        self.reference = np.tile(pattern.vertices / radius, (len(self.images.tiles), 1))
+        self.reference[:, :2] += tiles * pattern.period / radius
+        offset, rotation = self.surface.at(self.reference)
+        source = np.tile(np.arange(n), len(self.images.tiles))
+        turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
+        self.nodes = CopiedNodes(source, turned, offset, n, n)
+        self._search = PairSearch(
+            pattern, self.images, neighbours=self.material.contact.neighbours, ordered=self.symmetric
+        )
+        self._reach = 2.0
+        if self.material.contact.kernel == "est2022":
+            rule = self.material.contact
+            self._reach = 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
+        self._rod_stencils(rotation)
+        self._contacts: _Contacts | None = None
+        self._pattern: BlockPattern | None = None
+        self.constraints = self._constraints()
+        self._scale = np.empty(4 * n)
+        self._scale[: 3 * n] = 1.0 / (pattern.rest_length / radius).mean()
+        self._scale[3 * n :] = max(float(self._joint_stiffness()[1].mean()), 1e-12)
+
+    # --- set-up ---------------------------------------------------------------------------------------
+
+    def _rings(self) -> tuple[int, int]:
+        """How many tiles away a copy can touch the primary tile."""
+        pattern, first = self.pattern, self.strain.first_form
+        edge = np.linalg.norm(pattern.edge_vectors(), axis=1).max()
+        smallest = math.sqrt(np.linalg.eigvalsh(first)[0])
+        arc = 1.0 if self.strain.is_flat else math.pi / 2
+        reach = (4.0 * pattern.radius + edge) / smallest * arc
+        extent = np.ptp(pattern.vertices[:, :2], axis=0)
+        rings = np.ceil((extent + reach) / pattern.period).astype(int)
+        return int(rings[0]), int(rings[1])
+
+    def _joint_stiffness(self) -> tuple[Array, Array]:
+        """Bending and twist stiffness over Voronoi length of every joint, nondimensional (n,)."""
+        r, length = self.pattern.radius, self.pattern.voronoi_length
+        bend = self.material.bending_stiffness(r) / length / self.unit
+        twist = self.material.twist_stiffness(r) / length / self.unit
+        return bend, twist
+
+    def _positions_of(self, nodes: Indices) -> Indices:
+        """Full variables of nodes (N, k) → (N, 3k)."""
+        return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+
+    def _rod_stencils(self, rotation: Array) -> None:
+        pattern, n = self.pattern, self.count
+        vertex, ends = np.arange(n), self.images.segment_end[:n]
+        scalars = 3 * len(self.nodes.source)
+        edge_parameters = np.column_stack([pattern.rest_length / pattern.radius, np.ones(n)])
+        stretch = self._positions_of(np.stack([vertex, ends], 1))
+        self.stretch = StencilSet(STRETCH, stretch, edge_parameters, 2)
+
+        before = pattern.previous_vertex
+        back = self.images.node(-pattern.edges[before, 2:], before, n)
+        tangent, director, slope = self._anchors(vertex, ends, rotation)
+        tangent_before, director_before, slope_before = self._anchors(back, vertex, rotation)
+        # Rows in the order of ``ANCHORS``.
+        both = slope_before[:, :3], slope[:, :3], slope_before[:, 3:], slope[:, 3:]
+        self._anchor_slope = np.concatenate(both, axis=1)
+        bend, twist = self._joint_stiffness()
+        parameters = np.column_stack(
+            [
+                tangent_before, tangent, director_before, director, pattern.reference_twist,
+                pattern.rest_curvature, pattern.rest_twist, bend, twist,
+            ]
+        )  # fmt: skip
+        joints = np.column_stack(
+            [self._positions_of(np.stack([back, vertex, ends], 1)), scalars + before, scalars + vertex]
+        )
+        self.bend_twist = StencilSet(BEND_TWIST, joints, parameters, 3)
+        self._rods = (self.stretch, self.bend_twist)
+        self._rod_unknowns = [self.nodes.unknowns(s.variables) for s in self._rods]
+
+    def _anchors(self, start: Indices, end: Indices, rotation: Array) -> tuple[Array, Array, Array]:
+        """Tangent and director of edges (start node → end node) carried from rest to the macroscopic state.
+
+        Also their derivatives by that state, (N, 6, 6): rows tangent and director, columns the six components.
+        """
+        vertex = start % self.count
+        rest = _unit(self.pattern.edge_vectors())[vertex]
+        director = self.pattern.reference_director[vertex]
+        director = _unit(director - (director * rest).sum(1)[:, None] * rest)
+        turn = rotation[start]
+        edge = self.nodes.offset[end] - self.nodes.offset[start]
+        turned = np.einsum("nij,nj->ni", turn, rest), np.einsum("nij,nj->ni", turn, director)
+        tangent, carried, slope = carried_frames(edge, *turned)
+
+        def by_state(nodes: Indices, vector: Array) -> Array:
+            return self.surface.by_state(self.reference[nodes], vector)
+
+        still = np.zeros_like(rest)
+        at_start = by_state(start, still)
+        inputs = (by_state(end, still) - at_start, by_state(start, rest) - at_start, by_state(start, director) - at_start)
+        return tangent, carried, slope @ np.concatenate(inputs, axis=1)
+
+    def _constraints(self) -> LinearConstraints:
+        """Rows of HYLC20 eq. 18 and 27 and of EST22 §7.1, made independent of each other."""
+        pattern, n = self.pattern, self.count
+        weight = pattern.voronoi_length / pattern.voronoi_length.sum()
+        rows = []
+        for axis in range(3):
+            row = np.zeros(4 * n)
+            row[axis : 3 * n : 3] = weight
+            rows.append(row)
+        tangents = self._vertex_tangents()
+        for yarn in pattern.yarns:
+            twist = np.zeros(4 * n)
+            twist[3 * n + yarn] = pattern.rest_length[yarn] / pattern.rest_length[yarn].sum()
+            rows.append(twist)
+            if not self.sliding:
+                slide = np.zeros((n, 3))
+                slide[yarn] = (weight[:, None] * tangents)[yarn] / weight[yarn].sum()
+                rows.append(np.concatenate([slide.ravel(), np.zeros(n)]))
+        matrix = _independent(np.array(rows))
+        return LinearConstraints(matrix, np.zeros(len(matrix)))
+
+    def _vertex_tangents(self) -> Array:
+        """Mean direction of the yarn at each vertex at rest (n, 3).
+
+        The rest shape, not the deformed one: a constraint that moved with the macroscopic state would do work, and
+        stress would no longer be ∂Ψ/∂z at fixed û.
+        """
+        edge = _unit(self.pattern.edge_vectors())
+        return _unit(edge + edge[self.pattern.previous_vertex])
+
+    # --- contact list ---------------------------------------------------------------------------------
+
+    def _positions(self, full: Array) -> Array:
+        return full[: 3 * len(self.nodes.source)].reshape(-1, 3)
+
+    def _pair_variables(self, first: Indices, second: Indices) -> Indices:
+        ends = self.images.segment_end
+        return self._positions_of(np.stack([first, ends[first], second, ends[second]], 1))
+
+    def _pair_parameters(self, first: Indices, second: Indices) -> Array:
+        rule, length = self.material.contact, self.pattern.rest_length / self.pattern.radius
+        measure = length[first] * length[second % self.count] * (0.5 if self.symmetric else 1.0)
+        unit = self.unit / self.pattern.radius**2
+        columns = [self.material.contact_stiffness / unit * measure]
+        if rule.kernel == "hylc2020":
+            columns.append(np.full(len(first), 0.25))
+        else:
+            columns.append(np.full(len(first), 0.25 / rule.outer_radius_ratio**2))
+            columns.append(rule.inner_stiffness / unit * measure)
+            columns.append(np.full(len(first), 0.25 / rule.inner_radius_ratio**2))
+        return np.column_stack(columns)
+
+    def contacts(self, free: Array, full: Array) -> _Contacts:
+        """Contact stencils valid at ``free``; listed anew when a vertex has moved half a skin since."""
+        old = self._contacts
+        moved = free[: 3 * self.count].reshape(-1, 3)
+        if old is not None:
+            shift = moved - old.built_at
+            if 4.0 * float((shift * shift).sum(1).max()) <= SKIN * SKIN:
+                return old
+        first, second = self._search.find(self._positions(full), self._reach + SKIN)
+        if old is not None and np.array_equal(first, old.first) and np.array_equal(second, old.second):
+            old.built_at = moved.copy()
+            return old
+        rule = self.material.contact
+        energy = contact_energy(rule.kernel, rule.quadrature_points, rule.quadrature_weights)
+        variables = self._pair_variables(first, second)
+        stencils = StencilSet(energy, variables, self._pair_parameters(first, second), 4)
+        self._contacts = _Contacts(first, second, moved.copy(), stencils, self.nodes.unknowns(variables))
+        return self._contacts
+
+    def _block_pattern(self, contacts: _Contacts, full: Array) -> BlockPattern:
+        if self._pattern is None or not self._pattern.covers(contacts.unknowns):
+            ahead = self._search.find(self._positions(full), self._reach + SKIN + PATTERN_MARGIN)
+            wide = self.nodes.unknowns(self._pair_variables(*ahead))
+            groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
+            self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, contacts.unknowns, wide])
+            self._rod_slots = [self._pattern.slots(u) for u in self._rod_unknowns]
+            contacts.slots = None
+        if contacts.slots is None:
+            contacts.slots = self._pattern.slots(contacts.unknowns)
+        return self._pattern
+
+    # --- objective ------------------------------------------------------------------------------------
+
+    def value(self, x: Array) -> float:
+        """Energy [E π r³]; inf where two yarns meet."""
+        full = self.nodes.expand(x)
+        contacts = self.contacts(x, full)
+        value = sum(s.value(full) for s in (*self._rods, contacts.stencils))
+        return value if math.isfinite(value) else math.inf
+
+    def gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy and gradient by the free vector."""
+        full = self.nodes.expand(x)
+        contacts = self.contacts(x, full)
+        value, gradients = 0.0, []
+        for stencils in (*self._rods, contacts.stencils):
+            part = np.zeros(len(full))
+            value += stencils.gradient(full, part)
+            gradients.append(self.nodes.pull_gradient(part))
+        return self._summed(value, gradients)
+
+    def quadratic(self, x: Array) -> tuple[float, Array, CellModel]:
+        """Energy, gradient and exact Hessian by the free vector."""
+        full = self.nodes.expand(x)
+        contacts = self.contacts(x, full)
+        block = self._block_pattern(contacts, full)
+        assert contacts.slots is not None
+        entries = np.zeros(block.pattern.entries)
+        value, gradients = 0.0, []
+        for stencils, slots in zip(
+            (*self._rods, contacts.stencils), (*self._rod_slots, contacts.slots), strict=True
+        ):
+            part = np.zeros(len(full))
+            value += stencils.hessian(full, part, slots, self.nodes.rotation, entries)
+            gradients.append(self.nodes.pull_gradient(part))
+        value, gradient = self._summed(value, gradients)
+        return value, gradient, CellModel(block.pattern, entries, self._scale)
+
+    def _summed(self, value: float, gradients: list[Array]) -> tuple[float, Array]:
+        # A residual of 1e-6 means: forces cancel to six digits of what the terms pull against each other.
+        self.residual_scale = sum(float(np.linalg.norm(g[: 3 * self.count])) for g in gradients) + 1e-9
+        return (value if math.isfinite(value) else math.inf), sum(gradients)  # type: ignore[return-value]
+
+    def bound(self, x: Array, step: Array) -> float:
+        """Fraction of a step that moves no vertex, twist or pair too far."""
+        n = self.count
+        moves = step[: 3 * n].reshape(-1, 3)
+        longest = math.sqrt(float((moves * moves).sum(1).max()))
+        turn = float(np.abs(step[3 * n :]).max())
+        fraction = min(1.0, STEP_LIMIT / max(longest, 1e-300), TWIST_LIMIT / max(turn, 1e-300))
+        full = self.nodes.expand(x)
+        contacts = self.contacts(x, full)
+        ahead = self._positions(self.nodes.expand(x + fraction * step)) - self._positions(full)
+        return fraction * safe_fraction(
+            self._positions(full), ahead, self.images.segment_end, contacts.first, contacts.second, GAP_SHARE
+        )
+
+    # --- read-outs ------------------------------------------------------------------------------------
+
+    def start(self, fluctuation: Array | None = None, twist: Array | None = None) -> Array:
+        """Free vector from a fluctuation û (n, 3) [r] and twists (n,); by default the pattern's rest shape."""
+        u = np.zeros((self.count, 3)) if fluctuation is None else fluctuation
+        theta = self.pattern.twist if twist is None else twist
+        free = np.concatenate([u.ravel(), theta])
+        matrix = self.constraints.matrix
+        return free - matrix.T @ np.linalg.solve(matrix @ matrix.T, matrix @ free)
+
+    def parts(self, x: Array) -> dict[str, float]:
+        """Energy of stretch, bending with twist, and contact [J/m²]."""
+        full = self.nodes.expand(x)
+        unit = self.unit / self.pattern.area
+        named = zip(("stretch", "bend_twist", "contact"), (*self._rods, self.contacts(x, full).stencils), strict=True)
+        return {name: stencils.value(full) * unit for name, stencils in named}
+
+    def stress(self, x: Array) -> Array:
+        """∂Ψ/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û and θ [J/m², J/m]: the exact stress of an equilibrium.
+
+        Positions follow the state through (C1), the reference frames of the rods through their anchors.
+        """
+        full = self.nodes.expand(x)
+        force = np.zeros(len(full))
+        for stencils in (*self._rods, self.contacts(x, full).stencils):
+            stencils.gradient(full, force)
+        nodes = self._positions(force)
+        loaded = np.flatnonzero((nodes != 0.0).any(axis=1))
+        fluctuation = x[: 3 * self.count].reshape(-1, 3)[self.nodes.source[loaded]]
+        slopes = self.surface.by_state(self.reference[loaded], fluctuation)
+        by_anchors = self.bend_twist.by_parameters(full, ANCHORS)
+        total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum("ni,nij->j", by_anchors, self._anchor_slope)
+        return total * self.unit / self.pattern.area
+
+    def gaps(self, x: Array) -> Array:
+        """Distances of all listed pairs over the yarn diameter."""
+        full = self.nodes.expand(x)
+        contacts = self.contacts(x, full)
+        ends = self.images.segment_end
+        return 0.5 * pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
+
+    def positions(self, x: Array) -> Array:
+        """World positions of the primary tile's vertices, (n, 3) [m]."""
+        return self._positions(self.nodes.expand(x))[: self.count] * self.pattern.radius

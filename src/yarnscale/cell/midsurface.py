@@ -1,0 +1,102 @@
+"""The midsurface of a cell under a macroscopic state, in closed form (theory §2; HYLC20 §4.2).
+
+m(X) = φ(ξ) + h R(ξ) e3 with φ(ξ) = V(w) S ξ, R(ξ) = exp [w]×, w = ξ^α ω_α and S = √I. Exact where det II = 0 (flat and
+singly curved states); its first derivatives by II are exact at flat states for every II.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
+
+Array = NDArray[np.float64]
+_SERIES_BELOW = 0.25  # of the squared angle: seven terms are then exact to round-off
+
+
+def _cross_matrix(w: ca.SX) -> ca.SX:
+    return ca.vertcat(ca.horzcat(0, -w[2], w[1]), ca.horzcat(w[2], 0, -w[0]), ca.horzcat(-w[1], w[0], 0))
+
+
+def _entire(square: ca.SX, first: int, closed: ca.SX) -> ca.SX:
+    """Σ_k (−ϑ²)^k / (2k + first)!, by its series near 0 and by ``closed`` elsewhere."""
+    coefficients = [(-1.0) ** k / float(np.prod(np.arange(1.0, 2 * k + first + 1))) for k in range(8)]
+    series = ca.SX(0)
+    for coefficient in reversed(coefficients):
+        series = series * square + coefficient
+    return ca.if_else(square < _SERIES_BELOW, series, closed)
+
+
+def midsurface_frames(z: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """S (2×2, √I) and [ω_1 ω_2] (3×2) of a state z = (s_x, s_a, s_y, II11, II12, II22), symbolic."""
+    a, b = 1 + z[0], 1 + z[2]
+    first = ca.vertcat(ca.horzcat(a * a, z[1] * a * b), ca.horzcat(z[1] * a * b, b * b))
+    root = ca.sqrt(first[0, 0] * first[1, 1] - first[0, 1] ** 2)
+    stretch = (first + root * ca.SX.eye(2)) / ca.sqrt(first[0, 0] + first[1, 1] + 2 * root)
+    second = ca.vertcat(ca.horzcat(z[3], z[4]), ca.horzcat(z[4], z[5]))
+    # n,α = −II_αβ (I⁻¹)^βγ a_γ lies in the plane, and ω_α = e3 × n,α.
+    normal_slope = -stretch @ ca.solve(first, second)
+    omega = ca.vertcat(-normal_slope[1, :], normal_slope[0, :], ca.SX.zeros(1, 2))
+    return stretch, omega
+
+
+def midsurface_point(z: ca.SX, reference: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Point m (3) and rotation R (3×3) at reference coordinates X = (ξ1, ξ2, h), symbolic."""
+    stretch, omega = midsurface_frames(z)
+    w = omega @ reference[0:2]
+    square = ca.dot(w, w)
+    angle = ca.sqrt(ca.fmax(square, _SERIES_BELOW / 4))
+    sine = _entire(square, 1, ca.sin(angle) / angle)
+    cosine = _entire(square, 2, (1 - ca.cos(angle)) / angle**2)
+    third = _entire(square, 3, (angle - ca.sin(angle)) / angle**3)
+    cross = _cross_matrix(w)
+    rotation = ca.SX.eye(3) + sine * cross + cosine * (cross @ cross)
+    jacobian = ca.SX.eye(3) + cosine * cross + third * (cross @ cross)
+    flat = ca.vertcat(stretch @ reference[0:2], 0)
+    return jacobian @ flat + reference[2] * rotation[:, 2], rotation
+
+
+@cache
+def _kernel() -> Kernel:
+    z, reference = ca.SX.sym("z", 6), ca.SX.sym("X", 3)
+    point, rotation = midsurface_point(z, reference)
+    outputs = [point, ca.vec(rotation.T)]
+    return compile_kernel(ca.Function("midsurface", [z, reference], outputs, {"cse": True}), "midsurface")
+
+
+@cache
+def _derivative_kernel() -> Kernel:
+    """∂(m + R û)/∂z, 3×6 row by row, at fixed û."""
+    z, reference, u = ca.SX.sym("z", 6), ca.SX.sym("X", 3), ca.SX.sym("u", 3)
+    point, rotation = midsurface_point(z, reference)
+    slope = ca.vec(ca.jacobian(point + rotation @ u, z).T)
+    function = ca.Function("midsurface_by_state", [z, reference, u], [ca.densify(slope)], {"cse": True})
+    return compile_kernel(function, "midsurface_by_state")
+
+
+class Midsurface:
+    """The surface that realises one macroscopic state, with its co-rotated frames."""
+
+    def __init__(self, strain: ShellStrain, *, length: float = 1.0) -> None:
+        """``length``: unit of all coordinates given and returned [m]; curvature is scaled to it."""
+        self.strain = strain
+        self._scale = np.array([1.0, 1.0, 1.0, length, length, length])
+        self._z = strain.vector * self._scale
+
+    def _state(self, count: int) -> Array:
+        return np.broadcast_to(self._z, (count, 6))
+
+    def at(self, reference: Array) -> tuple[Array, Array]:
+        """Points m (n, 3) and rotations R (n, 3, 3) at reference coordinates (n, 3)."""
+        points, rotations = run_columns(_kernel(), self._state(len(reference)), reference)
+        return points, rotations.reshape(-1, 3, 3)
+
+    def by_state(self, reference: Array, fluctuation: Array) -> Array:
+        """∂(m + R û)/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û, shape (n, 3, 6); lengths in the unit."""
+        (slopes,) = run_columns(_derivative_kernel(), self._state(len(reference)), reference, fluctuation)
+        return slopes.reshape(-1, 3, 6) * self._scale
