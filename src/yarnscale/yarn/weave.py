@@ -26,13 +26,13 @@ def weave(
     rest_shape: str = "straight",
     name: str = "weave",
 ) -> YarnPattern:
-    """A woven pattern from a binary draft: rows are weft picks (y upwards), columns warp ends (x).
+    """A woven pattern from a binary draft: rows are weft picks (along y), columns warp ends (x).
 
     ``draft[i][j] = 1`` lays warp end j over (on the +z side of) weft pick i. The weft yarns run along x and
     come first, the warp yarns run along y.
 
     radius: of the yarn [m]. warp_spacing, weft_spacing: distance between neighbouring warp ends and weft
-    picks, in radii. half_thickness: height of the centre lines above the middle plane at a crossing, in radii.
+    picks, in radii. half_thickness: height of the centre lines above the middle at crossings, in radii.
     vertices_per_stitch: vertices per crossing along a yarn; by default edges are about as long as the radius.
     rest_shape: see `curves.pattern_from_curves`. The geometry touches or nearly touches at the crossings; it
     is a start for a relaxation, not an equilibrium.
