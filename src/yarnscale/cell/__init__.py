@@ -1,1 +1,5 @@
 """One periodic cell of yarn under a macroscopic state."""
+
+from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+
+__all__ = ["Equilibrium", "PeriodicCell"]

@@ -1,0 +1,186 @@
+"""A periodic cell of yarn and its equilibria under macroscopic states (HYLC20 §5; exact stress and moduli beyond it)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.energy import CellEnergy
+from yarnscale.errors import InputError
+from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.implicit import ConstrainedInverse
+from yarnscale.numerics.newton import Solution, Status, minimise
+from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+
+LARGEST_HALVING = 4
+"""How often the way from rest to a state is halved when the direct solve does not converge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A relaxed cell.
+
+    positions: vertices of the primary tile (n, 3) [m]; a flat cell's copy in tile (a, b) is moved by S (a px, b py).
+    twist: (n,) [rad]. fluctuation: co-rotated û (n, 3) [m]. energy_density: Ψ per reference area [J/m²].
+    energy_parts: its terms [J/m²]. stress: ∂Ψ/∂(s_x, s_a, s_y) [J/m²], ∂Ψ/∂(II11, II12, II22) [J/m].
+    residual: force norm over the summed norms of the terms. contacts: pairs of segments that touch.
+    min_distance_over_diameter: closest approach of two yarns' centre lines; inf where nothing is near.
+    """
+
+    strain: ShellStrain
+    positions: Array
+    twist: Array
+    fluctuation: Array
+    energy_density: float
+    energy_parts: dict[str, float]
+    stress: Array
+    status: Status
+    residual: float
+    iterations: int
+    factorisations: int
+    seconds: float
+    contacts: int
+    min_distance_over_diameter: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether the cell is at rest, at a minimum."""
+        return self.status is Status.CONVERGED
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicCell:
+    """One period of a pattern made of a yarn material.
+
+    sliding: whether each yarn may slide along itself as a whole; fixed by default, as published (EST22 §7.1).
+    tolerance, max_iterations: of the equilibrium solves.
+    """
+
+    pattern: YarnPattern
+    material: YarnMaterial
+    sliding: bool = False
+    tolerance: float = 1e-6
+    max_iterations: int = 400
+    backend: str | None = field(default=None, kw_only=True)
+
+    @property
+    def area_density(self) -> float:
+        """Mass per reference area [kg/m²]."""
+        length = float(self.pattern.rest_length.sum())
+        return self.material.mass_per_length(self.pattern.radius) * length / self.pattern.area
+
+    def energy(self, strain: ShellStrain) -> CellEnergy:
+        """The energy of this cell under a state, as an objective of fluctuations and twists.
+
+        Raises InputError for doubly curved states.
+        """
+        determinant = strain.II11 * strain.II22 - strain.II12**2
+        size = strain.II11**2 + strain.II22**2 + 2 * strain.II12**2
+        if abs(determinant) > 1e-9 * size:
+            raise InputError(
+                "curvature bends in two directions",
+                expected="det II = 0 (flat, or bent about one axis)",
+                found=f"II11 = {strain.II11:g}, II12 = {strain.II12:g}, II22 = {strain.II22:g} 1/m",
+            )
+        return CellEnergy(self.pattern, self.material, strain, self.sliding, not strain.is_flat)
+
+    def relax(self, strain: ShellStrain | None = None, *, start: Equilibrium | None = None) -> Equilibrium:
+        """The equilibrium under a macroscopic state, from rest or from a neighbouring equilibrium.
+
+        Where the direct way does not converge, intermediate states are relaxed first. Look at ``status``.
+        """
+        strain = ShellStrain() if strain is None else strain
+        began = time.perf_counter()
+        seed = None if start is None else (start.fluctuation / self.pattern.radius, start.twist)
+        origin = np.zeros(6) if start is None else start.strain.vector
+        energy, solution = self._continued(origin, strain.vector, seed, LARGEST_HALVING)
+        if start is not None and not solution.converged:
+            energy, solution = self._continued(np.zeros(6), strain.vector, None, LARGEST_HALVING)
+        return self._equilibrium(energy, solution, time.perf_counter() - began)
+
+    def _solve(self, strain: Array, seed: tuple[Array, Array] | None) -> tuple[CellEnergy, Solution]:
+        energy = self.energy(ShellStrain.from_vector(strain))
+        solution = minimise(
+            energy,
+            energy.start(*(seed or (None, None))),
+            constraints=energy.constraints,
+            bound=energy.bound,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            backend=self.backend,
+        )
+        return energy, solution
+
+    def _continued(
+        self, origin: Array, strain: Array, seed: tuple[Array, Array] | None, halvings: int
+    ) -> tuple[CellEnergy, Solution]:
+        """Solve at ``strain`` from a seed at ``origin``; where that fails, by way of the state half-way."""
+        energy, solution = self._solve(strain, seed)
+        if solution.converged or halvings == 0 or np.array_equal(origin, strain):
+            return energy, solution
+        middle = 0.5 * (origin + strain)
+        _, half = self._continued(origin, middle, seed, halvings - 1)
+        if not half.converged:
+            return energy, solution
+        n = len(self.pattern.edges)
+        seed = half.x[: 3 * n].reshape(n, 3), half.x[3 * n :]
+        spent = solution.iterations + half.iterations, solution.factorisations + half.factorisations
+        energy, solution = self._continued(middle, strain, seed, halvings - 1)
+        return energy, replace(
+            solution,
+            iterations=solution.iterations + spent[0],
+            factorisations=solution.factorisations + spent[1],
+        )
+
+    def _equilibrium(self, energy: CellEnergy, solution: Solution, seconds: float) -> Equilibrium:
+        n, unit = len(self.pattern.edges), energy.unit / self.pattern.area
+        gaps = energy.gaps(solution.x)
+        return Equilibrium(
+            strain=energy.strain,
+            positions=energy.positions(solution.x),
+            twist=solution.x[3 * n :].copy(),
+            fluctuation=solution.x[: 3 * n].reshape(n, 3) * self.pattern.radius,
+            energy_density=solution.value * unit,
+            energy_parts=energy.parts(solution.x),
+            stress=energy.stress(solution.x),
+            status=solution.status,
+            residual=solution.residual,
+            iterations=solution.iterations,
+            factorisations=solution.factorisations,
+            seconds=seconds,
+            contacts=int((gaps < 1.0).sum()),
+            min_distance_over_diameter=float(gaps.min(initial=np.inf)),
+        )
+
+    def moduli(self, state: Equilibrium) -> Array:
+        """∂²Ψ/∂z² (6, 6) at an equilibrium, z = (s_x, s_a, s_y, II11, II12, II22) (theory §2).
+
+        One solve per component with one factorisation; the explicit parts E,zz and E,uz are central differences of
+        exact gradients at fixed fluctuation. Units follow ``stress``. Only for flat states so far.
+        """
+        energy = self.energy(state.strain)
+        x = energy.start(state.fluctuation / self.pattern.radius, state.twist)
+        _, _, model = energy.quadratic(x)
+        unit = energy.unit / self.pattern.area
+        steps = np.array([1e-5] * 3 + [1e-5 / self.pattern.radius] * 3)
+        mixed, explicit = np.empty((len(x), 6)), np.empty((6, 6))
+        for k, step in enumerate(steps):
+            sides = []
+            for sign in (1.0, -1.0):
+                vector = state.strain.vector.copy()
+                vector[k] += sign * step
+                moved = CellEnergy(
+                    self.pattern, self.material, ShellStrain.from_vector(vector), self.sliding, energy.symmetric
+                )
+                sides.append((moved.gradient(x)[1], moved.stress(x)))
+            mixed[:, k] = (sides[0][0] - sides[1][0]) / (2 * step)
+            explicit[k] = (sides[0][1] - sides[1][1]) / (2 * step)
+        inverse = ConstrainedInverse(model, energy.constraints, backend=self.backend)
+        moduli = explicit - unit * mixed.T @ inverse.apply(mixed)
+        return 0.5 * (moduli + moduli.T)
