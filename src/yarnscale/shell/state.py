@@ -1,0 +1,50 @@
+"""Where the cloth is and how fast it moves, and what holds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.shell.mesh import TriangleMesh
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ClothState:
+    """Positions and velocities of a mesh at a time.
+
+    positions: [m], velocities: [m/s], both (nv, 3); time: [s]. fold_angles: reference angles of the elastic energy
+    [rad], needed only to go on from cloth folded by more than π (None: taken from the positions).
+    """
+
+    positions: Floats
+    velocities: Floats
+    time: float = 0.0
+    fold_angles: Floats | None = None
+
+    @classmethod
+    def flat(cls, mesh: TriangleMesh, *, height: float = 0.0) -> ClothState:
+        """The panel as cut, at rest in the plane z = height [m]."""
+        positions = np.column_stack([mesh.panel, np.full(mesh.vertex_count, height)])
+        return cls(positions, np.zeros_like(positions))
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """Vertices held at targets by stiff springs.
+
+    vertices: (n,); targets: (n, 3) [m]; stiffness: of each spring [N/m]. Springs instead of eliminated unknowns: Newton
+    then moves the cloth together with its bars, and an obstacle in the way of a bar is no contradiction. The error of a
+    target is force/stiffness, a few micrometres per newton.
+    """
+
+    vertices: NDArray[np.int64]
+    targets: Floats
+    stiffness: float = 1e5
+
+    def pull(self, positions: Floats) -> Floats:
+        """Force of the springs on the cloth [N], (n, 3)."""
+        return self.stiffness * (self.targets - positions[self.vertices])

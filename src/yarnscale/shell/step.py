@@ -1,0 +1,199 @@
+"""One implicit Euler step, or one static equilibrium, as an energy to minimise.
+
+    ½/Δt² |x − y|²_M + E(x) + attachments + contact − gravity·x,   y = x_n + Δt v_n (+ damping)
+
+with the lumped mass M. Without Δt the first term is absent: a static equilibrium.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.shell.energy import Floats, Linearisation, ShellEnergy
+from yarnscale.shell.state import Attachment
+
+STANDARD_GRAVITY = 9.81
+
+
+class ContactEnergy(Protocol):
+    """Forces between layers of cloth and from obstacles, as an energy that is inf where they meet."""
+
+    def value(self, positions: Floats) -> float:
+        """Energy [J] at positions (nv, 3)."""
+        ...
+
+    def gradient(self, positions: Floats) -> tuple[float, Floats]:
+        """Energy and gradient (nv, 3) [N]."""
+        ...
+
+    def hessian(self, positions: Floats) -> tuple[NDArray[np.int64], Floats]:
+        """Positive model of the Hessian: sorted keys ``column·3nv + row`` of its lower triangle, entries [N/m]."""
+        ...
+
+    def bound(self, positions: Floats, step: Floats) -> float:
+        """Fraction of a step (nv, 3) that meets nothing, in (0, 1]."""
+        ...
+
+
+@dataclass(eq=False)
+class StepObjective:
+    """The energy of a step for ``numerics.newton.minimise``, in the 3nv coordinates of the vertices.
+
+    weights: masses/Δt² [N/m], (nv,), zero for a static equilibrium; centre: y (nv, 3); load: constant forces (nv, 3)
+    [N]; scale: gradient norm that counts as 1 [N].
+    """
+
+    energy: ShellEnergy
+    weights: Floats
+    centre: Floats
+    load: Floats
+    attachments: tuple[Attachment, ...] = ()
+    contact: ContactEnergy | None = None
+    scale: float = 1.0
+    growth: PatternGrowth | None = None
+    _memory: Linearisation | None = field(default=None, repr=False)
+    _trial: Linearisation | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.growth is None:
+            self.growth = PatternGrowth(self.energy.pattern)
+
+    @property
+    def residual_scale(self) -> float:
+        """Gradient norm that counts as 1 [N]."""
+        return self.scale
+
+    def value(self, x: Floats) -> float:
+        """Energy [J]; inf where the state is not admissible."""
+        positions = x.reshape(-1, 3)
+        total = self._simple_terms(positions)[0]
+        if self.contact is not None:
+            total += self.contact.value(positions)
+        return total + self.energy.value(positions) if math.isfinite(total) else math.inf
+
+    def gradient(self, x: Floats) -> tuple[float, Floats]:
+        """Energy [J] and gradient (3nv,) [N]."""
+        # Its own memory: a model made by ``quadratic`` may still be in use.
+        value, gradient, self._trial = self._linearise(x, self._trial)
+        return value, gradient
+
+    def quadratic(self, x: Floats) -> tuple[float, Floats, StepModel]:
+        """Energy, gradient and the second-order model, which is valid until the next call."""
+        value, gradient, self._memory = self._linearise(x, self._memory)
+        return value, gradient, StepModel(self, self._memory)
+
+    def _linearise(self, x: Floats, memory: Linearisation | None) -> tuple[float, Floats, Linearisation]:
+        positions = x.reshape(-1, 3)
+        linear = self.energy.linearise(positions, memory)
+        value, gradient = self._simple_terms(positions)
+        gradient += linear.gradient
+        value += linear.value
+        if self.contact is not None:
+            touching, push = self.contact.gradient(positions)
+            value, gradient = value + touching, gradient + push
+        return value, gradient.ravel(), linear
+
+    def _simple_terms(self, positions: Floats) -> tuple[float, Floats]:
+        """Inertia, load and attachments."""
+        away = positions - self.centre
+        gradient = self.weights[:, None] * away
+        value = 0.5 * float(np.vdot(gradient, away)) - float(np.vdot(self.load, away))
+        gradient -= self.load
+        for held in self.attachments:
+            gap = positions[held.vertices] - held.targets
+            value += 0.5 * held.stiffness * float(np.vdot(gap, gap))
+            np.add.at(gradient, held.vertices, held.stiffness * gap)
+        return value, gradient
+
+    @cached_property
+    def diagonal(self) -> Floats:
+        """Diagonal of the terms that have no other entries [N/m], (3nv,)."""
+        weights = self.weights.copy()
+        for held in self.attachments:
+            np.add.at(weights, held.vertices, held.stiffness)
+        return np.repeat(weights, 3)
+
+
+@dataclass(eq=False)
+class PatternGrowth:
+    """The cloth's pattern with room for the contacts met so far; it grows when new ones do not fit."""
+
+    base: SymmetricPattern
+    pattern: SymmetricPattern = field(init=False)
+    _keys: NDArray[np.int64] = field(init=False, repr=False)
+    _base_keys: NDArray[np.int64] = field(init=False, repr=False)
+    _base_slots: NDArray[np.int64] | slice = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        columns = np.repeat(np.arange(self.base.size), np.diff(self.base.starts))
+        self._base_keys = self._keys = columns * self.base.size + self.base.rows
+        self.pattern, self._base_slots = self.base, slice(None)
+
+    def spread(self, base: Floats, keys: NDArray[np.int64], entries: Floats) -> Floats:
+        """Entries in ``pattern`` of a matrix in the base pattern plus one of (keys, entries)."""
+        slots = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        if len(keys) and not (self._keys[slots] == keys).all():
+            self._grow(keys)
+            slots = np.searchsorted(self._keys, keys)
+        values = np.zeros(self.pattern.entries)
+        values[self._base_slots] = base
+        values[slots] += entries
+        return values
+
+    def _grow(self, keys: NDArray[np.int64]) -> None:
+        # Contacts that have gone make room: only the latest and the base are kept when too many have gathered.
+        kept = self._keys if len(self._keys) < 1.5 * len(self._base_keys) else self._base_keys
+        self._keys = np.union1d(kept, keys)
+        self.pattern = SymmetricPattern.from_keys(self.base.size, self._keys)
+        self._base_slots = np.searchsorted(self._keys, self._base_keys)
+
+
+@dataclass(eq=False)
+class StepModel:
+    """Hessian H_exact + shift·(H_positive − H_exact), shift clipped to [0, 1], with each part made when needed."""
+
+    objective: StepObjective
+    linear: Linearisation
+    _parts: dict[str, Floats] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        contact = self.objective.contact
+        growth = self.objective.growth
+        assert growth is not None
+        self._growth = growth
+        self._touching = None
+        if contact is not None:
+            self._touching = contact.hessian(self.linear.positions)
+            # Let the pattern grow before it is asked for.
+            growth.spread(np.zeros(growth.base.entries), *self._touching)
+
+    @property
+    def pattern(self) -> SymmetricPattern:
+        """Pattern of the matrix; the same object until contacts make it grow."""
+        return self._growth.pattern
+
+    def values(self, shift: float) -> Floats:
+        """Entries in ``pattern`` [N/m]."""
+        share = min(max(shift, 0.0), 1.0)
+        if share == 0.0:
+            elastic = self._part("exact").copy()
+        elif share == 1.0:
+            elastic = self._part("positive").copy()
+        else:
+            elastic = (1.0 - share) * self._part("exact") + share * self._part("positive")
+        elastic[self._growth.base.diagonal] += self.objective.diagonal
+        if self._touching is None:
+            return elastic
+        return self._growth.spread(elastic, *self._touching)
+
+    def _part(self, kind: str) -> Floats:
+        if kind not in self._parts:
+            self._parts[kind] = self.linear.hessian("exact" if kind == "exact" else "positive")
+        return self._parts[kind]
