@@ -1,0 +1,98 @@
+"""Pictures of yarns as round tubes, with their periodic copies and midsurface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.show import theme
+from yarnscale.show.canvas import Camera, aim, canvas, light
+from yarnscale.show.curves import Curve, smooth_curve
+
+SIDES = 24
+"""Corners of a tube's cross section."""
+
+
+def yarn_picture(
+    path: str | Path,
+    curves: Sequence[Curve],
+    radius: float,
+    *,
+    surface: NDArray[np.float64] | None = None,
+    camera: Camera | Sequence[float] = "oblique",
+    size: tuple[int, int] = theme.PICTURE_SIZE,
+) -> None:
+    """Draw yarns as round tubes and write a PNG file.
+
+    curves: centre lines [m] (``periodic_curves`` makes them from a pattern). radius: of the yarn [m].
+    surface: points of a midsurface on a grid [m], shape (rows, columns, 3), drawn translucent.
+    camera: "top" (course to the right, wale up), "oblique", "side", or a direction to the eye (3,).
+
+    Raises InputError on points that are not finite or a file that cannot be written, and
+    PicturesUnavailable where the machine has no OpenGL.
+    """
+    if not (np.isfinite(radius) and radius > 0):
+        raise InputError("yarn radius", expected="a positive number", found=radius)
+    if not curves or not all(np.isfinite(c.points).all() for c in curves):
+        raise InputError("yarn centre lines", expected="at least one, all finite", found="none or NaN")
+    with canvas(path, size=size) as plotter:
+        light(plotter)
+        plotter.add_mesh(
+            tube_mesh(curves, radius),
+            scalars="colour",
+            rgb=True,
+            smooth_shading=True,
+            ambient=0.32,
+            diffuse=0.85,
+            specular=0.12,
+            specular_power=12,
+        )
+        if surface is not None:
+            _add_surface(plotter, surface)
+        _add_depth(plotter, radius)
+        framed = [_framed(c, radius) for c in curves]
+        if surface is not None:
+            framed.append(np.asarray(surface, dtype=float).reshape(-1, 3))
+        aim(plotter, np.vstack(framed), camera=camera)
+
+
+def tube_mesh(curves: Sequence[Curve], radius: float) -> pv.PolyData:
+    """Tubes around smoothed centre lines, with an RGB colour at every point as ``colour``."""
+    blocks = [smooth_curve(curve) for curve in curves]
+    points = np.vstack([b[0] for b in blocks])
+    colours = np.empty((len(points), 3))
+    cells, start = [], 0
+    for curve, (line, solid) in zip(curves, blocks, strict=True):
+        stop = start + len(line)
+        colour = theme.yarn_colour(curve.yarn)
+        colours[start:stop] = np.where(solid[:, None], colour, theme.faded(colour))
+        cells.append(np.concatenate([[len(line)], np.arange(start, stop)]))
+        start = stop
+    lines = pv.PolyData(points, lines=np.concatenate(cells))
+    lines["colour"] = np.rint(255 * colours).astype(np.uint8)
+    return lines.tube(radius=radius, n_sides=SIDES, capping=True)
+
+
+def _framed(curve: Curve, radius: float) -> NDArray[np.float64]:
+    """Corners that enclose a tube, for the camera, shape (2 k, 3)."""
+    return np.vstack([curve.points - radius, curve.points + radius])
+
+
+def _add_surface(plotter: pv.Plotter, surface: NDArray[np.float64]) -> None:
+    """A translucent sheet with its grid lines."""
+    grid = pv.StructuredGrid(*np.moveaxis(np.asarray(surface, dtype=float)[None], -1, 0))
+    sheet = grid.extract_surface(algorithm="dataset_surface")
+    plotter.add_mesh(sheet, color=theme.SURFACE, opacity=0.35, smooth_shading=True, specular=0.0)
+    plotter.add_mesh(
+        sheet.extract_all_edges(), color=theme.MUTED, opacity=0.5, line_width=1.5, lighting=False
+    )
+
+
+def _add_depth(plotter: pv.Plotter, radius: float) -> None:
+    """Darken the places where yarns meet, so that over and under can be told apart."""
+    plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)
