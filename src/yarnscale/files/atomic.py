@@ -15,11 +15,10 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
     The bytes go to a temporary file in the same folder, then take the name. Raises InputError where the
     target cannot be written.
     """
-    target = Path(path)
-    if target.is_dir():
-        raise InputError("output is a folder", where=target, expected="the path of a file")
+    if os.path.isdir(path):
+        raise InputError("output is a folder", where=path, expected="the path of a file")
     # A link keeps pointing where it did: the file behind it is replaced.
-    target = Path(os.path.realpath(target))
+    target = Path(os.path.realpath(path))
     temporary: str | None = None
     try:
         handle, temporary = tempfile.mkstemp(

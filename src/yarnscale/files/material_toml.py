@@ -21,7 +21,7 @@ def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
     if isinstance(source, str) and source in PRESETS:
         return PRESETS[source]
     path = Path(source)
-    if not path.exists() and path.suffix == "" and len(path.parts) == 1:
+    if not os.path.exists(path) and path.suffix == "" and len(path.parts) == 1:
         raise InputError(
             "unknown material",
             expected=f"a TOML file or one of {', '.join(PRESETS)}",
@@ -38,8 +38,8 @@ def read_material_file(path: str | os.PathLike[str]) -> YarnMaterial:
         table = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         line = re.search(r"at line (\d+)", str(error))
-        where = f"{path}:{line.group(1)}" if line else path
-        raise InputError("file is not TOML", where=where, found=str(error)) from None
+        number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
+        raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None
     _known(path, table, TOP_LEVEL, "")
     for name in NUMBERS:
         if name not in table:

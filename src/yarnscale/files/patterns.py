@@ -26,7 +26,7 @@ def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
     path = Path(source)
     if path.suffix.lower() in READERS:
         return READERS[path.suffix.lower()](path)
-    if not path.exists() and path.suffix == "" and len(path.parts) <= 1:
+    if not os.path.exists(path) and path.suffix == "" and len(path.parts) <= 1:
         expected = f"a .pyp or .json file or one of {', '.join(library.names())}"
         raise InputError("unknown pattern", expected=expected, found=repr(os.fspath(source)))
     start = read_source(path).lstrip()[:1]
