@@ -194,7 +194,11 @@ class CellEnergy:
 
         still = np.zeros_like(rest)
         at_start = by_state(start, still)
-        inputs = (by_state(end, still) - at_start, by_state(start, rest) - at_start, by_state(start, director) - at_start)
+        inputs = (
+            by_state(end, still) - at_start,
+            by_state(start, rest) - at_start,
+            by_state(start, director) - at_start,
+        )
         return tangent, carried, slope @ np.concatenate(inputs, axis=1)
 
     def _constraints(self) -> LinearConstraints:
@@ -350,7 +354,9 @@ class CellEnergy:
         """Energy of stretch, bending with twist, and contact [J/m²]."""
         full = self.nodes.expand(x)
         unit = self.unit / self.pattern.area
-        named = zip(("stretch", "bend_twist", "contact"), (*self._rods, self.contacts(x, full).stencils), strict=True)
+        named = zip(
+            ("stretch", "bend_twist", "contact"), (*self._rods, self.contacts(x, full).stencils), strict=True
+        )
         return {name: stencils.value(full) * unit for name, stencils in named}
 
     def stress(self, x: Array) -> Array:
@@ -367,7 +373,9 @@ class CellEnergy:
         fluctuation = x[: 3 * self.count].reshape(-1, 3)[self.nodes.source[loaded]]
         slopes = self.surface.by_state(self.reference[loaded], fluctuation)
         by_anchors = self.bend_twist.by_parameters(full, ANCHORS)
-        total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum("ni,nij->j", by_anchors, self._anchor_slope)
+        total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum(
+            "ni,nij->j", by_anchors, self._anchor_slope
+        )
         return total * self.unit / self.pattern.area
 
     def gaps(self, x: Array) -> Array:

@@ -96,11 +96,17 @@ class PeriodicCell:
         Where the direct way does not converge, intermediate states are relaxed first. Look at ``status``.
         """
         strain = ShellStrain() if strain is None else strain
+        seed = None if start is None else (start.strain, start.fluctuation, start.twist)
+        return self.relax_from(strain, seed)
+
+    def relax_from(self, strain: ShellStrain, seed: tuple[ShellStrain, Array, Array] | None) -> Equilibrium:
+        """``relax`` from a state's strain, fluctuation (n, 3) [m] and twist (n,); None: from rest."""
         began = time.perf_counter()
-        seed = None if start is None else (start.fluctuation / self.pattern.radius, start.twist)
-        origin = np.zeros(6) if start is None else start.strain.vector
-        energy, solution = self._continued(origin, strain.vector, seed, LARGEST_HALVING)
-        if start is not None and not solution.converged:
+        energy, solution = None, None
+        if seed is not None:
+            scaled = seed[1] / self.pattern.radius, seed[2]
+            energy, solution = self._continued(seed[0].vector, strain.vector, scaled, LARGEST_HALVING)
+        if energy is None or solution is None or not solution.converged:
             energy, solution = self._continued(np.zeros(6), strain.vector, None, LARGEST_HALVING)
         return self._equilibrium(energy, solution, time.perf_counter() - began)
 
@@ -176,7 +182,11 @@ class PeriodicCell:
                 vector = state.strain.vector.copy()
                 vector[k] += sign * step
                 moved = CellEnergy(
-                    self.pattern, self.material, ShellStrain.from_vector(vector), self.sliding, energy.symmetric
+                    self.pattern,
+                    self.material,
+                    ShellStrain.from_vector(vector),
+                    self.sliding,
+                    energy.symmetric,
                 )
                 sides.append((moved.gradient(x)[1], moved.stress(x)))
             mixed[:, k] = (sides[0][0] - sides[1][0]) / (2 * step)

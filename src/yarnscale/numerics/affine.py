@@ -157,7 +157,11 @@ def _expand(free, source, rotation, offset, full):
         s = 3 * source[m]
         for i in range(3):
             if turned:
-                moved = rotation[m, i, 0] * free[s] + rotation[m, i, 1] * free[s + 1] + rotation[m, i, 2] * free[s + 2]
+                moved = (
+                    rotation[m, i, 0] * free[s]
+                    + rotation[m, i, 1] * free[s + 1]
+                    + rotation[m, i, 2] * free[s + 2]
+                )
             else:
                 moved = free[s + i]
             full[3 * m + i] = moved + offset[m, i]

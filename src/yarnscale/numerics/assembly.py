@@ -77,7 +77,9 @@ class StencilSet:
         address = self.energy.gradient.address
         return _run_gradient(address, full, self._index, self._parameters, self.count, gradient)
 
-    def hessian(self, full: Array, gradient: Array, slots: NDArray[np.int32], rotation: Array, values: Array) -> float:
+    def hessian(
+        self, full: Array, gradient: Array, slots: NDArray[np.int32], rotation: Array, values: Array
+    ) -> float:
         """Energy; adds gradient and Hessian entries.
 
         slots: from ``BlockPattern.slots``. rotation: (full nodes, 3, 3) of the copies, or (0, 3, 3) where all are the
@@ -250,7 +252,11 @@ def _run_value(address, full, index, parameters, count):
     for block in range(index.shape[0]):
         remaining = min(count - block * BLOCK, BLOCK)
         _gather(full, index, block, q)
-        pointers[0], pointers[1], pointers[2] = q.ctypes.data, parameters[block].ctypes.data, energy.ctypes.data
+        pointers[0], pointers[1], pointers[2] = (
+            q.ctypes.data,
+            parameters[block].ctypes.data,
+            energy.ctypes.data,
+        )
         call_kernel(address, _lanes(remaining), BLOCK, pointers)
         for e in range(remaining):
             total += energy[0, e]
@@ -282,7 +288,12 @@ def _run_hessian(
     address, full, index, parameters, count, gradient, slots, entries, rotation, vectors, values
 ):  # fmt: skip
     n = index.shape[1]
-    q, g, energy, h = np.empty((n, BLOCK)), np.empty((n, BLOCK)), np.empty((1, BLOCK)), np.empty((entries, BLOCK))
+    q, g, energy, h = (
+        np.empty((n, BLOCK)),
+        np.empty((n, BLOCK)),
+        np.empty((1, BLOCK)),
+        np.empty((entries, BLOCK)),
+    )
     pointers = np.zeros(5, np.int64)
     total = 0.0
     for block in range(index.shape[0]):
@@ -330,7 +341,9 @@ def _turn_back(h, index, rotation, vectors, n, count):
                     for j in range(3):
                         if 3 * b + j <= row:
                             h[row * (row + 1) // 2 + 3 * b + j, e] = (
-                                turn_a[0, i] * half[0, j] + turn_a[1, i] * half[1, j] + turn_a[2, i] * half[2, j]
+                                turn_a[0, i] * half[0, j]
+                                + turn_a[1, i] * half[1, j]
+                                + turn_a[2, i] * half[2, j]
                             )
             for row in range(3 * vectors, n):
                 start = row * (row + 1) // 2 + 3 * b

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -87,7 +87,7 @@ class StencilEnergy:
         rows = [hessian.get(entry, ca.SX(0)) for entry in lower_triangle(self.variable_count)]
         return self._compile("hessian", [q, p], [value, gradient, ca.vertcat(*rows)])
 
-    @lru_cache(maxsize=None)  # noqa: B019 - energies are few and live as long as the process
+    @cache  # noqa: B019 - energies are few and live as long as the process
     def mixed(self, names: tuple[str, ...]) -> Kernel:
         """Kernel: variables, parameters → dE/dp (k), d²E/dq dp (n·k, [i·k + j]), for the named parameters."""
         q, p, energy = self._symbolic()
@@ -103,7 +103,9 @@ class StencilEnergy:
 
     def _compile(self, kind: str, inputs: list[Symbol], outputs: list[Symbol]) -> Kernel:
         name = f"{self.name}_{kind}"
-        return compile_kernel(ca.Function(name, inputs, [ca.densify(o) for o in outputs], {"cse": True}), name)
+        return compile_kernel(
+            ca.Function(name, inputs, [ca.densify(o) for o in outputs], {"cse": True}), name
+        )
 
 
 def _named(column: Symbol, sizes: Mapping[str, int]) -> dict[str, Symbol]:

@@ -139,5 +139,7 @@ def factorisation(pattern: SymmetricPattern, backend: str | None = None) -> Fact
     if name not in BACKENDS:
         raise InputError("factorisation back end", expected=" or ".join(BACKENDS), found=name)
     if name == "cholmod" and find_spec("cvxopt") is None:
-        raise InputError("factorisation back end cholmod", expected="the extra 'fast' (cvxopt) installed", found="none")
+        raise InputError(
+            "factorisation back end cholmod", expected="the extra 'fast' (cvxopt) installed", found="none"
+        )
     return BACKENDS[name](pattern)

@@ -109,7 +109,9 @@ class _Writer:
         if code in _BINARY:
             return self.emit(f"{_BINARY[code]} {_FAST} {_VECTOR} {a}, {b}")
         if code in _UNARY_INTRINSIC:
-            return self.emit(f"call {_FAST} {_VECTOR} @llvm.{_UNARY_INTRINSIC[code]}.{_SUFFIX}({_VECTOR} {a})")
+            return self.emit(
+                f"call {_FAST} {_VECTOR} @llvm.{_UNARY_INTRINSIC[code]}.{_SUFFIX}({_VECTOR} {a})"
+            )
         if code in _BINARY_INTRINSIC:
             name = f"@llvm.{_BINARY_INTRINSIC[code]}.{_SUFFIX}"
             return self.emit(f"call {_FAST} {_VECTOR} {name}({_VECTOR} {a}, {_VECTOR} {b})")
@@ -139,18 +141,24 @@ class _Writer:
         if code == ca.OP_IF_ELSE_ZERO:
             return self.emit(f"select {_MASK} {self.is_true(a)}, {_VECTOR} {b}, {_VECTOR} zeroinitializer")
         if code == ca.OP_SIGN:
-            size = self.emit(f"call {_VECTOR} @llvm.copysign.{_SUFFIX}({_VECTOR} {_constant(1.0)}, {_VECTOR} {a})")
+            size = self.emit(
+                f"call {_VECTOR} @llvm.copysign.{_SUFFIX}({_VECTOR} {_constant(1.0)}, {_VECTOR} {a})"
+            )
             return self.emit(f"select {_MASK} {self.is_true(a)}, {_VECTOR} {size}, {_VECTOR} zeroinitializer")
         raise NotImplementedError(f"CasADi operation {code} has no vector instruction yet")
 
 
 def _declarations() -> list[str]:
-    unary = [f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR})" for o in sorted(set(_UNARY_INTRINSIC.values()))]
+    unary = [
+        f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR})" for o in sorted(set(_UNARY_INTRINSIC.values()))
+    ]
     binary = [
         f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR}, {_VECTOR})"
         for o in sorted(set(_BINARY_INTRINSIC.values()))
     ]
-    library = [f"declare double @{name}({', '.join(['double'] * n)})" for name, n in sorted(_LIBRARY.values())]
+    library = [
+        f"declare double @{name}({', '.join(['double'] * n)})" for name, n in sorted(_LIBRARY.values())
+    ]
     return unary + binary + library
 
 
@@ -256,10 +264,14 @@ class Kernel:
         if len(arrays) != len(self.sizes):
             raise ValueError(f"kernel '{self.name}' takes {len(self.sizes)} arrays, found {len(arrays)}")
         if count % LANES or count > stride or count <= 0:
-            raise ValueError(f"kernel '{self.name}': count {count} must be a multiple of {LANES} up to {stride}")
+            raise ValueError(
+                f"kernel '{self.name}': count {count} must be a multiple of {LANES} up to {stride}"
+            )
         for size, array in zip(self.sizes, arrays, strict=True):
             if array.size != size * stride or not array.flags.c_contiguous or array.dtype != np.float64:
-                raise ValueError(f"kernel '{self.name}': expected float64 ({size}, {stride}), found {array.shape}")
+                raise ValueError(
+                    f"kernel '{self.name}': expected float64 ({size}, {stride}), found {array.shape}"
+                )
         table = (ctypes.c_void_p * len(arrays))(*(a.ctypes.data for a in arrays))
         self._call(count, stride, table)
 
@@ -271,7 +283,9 @@ def compile_kernel(function: ca.Function, name: str) -> Kernel:
         _machine = _Machine()
     machine = _machine
     text = _vector_ir(function)
-    key = "\n".join([llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text])
+    key = "\n".join(
+        [llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text]
+    )
     address = machine.load(object_cache.fetch(key, lambda: machine.object_code(text)))
     sizes = [function.numel_in(k) for k in range(function.n_in())]
     sizes += [function.numel_out(k) for k in range(function.n_out())]

@@ -36,7 +36,9 @@ class Images:
         """Copies in tiles −rings…rings along x and y, and the tiles that their segments reach."""
         reach = np.abs(pattern.edges[:, 2:]).max(axis=0)
         outer = np.array(rings) + reach
-        tiles = np.stack(np.meshgrid(*(np.arange(-o, o + 1) for o in outer), indexing="ij"), -1).reshape(-1, 2)
+        tiles = np.stack(np.meshgrid(*(np.arange(-o, o + 1) for o in outer), indexing="ij"), -1).reshape(
+            -1, 2
+        )
         inside = (np.abs(tiles) <= rings).all(axis=1)
         primary = (tiles == 0).all(axis=1)
         tiles = np.concatenate([tiles[primary], tiles[inside & ~primary], tiles[~inside]])
@@ -163,7 +165,9 @@ def _find(
             x, y, z = middle[g, 0] - middle[i, 0], middle[g, 1] - middle[i, 1], middle[g, 2] - middle[i, 2]
             if x * x + y * y + z * z >= limit * limit:
                 continue
-            if yarn[i] == yarn[j] and _along(i, j, tiles[tile], neighbours, yarn, place, walked, lengths, shift):
+            if yarn[i] == yarn[j] and _along(
+                i, j, tiles[tile], neighbours, yarn, place, walked, lengths, shift
+            ):
                 continue
             e, f = ends[i], ends[g]
             gap = segment_gap(

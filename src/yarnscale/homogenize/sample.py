@@ -1,0 +1,273 @@
+"""Relax a cell under many states, over processes, with every finished state stored at once."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.homogenize.plan import bends_twice, solve_order
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.homogenize.worker import CODE_OF, STRAINS, Start, solve
+
+Array = NDArray[np.float64]
+ATTEMPTS = 3
+"""How often a state whose worker died is given to another before the run gives up."""
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is: states done of all, the seconds since its start and the ones left (nan until known)."""
+
+    done: int
+    total: int
+    converged: int
+    seconds: float
+    seconds_left: float
+
+
+@dataclass(frozen=True)
+class SampleSummary:
+    """What a run did: states in the store, converged ones, wall seconds, workers, largest worker memory [MB]."""
+
+    states: int
+    converged: int
+    seconds: float
+    workers: int
+    peak_worker_megabytes: float
+
+
+def provenance(cell: PeriodicCell) -> dict[str, object]:
+    """Versions, pattern and material behind a run, to be stored with it."""
+    packages = ("yarnscale", "numpy", "scipy", "casadi", "llvmlite", "numba")
+    return {
+        "pattern": cell.pattern.name,
+        "pattern_hash": cell.pattern.content_hash(),
+        "radius": cell.pattern.radius,
+        "period": cell.pattern.period.tolist(),
+        "area_density": cell.area_density,
+        "material": asdict(cell.material),
+        "sliding": "free" if cell.sliding else "fixed",
+        "tolerance": cell.tolerance,
+        "versions": {name: version(name) for name in packages} | {"python": platform.python_version()},
+    }
+
+
+def create_store(
+    path: Path, cell: PeriodicCell, axes: Mapping[str, Array], *, scattered: bool, positions: bool = False
+) -> SampleStore:
+    """A new store for this cell; its states that bend about both axes are marked ``excluded``."""
+    return SampleStore.create(
+        path,
+        axes,
+        scattered=scattered,
+        vertices=len(cell.pattern.edges),
+        positions=positions,
+        provenance=provenance(cell),
+    )
+
+
+def check_resumable(store: SampleStore, cell: PeriodicCell, axes: Mapping[str, Array]) -> None:
+    """InputError unless the store was made for this cell and these states."""
+    stored, now = store.attributes["provenance"], provenance(cell)
+    for field in ("pattern_hash", "material", "sliding", "tolerance"):
+        if stored.get(field) != _plain(now[field]):
+            raise InputError(
+                f"cannot resume: another {field.replace('_', ' ')}", where=store.path,
+                expected=stored.get(field), found=now[field],
+            )  # fmt: skip
+    fresh = np.column_stack([axes[n] for n in STRAINS]) if store.dims == ("state",) else None
+    if fresh is None:
+        fresh = np.stack(np.meshgrid(*(axes[n] for n in STRAINS), indexing="ij"), -1).reshape(
+            -1, len(STRAINS)
+        )
+    if fresh.shape != store.states.shape or not np.allclose(fresh, store.states, atol=1e-12):
+        raise InputError("cannot resume: other states", where=store.path, expected="the states of the store")
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+@contextmanager
+def local_workers(count: int) -> Iterator[Executor]:
+    """Processes on this machine, spawned (never forked), one numerical thread each."""
+    kept = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    finally:
+        for name, value in kept.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def dask_workers(address: str) -> Iterator[Executor]:
+    """Workers of a Dask cluster at a scheduler address."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "Dask is not installed", expected="the extra 'dask'", found="no module distributed"
+        ) from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "no Dask scheduler", where=address, expected="host:port of a scheduler", found=error
+        ) from None
+    with client:
+        yield client.get_executor(pure=False, retries=ATTEMPTS)
+
+
+class _Run:
+    """Hands states to workers as soon as their start is there."""
+
+    def __init__(
+        self, store: SampleStore, cell: PeriodicCell, report: Callable[[Progress], None] | None
+    ) -> None:
+        self.store, self.cell, self.report = store, cell, report
+        self.began = time.perf_counter()
+        self.order, self.parents = solve_order(store.states)
+        self.status = store.status()
+        twice = bends_twice(store.states)
+        self.total = int((~twice).sum())
+        self.pending = [int(i) for i in self.order if self.status[i] == 0 and not twice[i]]
+        self.finished_before = self.total - len(self.pending)
+        self.done = set(np.flatnonzero(self.status != 0).tolist())
+        self.running: dict[Future, int] = {}
+        self.attempts: dict[int, int] = {}
+        self.peak = 0.0
+
+    def _start(self, index: int) -> Start | None:
+        parent = int(self.parents[index])
+        while parent >= 0 and self.status[parent] != CODE_OF["converged"]:
+            parent = int(self.parents[parent])
+        if parent < 0:
+            return None
+        return Start(
+            self.store.states[parent],
+            self.store.read(parent, "fluctuation"),
+            self.store.read(parent, "twist"),
+        )
+
+    def _ready(self, index: int) -> bool:
+        parent = int(self.parents[index])
+        return parent < 0 or parent in self.done
+
+    def submit(self, executor: Executor, room: int) -> None:
+        """Give out ready states until ``room`` are under way."""
+        while len(self.running) < room:
+            index = next((i for i in self.pending if self._ready(i)), None)
+            if index is None:
+                return
+            self.pending.remove(index)
+            future = executor.submit(solve, self.cell, self.store.states[index], self._start(index))
+            self.running[future] = index
+
+    def collect(self) -> bool:
+        """Store what is finished; False where the pool broke and its states went back to the queue."""
+        finished, _ = wait(self.running, return_when=FIRST_COMPLETED)
+        whole = True
+        for future in finished:
+            index = self.running.pop(future)
+            try:
+                result, megabytes = future.result()
+            except BrokenProcessPool:
+                whole = False
+                self._again(index)
+                continue
+            self.peak = max(self.peak, megabytes)
+            self.store.write(index, result)
+            self.status[index] = result["status"]  # type: ignore[assignment]
+            self.done.add(index)
+        if not whole:
+            for index in self.running.values():
+                self._again(index)
+            self.running.clear()
+        self._tell()
+        return whole
+
+    def _again(self, index: int) -> None:
+        self.attempts[index] = self.attempts.get(index, 0) + 1
+        if self.attempts[index] >= ATTEMPTS:
+            raise RuntimeError(f"the worker died {ATTEMPTS} times on state {self.store.states[index]}")
+        self.pending.insert(0, index)
+
+    def _tell(self) -> None:
+        if self.report is None:
+            return
+        done = self.total - len(self.pending) - len(self.running)
+        seconds = time.perf_counter() - self.began
+        fresh = done - self.finished_before
+        left = seconds / fresh * (self.total - done) if fresh else float("nan")
+        converged = int((self.status == CODE_OF["converged"]).sum())
+        self.report(Progress(done, self.total, converged, seconds, left))
+
+
+def sample(
+    cell: PeriodicCell,
+    store: SampleStore,
+    *,
+    workers: int = 2,
+    dask: str | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> SampleSummary:
+    """Relax ``cell`` under every state of ``store`` that is not done yet.
+
+    Starts are chosen by state alone, so the results do not depend on the number of workers or on interruptions.
+    """
+    if workers < 1:
+        raise InputError("workers", expected="at least 1", found=workers)
+    run = _Run(store, cell, progress)
+    for index in np.flatnonzero(bends_twice(store.states) & (run.status == 0)):
+        _exclude(store, int(index))
+    room = workers if dask is None else 64
+    while run.pending or run.running:
+        with dask_workers(dask) if dask is not None else local_workers(workers) as executor:
+            run.submit(executor, room + 1)
+            while run.running:
+                if not run.collect():
+                    break
+                run.submit(executor, room + 1)
+    seconds = time.perf_counter() - run.began
+    converged = int((run.status == CODE_OF["converged"]).sum())
+    return SampleSummary(run.total, converged, seconds, workers, run.peak)
+
+
+def _exclude(store: SampleStore, index: int) -> None:
+    """Mark a state that bends about both axes; it is part of a grid but never solved."""
+    vertices = int(store.attributes["vertices"])
+    nan = float("nan")
+    store.write(
+        index,
+        {
+            "energy_density": nan, "stress": np.full(6, nan), "iterations": 0, "seconds": 0.0, "residual": nan,
+            "min_distance_over_diameter": nan, "fluctuation": np.full((vertices, 3), nan),
+            "twist": np.full(vertices, nan), "positions": np.full((vertices, 3), nan), "status": CODE_OF["excluded"],
+        },
+    )  # fmt: skip

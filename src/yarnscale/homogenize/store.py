@@ -1,0 +1,230 @@
+"""Samples on disk: a zarr store in which every finished state is written whole, at once, and for good.
+
+Each state is one chunk of every array; its ``status`` chunk is written last. A run that is killed at any moment leaves
+a store that opens, and whose finished states all count. Chunks are written uncompressed, by rename.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.homogenize.worker import STATUS_CODES, STRAINS
+from yarnscale.kinematics import COMPONENTS
+
+if TYPE_CHECKING:
+    import xarray
+
+_FORMAT = {"format": "yarnscale-samples", "version": 1}
+
+
+@dataclass(frozen=True)
+class _Field:
+    dtype: str
+    fill: float | int
+    units: str
+    about: str
+    dims: tuple[str, ...] = ()
+
+
+def _fields(vertices: int, positions: bool) -> dict[str, tuple[_Field, tuple[int, ...]]]:
+    nan = float("nan")
+    scalar = {
+        "energy_density": _Field("<f8", nan, "J/m^2", "energy per reference area"),
+        "iterations": _Field("<i4", 0, "1", "Newton iterations"),
+        "seconds": _Field("<f8", nan, "s", "wall time of the solve"),
+        "residual": _Field("<f8", nan, "1", "force norm over the summed norms of the energy terms"),
+        "min_distance_over_diameter": _Field("<f8", nan, "1", "closest approach of two yarns"),
+    }
+    fields: dict[str, tuple[_Field, tuple[int, ...]]] = {name: (entry, ()) for name, entry in scalar.items()}
+    about = "derivative of energy_density by s_x, s_a, s_y [J/m^2], II11, II12, II22 [J/m]"
+    fields["stress"] = _Field("<f8", nan, "J/m^2, J/m", about, ("component",)), (6,)
+    about = "co-rotated fluctuation of the primary tile's vertices"
+    fields["fluctuation"] = _Field("<f8", nan, "m", about, ("vertex", "axis")), (vertices, 3)
+    fields["twist"] = _Field("<f8", nan, "rad", "twist of every edge", ("vertex",)), (vertices,)
+    if positions:
+        about = "positions of the primary tile's vertices"
+        fields["positions"] = _Field("<f8", nan, "m", about, ("vertex", "axis")), (vertices, 3)
+    about = ", ".join(f"{code} {name}" for code, name in STATUS_CODES.items())
+    fields["status"] = _Field("|i1", 0, "1", about), ()
+    return fields
+
+
+class SampleStore:
+    """States of a sampling run and their results, on disk.
+
+    ``shape``: sizes of the state dimensions, a grid of strains or one dimension ``state``. ``states``: (N, 5) strains
+    in the order of ``STRAINS``, row-major over ``shape``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open an existing store; InputError where there is none or it holds something else."""
+        self.path = path
+        try:
+            group = zarr.open_group(str(path), mode="r")
+        except Exception as error:
+            raise InputError(
+                "no sample store", where=path, expected="a folder written by 'sample'", found=error
+            ) from None
+        self.attributes = dict(group.attrs)
+        if self.attributes.get("format") != _FORMAT["format"]:
+            raise InputError(
+                "not a sample store", where=path, expected=_FORMAT, found=self.attributes.get("format")
+            )
+        if self.attributes.get("version") != _FORMAT["version"]:
+            found = self.attributes.get("version")
+            raise InputError(
+                "sample store of another version", where=path, expected=_FORMAT["version"], found=found
+            )
+        self.dims: tuple[str, ...] = tuple(self.attributes["state_dimensions"])
+        status = group["status"]
+        assert isinstance(status, zarr.Array)
+        self.shape: tuple[int, ...] = status.shape
+        axes = {name: np.asarray(group[name][...]) for name in STRAINS}  # type: ignore[index]
+        self.states = _states(self.dims, axes)
+        self._fields = _fields(int(self.attributes["vertices"]), "positions" in group)
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        axes: Mapping[str, NDArray[np.float64]],
+        *,
+        scattered: bool,
+        vertices: int,
+        positions: bool = False,
+        provenance: Mapping[str, object],
+    ) -> SampleStore:
+        """A new store for a grid (five axes) or for scattered states (five columns of equal length)."""
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise InputError(
+                "output exists", where=path, expected="a new folder, or --resume", found="files in it"
+            )
+        dims = ("state",) if scattered else STRAINS
+        shape = (len(axes["s_x"]),) if scattered else tuple(len(axes[name]) for name in STRAINS)
+        building = path.with_name(f".{path.name}.building")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.rmtree(building, ignore_errors=True)
+            _write_empty(building, axes, dims, shape, _fields(vertices, positions), vertices, provenance)
+            if path.exists():
+                path.rmdir()
+            os.replace(building, path)
+        except OSError as error:
+            shutil.rmtree(building, ignore_errors=True)
+            raise InputError(
+                "cannot write the store", where=path, expected="a writable folder", found=error
+            ) from None
+        return cls(path)
+
+    @property
+    def count(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    def _chunk(self, name: str, index: int, extra: int) -> Path:
+        place = np.unravel_index(index, self.shape)
+        parts = [str(int(i)) for i in place] + ["0"] * extra
+        return self.path.joinpath(name, "c", *parts)
+
+    def status(self) -> NDArray[np.int8]:
+        """Status code of every state, (N,)."""
+        codes = np.zeros(self.count, np.int8)
+        for index in range(self.count):
+            try:
+                codes[index] = np.frombuffer(self._chunk("status", index, 0).read_bytes(), np.int8)[0]
+            except (OSError, IndexError):
+                continue
+        return codes
+
+    def write(self, index: int, result: Mapping[str, object]) -> None:
+        """Store one finished state; ``status`` goes last, so that a state is there whole or not at all."""
+        for name, (entry, shape) in self._fields.items():
+            array = np.asarray(result[name], dtype=np.dtype(entry.dtype), order="C")
+            if array.shape != shape:
+                raise ValueError(f"{name}: expected shape {shape}, found {array.shape}")
+            target = self._chunk(name, index, len(shape))
+            target.parent.mkdir(parents=True, exist_ok=True)
+            building = target.with_name(f"{target.name}.{os.getpid()}.building")
+            building.write_bytes(array.tobytes())
+            os.replace(building, target)
+
+    def read(self, index: int, name: str) -> NDArray:
+        """One array of one finished state."""
+        entry, shape = self._fields[name]
+        raw = self._chunk(name, index, len(shape)).read_bytes()
+        return np.frombuffer(raw, np.dtype(entry.dtype)).reshape(shape)
+
+    def dataset(self) -> xarray.Dataset:
+        """Everything as an ``xarray.Dataset``, loaded."""
+        import xarray
+
+        with xarray.open_zarr(str(self.path), consolidated=True) as opened:
+            return opened.load()
+
+
+def _states(dims: tuple[str, ...], axes: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    columns = [axes[name] for name in STRAINS]
+    if dims == ("state",):
+        return np.column_stack(columns)
+    return np.stack(np.meshgrid(*columns, indexing="ij"), -1).reshape(-1, len(STRAINS))
+
+
+def _write_empty(
+    path: Path,
+    axes: Mapping[str, NDArray[np.float64]],
+    dims: tuple[str, ...],
+    shape: tuple[int, ...],
+    fields: Mapping[str, tuple[_Field, tuple[int, ...]]],
+    vertices: int,
+    provenance: Mapping[str, object],
+) -> None:
+    group = zarr.create_group(str(path), overwrite=False)
+    group.attrs.update(
+        {
+            **_FORMAT,
+            "state_dimensions": list(dims),
+            "vertices": vertices,
+            "provenance": json.loads(json.dumps(provenance)),
+        }
+    )
+    for name in STRAINS:
+        values = np.asarray(axes[name], dtype=np.float64)
+        own = dims if dims == ("state",) else (name,)
+        array = group.create_array(name, data=values, dimension_names=own)
+        array.attrs["units"] = "1/m" if name.startswith("lambda") else "1"
+    for name, (entry, inner) in fields.items():
+        array = group.create_array(
+            name,
+            shape=shape + inner,
+            chunks=(1,) * len(shape) + inner,
+            dtype=entry.dtype,
+            fill_value=entry.fill,
+            compressors=None,
+            dimension_names=dims + entry.dims,
+        )
+        array.attrs.update({"units": entry.units, "long_name": entry.about})
+        if name == "stress":
+            array.attrs["components"] = list(COMPONENTS)
+        if name == "status":
+            codes = list(STATUS_CODES)
+            array.attrs.update(
+                {"flag_values": codes, "flag_meanings": " ".join(STATUS_CODES[c] for c in codes)}
+            )
+    if dims == ("state",):
+        group.attrs["coordinates"] = " ".join(STRAINS)
+    with warnings.catch_warnings():
+        # Readers look for consolidated metadata first; that format 3 has not standardised it is no news to them.
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(str(path))

@@ -1,0 +1,73 @@
+"""One solve of a sampling run; a worker process loads this and no more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.newton import Status
+
+Array = NDArray[np.float64]
+
+STRAINS = ("s_x", "s_a", "s_y", "lambda_x", "lambda_y")
+"""Coordinates of a sampled state: stretches and shear [-], curvature along x or along y [1/m]."""
+
+STATUS_CODES = {
+    0: "pending",
+    1: Status.CONVERGED.name.lower(),
+    2: Status.STALLED.name.lower(),
+    3: Status.ITERATION_LIMIT.name.lower(),
+    4: Status.INVALID.name.lower(),
+    5: "crossed",
+    6: "excluded",
+}
+"""Meaning of ``status``: ``crossed`` states changed their topology, ``excluded`` ones bend in two directions."""
+CODE_OF = {name: code for code, name in STATUS_CODES.items()}
+
+
+def strain_of(state: Array) -> ShellStrain:
+    """Macroscopic state of (s_x, s_a, s_y, λ_x, λ_y)."""
+    return ShellStrain(state[0], state[1], state[2], state[3], 0.0, state[4])
+
+
+def record(state: Equilibrium) -> dict[str, object]:
+    """What a store keeps of an equilibrium."""
+    return {
+        "energy_density": state.energy_density,
+        "stress": state.stress,
+        "iterations": state.iterations,
+        "seconds": state.seconds,
+        "residual": state.residual,
+        "min_distance_over_diameter": state.min_distance_over_diameter,
+        "fluctuation": state.fluctuation,
+        "twist": state.twist,
+        "positions": state.positions,
+        "status": CODE_OF[state.status.name.lower()],
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The equilibrium that a solve starts from."""
+
+    state: Array
+    fluctuation: Array
+    twist: Array
+
+
+def solve(cell: PeriodicCell, state: Array, start: Start | None) -> tuple[dict[str, object], float]:
+    """One solve, run by a worker: its record and the worker's peak memory [MB]."""
+    seed = None if start is None else (strain_of(start.state), start.fluctuation, start.twist)
+    return record(cell.relax_from(strain_of(state), seed)), _peak_megabytes()
+
+
+def _peak_megabytes() -> float:
+    try:
+        import resource
+    except ImportError:  # no such module on Windows
+        return float("nan")
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
