@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
@@ -68,7 +68,10 @@ def check_clearance(
     pattern: YarnPattern, *, where: object = None, least: float = THROUGH_EACH_OTHER
 ) -> ClosestApproach:
     """The closest approach; InputError naming the segments when below `least` diameters."""
-    approach = closest_approach(pattern)
+    try:
+        approach = closest_approach(pattern)
+    except InputError as error:
+        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
     diameter = 2.0 * pattern.radius
     if approach.distance < least * diameter:
         ends = pattern.next_vertex
@@ -140,7 +143,7 @@ def _images(pattern: YarnPattern, edge: np.ndarray, reach: float) -> _Images:
 
 def _candidates(images: _Images, reach: float):
     """Chunks of pairs (first, second, tile of second relative to first) whose midpoints are within reach."""
-    tree = cKDTree(images.copy_midpoint)
+    tree = KDTree(images.copy_midpoint)
     counts = np.asarray(tree.query_ball_point(images.midpoint, reach, return_length=True))
     if counts.sum() > LARGEST_PAIR_COUNT:
         raise InputError(

@@ -108,6 +108,8 @@ class YarnPattern:
                 f"edges[{bad}] has no usable length", expected="two distinct ends", found=f"{length[bad]:g} m"
             )
         director = self.reference_director
+        if (bad := _first(np.abs(director).max(axis=1) > 2.0)) is not None:
+            raise InputError(f"reference_director[{bad}] must be a unit vector", expected="length 1")
         off = np.abs(np.linalg.norm(director, axis=1) - 1.0)
         lean = np.abs(np.einsum("ij,ij->i", director, edge)) / length
         if (bad := _first(off > DIRECTOR_TOLERANCE)) is not None:
