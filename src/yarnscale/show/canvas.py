@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pyvista as pv
+from matplotlib.image import imsave
 from numpy.typing import NDArray
-from PIL import Image
 from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 
 from yarnscale.errors import InputError
@@ -65,9 +65,10 @@ def canvas(
     *,
     size: tuple[int, int] = theme.PICTURE_SIZE,
     shape: tuple[int, int] = (1, 1),
-) -> Iterator[pv.Plotter]:
+) -> Iterator[Any]:
     """A plotter whose picture is written to ``path`` (PNG) at the end; nothing is written on an error.
 
+    It is a ``pyvista.Plotter``, given as Any because type checkers do not see through its decorators.
     Raises PicturesUnavailable, and InputError when the file cannot be written.
     """
     require_renderer()
@@ -84,12 +85,12 @@ def canvas(
 def write_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
     """Write an image (height, width, 3) as a PNG file in one go."""
     content = io.BytesIO()
-    Image.fromarray(pixels).save(content, format="png")
+    imsave(content, pixels, format="png")
     write_bytes(path, content.getvalue())
 
 
 def aim(
-    plotter: pv.Plotter,
+    plotter: Any,
     points: NDArray[np.float64],
     *,
     camera: Camera | Sequence[float] = "oblique",
@@ -133,7 +134,7 @@ def _view(camera: Camera | Sequence[float]) -> tuple[NDArray[np.float64], NDArra
     return np.array(eye), np.array(up)
 
 
-def light(plotter: pv.Plotter) -> None:
+def light(plotter: Any) -> None:
     """Three soft lights that follow the camera, so that tubes look round from every side."""
     plotter.remove_all_lights()
     for position, intensity in (((-1.0, 1.4, 1.8), 0.72), ((1.8, 0.3, 1.0), 0.28), ((0.0, -1.5, 1.0), 0.18)):

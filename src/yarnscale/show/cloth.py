@@ -122,7 +122,7 @@ def contact_sheet(
 
 
 def _add_cloth(
-    plotter: pv.Plotter,
+    plotter: Any,
     triangles: NDArray[np.int64],
     frame: ClothFrame,
     *,
@@ -148,7 +148,7 @@ def _add_cloth(
     plotter.add_mesh(mesh, **look)
 
 
-def _add_solid(plotter: pv.Plotter, solid: Solid) -> None:
+def _add_solid(plotter: Any, solid: Solid) -> None:
     mesh = _surface(solid.vertices, solid.triangles)
     plotter.add_mesh(
         mesh, color=solid.colour, smooth_shading=True, split_sharp_edges=True, ambient=0.3, specular=0.1
@@ -156,7 +156,7 @@ def _add_solid(plotter: pv.Plotter, solid: Solid) -> None:
 
 
 def _add_text(
-    plotter: pv.Plotter, frame: ClothFrame, bounds: tuple[float, float] | None, label: str, *, last: bool
+    plotter: Any, frame: ClothFrame, bounds: tuple[float, float] | None, label: str, *, last: bool
 ) -> None:
     if frame.title:
         plotter.add_text(frame.title, position="upper_edge", font_size=11, color=theme.INK)

@@ -54,8 +54,9 @@ def flat_placement(
 def periodic_curves(edges: NDArray[np.int64], place: Placement, *, rings: int = 1) -> list[Curve]:
     """Curves of the primary tile and ``rings`` rings of copies around it, copies faded.
 
-    edges: (n, 4) rows (v0, v1, dx, dy), one per vertex v0, every yarn a periodic loop: the edge ends at the copy of
-    v1 in the tile (dx, dy) further. A yarn is joined through all tiles it passes, so that smoothing has no seams.
+    edges: (n, 4) rows (v0, v1, dx, dy), one per vertex v0, every yarn a periodic loop: the edge ends at
+    the copy of v1 in the tile (dx, dy) further. A yarn is joined through all tiles it passes, so that
+    smoothing has no seams.
     """
     following = {v: (w, dx, dy) for v, w, dx, dy in edges.tolist()}
     preceding = {w: (v, -dx, -dy) for v, w, dx, dy in edges.tolist()}
@@ -94,7 +95,7 @@ def smooth_curve(curve: Curve, *, per_segment: int = 8) -> tuple[NDArray[np.floa
     if len(points) < 3:
         return points, solid
     knots = np.concatenate([[0.0], np.cumsum(lengths[keep[1:]])])
-    spline = CubicSpline(knots, points, bc_type="periodic" if curve.closed else "natural")
+    spline = CubicSpline(knots, points, bc_type="periodic" if curve.closed else "not-a-knot")
     fraction = np.arange(per_segment) / per_segment
     places = np.append((knots[:-1, None] + np.diff(knots)[:, None] * fraction).ravel(), knots[-1])
     return spline(places), np.append(np.repeat(solid[:-1], per_segment), solid[-2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -73,7 +74,7 @@ def tube_mesh(curves: Sequence[Curve], radius: float) -> pv.PolyData:
         colours[start:stop] = np.where(solid[:, None], colour, theme.faded(colour))
         cells.append(np.concatenate([[len(line)], np.arange(start, stop)]))
         start = stop
-    lines = pv.PolyData(points, lines=np.concatenate(cells))
+    lines: Any = pv.PolyData(points, lines=np.concatenate(cells))
     lines["colour"] = np.rint(255 * colours).astype(np.uint8)
     return lines.tube(radius=radius, n_sides=SIDES, capping=True)
 
@@ -83,9 +84,9 @@ def _framed(curve: Curve, radius: float) -> NDArray[np.float64]:
     return np.vstack([curve.points - radius, curve.points + radius])
 
 
-def _add_surface(plotter: pv.Plotter, surface: NDArray[np.float64]) -> None:
+def _add_surface(plotter: Any, surface: NDArray[np.float64]) -> None:
     """A translucent sheet with its grid lines."""
-    grid = pv.StructuredGrid(*np.moveaxis(np.asarray(surface, dtype=float)[None], -1, 0))
+    grid: Any = pv.StructuredGrid(*np.moveaxis(np.asarray(surface, dtype=float)[None], -1, 0))
     sheet = grid.extract_surface(algorithm="dataset_surface")
     plotter.add_mesh(sheet, color=theme.SURFACE, opacity=0.35, smooth_shading=True, specular=0.0)
     plotter.add_mesh(
@@ -93,6 +94,6 @@ def _add_surface(plotter: pv.Plotter, surface: NDArray[np.float64]) -> None:
     )
 
 
-def _add_depth(plotter: pv.Plotter, radius: float) -> None:
+def _add_depth(plotter: Any, radius: float) -> None:
     """Darken the places where yarns meet, so that over and under can be told apart."""
     plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)

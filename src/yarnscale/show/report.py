@@ -1,0 +1,120 @@
+"""A self-contained page: headings, text, tables of numbers and pictures, readable from any folder or mail."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from yarnscale import __version__
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_text
+
+MIME = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
+
+Cell = str | int | float | bool | None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture file and the line under it. ``wide``: it takes the whole width of the page."""
+
+    path: Path
+    caption: str = ""
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers: ``columns`` (with units) and ``rows`` of as many cells; floats show four digits."""
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: paragraphs, then tables, then pictures."""
+
+    title: str
+    text: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+
+
+def write_report(
+    path: str | Path,
+    title: str,
+    sections: Sequence[Section],
+    *,
+    summary: str = "",
+    facts: Mapping[str, Cell] | None = None,
+    embed: bool = True,
+) -> None:
+    """Write an HTML page that needs no other address.
+
+    summary: a line below the title. facts: names and values in a strip on top of the page.
+    embed: put pictures into the page; False refers to them by a path relative to the page.
+    All text is escaped. Raises InputError when a picture is missing, a row has the wrong number of cells,
+    or the page cannot be written.
+    """
+    folder = Path(path).resolve().parent
+    for section in sections:
+        for table in section.tables:
+            _check(table)
+    environment = Environment(
+        loader=PackageLoader("yarnscale.show", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["cell"] = cell_text
+    environment.filters["is_number"] = _is_number
+    environment.filters["source"] = lambda picture: _source(picture.path, folder, embed)
+    page = environment.get_template("report.html").render(
+        title=title, summary=summary, facts=facts or {}, sections=sections, version=__version__
+    )
+    write_text(path, page)
+
+
+def cell_text(value: Cell) -> str:
+    """A cell as text: floats with four significant digits, truth as yes and no, None as a dash."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}".replace("-", "−")
+    return str(value)
+
+
+def _is_number(value: Cell) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _check(table: Table) -> None:
+    for row in table.rows:
+        if len(row) != len(table.columns):
+            raise InputError(
+                "row of a table", where=table.caption or None, expected=len(table.columns), found=len(row)
+            )
+
+
+def _source(path: Path, folder: Path, embed: bool) -> str:
+    """What an ``img`` refers to: the picture itself as base64, or its relative path."""
+    kind = MIME.get(Path(path).suffix.lower())
+    if kind is None:
+        raise InputError("kind of picture", where=path, expected=" or ".join(MIME), found=Path(path).suffix)
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError("picture cannot be read", where=path, found=error.strerror) from error
+    if not embed:
+        return Path(os.path.relpath(Path(path).resolve(), folder)).as_posix()
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

@@ -1,0 +1,93 @@
+"""Pictures are written, show what they should, and fail with one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from yarnscale.errors import InputError
+from yarnscale.show.canvas import PicturesUnavailable, require_renderer
+from yarnscale.show.cloth import ClothFrame, Solid, cloth_picture, contact_sheet
+from yarnscale.show.curves import Curve
+from yarnscale.show.tubes import tube_mesh, yarn_picture
+
+
+@pytest.fixture(scope="module")
+def renderer() -> None:
+    try:
+        require_renderer()
+    except PicturesUnavailable as missing:
+        pytest.skip(str(missing))
+
+
+def wave(height: float, *, yarn: int = 0) -> Curve:
+    x = np.linspace(-1, 1, 17)
+    return Curve(np.stack([x, 0 * x + 0.5 * height, height * np.cos(3 * x)], axis=1), yarn)
+
+
+def sheet() -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
+    n = np.arange(81).reshape(9, 9)
+    corners = [n[:-1, :-1], n[:-1, 1:], n[1:, 1:], n[:-1, :-1], n[1:, 1:], n[1:, :-1]]
+    triangles = np.concatenate([np.stack(corners[k : k + 3], axis=-1).reshape(-1, 3) for k in (0, 3)])
+    return np.stack([x.ravel(), y.ravel(), 0.2 * x.ravel() ** 2], axis=1), triangles
+
+
+def ink(path: Path) -> float:
+    """Share of pixels that are not paper."""
+    return float((imread(path)[..., :3].min(axis=-1) < 0.97).mean())
+
+
+def test_tubes_are_round() -> None:
+    radius = 0.05
+    tube = tube_mesh([wave(0.0)], radius)
+    distance = np.linalg.norm(np.asarray(tube.points)[:, 1:], axis=1)
+    assert distance == pytest.approx(radius + 0 * distance, rel=1e-6) or distance.max() <= radius * (1 + 1e-6)
+    assert np.median(distance) == pytest.approx(radius, rel=1e-6)
+
+
+def test_yarn_picture(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    grid = np.stack([*np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5)), np.zeros((5, 5))], axis=-1)
+    for camera in ("top", "oblique", "side"):
+        path = tmp_path / f"{camera}.png"
+        yarn_picture(
+            path, [wave(0.2), wave(-0.2, yarn=1)], 0.08, surface=grid, camera=camera, size=(240, 180)
+        )
+        assert imread(path).shape[:2] == (180, 240)
+        assert 0.05 < ink(path) < 0.98
+    assert capfd.readouterr() == ("", "")
+
+
+def test_cloth_picture_and_sheet(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    positions, triangles = sheet()
+    solids = [Solid.sphere((0, 0, -0.5), 0.3), Solid.bar((-1, -1, 0), (1, -1, 0), radius=0.02)]
+    frame = ClothFrame(positions, values=positions[:, 2], solids=solids, title="end")
+    cloth_picture(tmp_path / "one.png", triangles, frame, label="height [m]", size=(240, 180))
+    contact_sheet(
+        tmp_path / "all.png",
+        triangles,
+        [ClothFrame(positions), frame, ClothFrame(positions)],
+        size=(400, 300),
+    )
+    assert ink(tmp_path / "one.png") > 0.1
+    assert imread(tmp_path / "all.png").shape[:2] == (300, 400)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_bad_input_is_one_line(tmp_path: Path) -> None:
+    broken = Curve(np.full((4, 3), np.nan))
+    with pytest.raises(InputError, match="finite"):
+        yarn_picture(tmp_path / "a.png", [broken], 0.1)
+    with pytest.raises(InputError, match="radius"):
+        yarn_picture(tmp_path / "a.png", [wave(0.1)], -1.0)
+    with pytest.raises(InputError, match="finite"):
+        contact_sheet(tmp_path / "a.png", sheet()[1], [])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unwritable_picture(renderer: None, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        yarn_picture(tmp_path / "missing" / "a.png", [wave(0.1)], 0.1, size=(80, 60))
