@@ -58,7 +58,7 @@ class Factorisation(Protocol):
         ...
 
     def solve(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Solve with the last factor that succeeded, for (n,) or (n, k)."""
+        """Solve for (n,) or (n, k); only after ``factor`` returned True."""
         ...
 
 
@@ -78,6 +78,8 @@ class CholmodFactorisation:
         self._factor = cholmod.symbolic(self._values)
 
     def factor(self, values: NDArray[np.float64]) -> bool:
+        if not np.isfinite(values).all():  # CHOLMOD factors NaN without complaint
+            return False
         self._values.V = self._matrix(values)
         try:
             self._cholmod.numeric(self._values, self._factor)

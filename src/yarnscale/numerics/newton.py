@@ -145,8 +145,7 @@ class _Linear:
             self.pattern = model.pattern
             self.factor = factorisation(model.pattern, self.backend)
         self.count += 1
-        values = model.values(shift)
-        return bool(np.isfinite(values).all()) and self.factor.factor(values)
+        return self.factor.factor(model.values(shift))
 
     def step(self, right: Array, gap: Array | None) -> Array:
         """Solve K p + Cᵀ λ = right, C p = gap (None: 0)."""
