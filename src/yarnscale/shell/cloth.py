@@ -1,0 +1,108 @@
+"""What is simulated: a panel of a material, held at handles that move, pulled by gravity, meeting obstacles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.shell.contact import ContactSettings
+from yarnscale.shell.elements import FreeEdges
+from yarnscale.shell.energy import ElementMaterial
+from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.obstacles import Obstacle
+from yarnscale.shell.state import Attachment
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A straight motion that eases in and out: displacement [m], from time ``start`` for ``duration`` [s]."""
+
+    displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: float = 0.0
+    duration: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.displacement) != 3 or not np.isfinite(self.displacement).all():
+            raise InputError("motion displacement", expected="three finite numbers [m]", found=self.displacement)
+        if not (math.isfinite(self.duration) and self.duration >= 0 and math.isfinite(self.start)):
+            raise InputError(
+                "motion duration", expected="a finite start and zero or more seconds", found=self.duration
+            )
+
+    @property
+    def end(self) -> float:
+        """Time at which the motion is over [s]."""
+        return self.start + self.duration
+
+    @property
+    def direction(self) -> Floats:
+        """Unit vector of the displacement, zero without one, (3,)."""
+        displacement = np.asarray(self.displacement)
+        length = float(np.linalg.norm(displacement))
+        return displacement / length if length else displacement
+
+    def offset(self, time: float) -> Floats:
+        """Displacement at a time [m], (3,)."""
+        if time >= self.end:
+            return np.asarray(self.displacement)
+        share = max(time - self.start, 0.0) / self.duration
+        return share * share * (3.0 - 2.0 * share) * np.asarray(self.displacement)
+
+
+@dataclass(frozen=True, eq=False)
+class Handle:
+    """Vertices that are held where they start, and moved: a pin (one vertex) or a bar (a strip of them).
+
+    vertices: (n,); rest: their places before the motion [m], (n, 3); stiffness: see ``Attachment`` [N/m].
+    """
+
+    name: str
+    vertices: NDArray[np.int64]
+    rest: Floats
+    motion: Motion = Motion()
+    stiffness: float = 1e5
+
+    def __post_init__(self) -> None:
+        if len(self.vertices) == 0:
+            raise InputError(f"handle '{self.name}'", expected="vertices in its region", found="none")
+
+    def attachment(self, time: float) -> Attachment:
+        """Where the vertices are held at a time."""
+        return Attachment(self.vertices, self.rest + self.motion.offset(time), self.stiffness)
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """A panel and everything that acts on it.
+
+    gravity: acceleration [m/s²]. contact: None where nothing may touch. damping: rate [1/s] at which free
+    motion decays (Rayleigh's mass term). free_edges: see ``elements``.
+    """
+
+    mesh: TriangleMesh
+    material: ElementMaterial
+    handles: tuple[Handle, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    contact: ContactSettings | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    damping: float = 0.0
+    free_edges: FreeEdges = "extrapolate"
+
+    def __post_init__(self) -> None:
+        if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
+            raise InputError("gravity", expected="three finite numbers [m/s²]", found=self.gravity)
+        if not (math.isfinite(self.damping) and self.damping >= 0):
+            raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
+        if self.obstacles and self.contact is None:
+            raise InputError("obstacles", expected="contact settings with them", found="none")
+
+    @property
+    def motion_end(self) -> float:
+        """Time from which on all handles rest [s]."""
+        return max((handle.motion.end for handle in self.handles), default=0.0)
