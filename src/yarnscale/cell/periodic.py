@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
+from yarnscale.cell.midsurface import Midsurface
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
@@ -163,6 +165,30 @@ class PeriodicCell:
             contacts=int((gaps < 1.0).sum()),
             min_distance_over_diameter=float(gaps.min(initial=np.inf)),
         )
+
+    def placement(self, state: Equilibrium | None) -> Callable[[NDArray[np.int64], NDArray[np.int64]], Array]:
+        """Where copies lie: a function of vertices (k,) and tiles (k, 2) to positions (k, 3) [m]; None: as drawn."""
+        radius, n = self.pattern.radius, len(self.pattern.edges)
+        surface = Midsurface(ShellStrain() if state is None else state.strain, length=radius)
+        fluctuation = np.zeros((n, 3)) if state is None else state.fluctuation
+
+        def place(vertices: NDArray[np.int64], tiles: NDArray[np.int64]) -> Array:
+            reference = self.pattern.vertices[vertices].copy()
+            reference[:, :2] += tiles * self.pattern.period
+            points, rotations = surface.at(reference / radius)
+            return points * radius + np.einsum("nij,nj->ni", rotations, fluctuation[vertices])
+
+        return place
+
+    def midsurface_grid(self, state: Equilibrium, *, rings: int = 1, points: int = 25) -> Array:
+        """Points of the midsurface over the tile and ``rings`` rings of copies, (points, points, 3) [m]."""
+        radius = self.pattern.radius
+        centre = 0.5 * (self.pattern.vertices.min(axis=0) + self.pattern.vertices.max(axis=0))[:2]
+        sides = (np.linspace(-rings - 0.5, rings + 0.5, points) * p + c for p, c in zip(self.pattern.period, centre, strict=True))
+        grid = np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 2)
+        surface = Midsurface(state.strain, length=radius)
+        flat, _ = surface.at(np.column_stack([grid, np.zeros(len(grid))]) / radius)
+        return (flat * radius).reshape(points, points, 3)
 
     def moduli(self, state: Equilibrium) -> Array:
         """∂²Ψ/∂z² (6, 6) at an equilibrium, z = (s_x, s_a, s_y, II11, II12, II22) (theory §2).

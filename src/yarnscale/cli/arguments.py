@@ -1,0 +1,161 @@
+"""What the commands take; imports nothing heavy, so that ``--help`` answers at once."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import NoReturn
+
+from yarnscale import __version__
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line; the usage is a ``--help`` away."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def _deferred(module: str, function: str) -> Callable[[argparse.Namespace], int]:
+    def run(options: argparse.Namespace) -> int:
+        return getattr(import_module(f"yarnscale.cli.{module}"), function)(options)
+
+    return run
+
+
+def numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
+    """A parser of ``count`` finite numbers with commas between them."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != count or not all(math.isfinite(v) for v in values):
+            raise argparse.ArgumentTypeError(f"expected {count} numbers {names}; found {text!r}")
+        return values
+
+    return parse
+
+
+def _positive_integer(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a positive whole number; found {text!r}")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number; found {text!r}")
+    return value
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    top = _Parser(prog="yarnscale", description="Knitted and woven cloth across scales.")
+    top.add_argument("--version", action="version", version=f"yarnscale {__version__}")
+    commands = top.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
+
+    def add(name: str, module: str, about: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=about, description=about)
+        command.set_defaults(run=_deferred(module, name))
+        return command
+
+    _yarn_commands(add)
+    _material_commands(add)
+    _cloth_commands(add)
+    return top
+
+
+_Add = Callable[[str, str, str], argparse.ArgumentParser]
+_PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp or .json file"
+_MATERIAL = (
+    "yarn material: a preset or a TOML file (default: the published preset named like the pattern, "
+    "else hylc2020-stockinette)"
+)
+
+
+def _yarn_commands(add: _Add) -> None:
+    command = add("patterns", "yarns", "List the built-in patterns and yarn materials.")
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+
+    command = add("pattern", "yarns", "Write a built-in pattern to a file.")
+    command.add_argument("name", metavar="NAME", help="name of a built-in pattern")
+    command.add_argument("--out", type=Path, required=True, metavar="FILE.pyp", help=".pyp or .json file to write")
+    command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw it too")
+    command.add_argument("--material", help=f"{_MATERIAL}; the pattern is relaxed with it")
+    command.add_argument("--radius", type=_number, help="yarn radius [m]")
+
+    command = add("relax", "yarns", "Relax a periodic cell under a macroscopic strain.")
+    command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
+    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument(
+        "--strain", type=numbers(5, "sx,sa,sy,lx,ly"), default=(0.0,) * 5, metavar="sx,sa,sy,lx,ly",
+        help="stretch along x, shear, stretch along y [-], curvature along x, along y [1/m]",
+    )  # fmt: skip
+    command.add_argument("--out", type=Path, metavar="STATE.npz", help="write positions, twist and edges")
+    command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the relaxed cell with its copies")
+    command.add_argument("--free-sliding", action="store_true", help="let yarns slide along themselves as a whole")
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _workers(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--workers", type=_positive_integer, metavar="N", help="processes (default: one per core)")
+    command.add_argument("--resume", action="store_true", help="go on where an interrupted run stopped")
+
+
+def _material_commands(add: _Add) -> None:
+    command = add("homogenize", "materials", "From a yarn pattern to a shell material, with pictures and a page.")
+    command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument("--solves", type=_positive_integer, default=400, metavar="N", help="states to sample (400)")
+    command.add_argument(
+        "--stretch", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help="range of stretch (-0.2,0.7)"
+    )
+    command.add_argument("--shear", type=_number, metavar="S", help="largest shear (0.6)")
+    command.add_argument("--curvature", type=_number, metavar="C", help="largest curvature times yarn radius (0.1)")
+    _workers(command)
+
+    command = add("evaluate", "materials", "Energy density and stress of a shell material at a strain.")
+    command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
+    command.add_argument(
+        "--strain", type=numbers(6, "sx,sa,sy,II11,II12,II22"), required=True, metavar="sx,sa,sy,II11,II12,II22",
+        help="stretches and shear [-], second fundamental form [1/m]",
+    )  # fmt: skip
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _cloth_commands(add: _Add) -> None:
+    command = add("stretch", "cloth", "Stretch a 30 × 30 cm sheet between two bars.")
+    command.add_argument("material", type=Path, metavar="MATERIAL.json", help="shell material")
+    command.add_argument("--direction", choices=("course", "wale"), required=True, help="direction of the pull")
+    command.add_argument("--amount", type=_number, required=True, help="growth of the bars' distance, e.g. 0.373")
+    _cloth_output(command)
+
+    command = add("drape", "cloth", "Drape a 30 × 30 cm sheet over a sphere.")
+    command.add_argument("material", type=Path, metavar="MATERIAL.json", help="shell material")
+    _cloth_output(command)
+
+    command = add("simulate", "cloth", "Simulate a scene file.")
+    command.add_argument("scene", type=Path, metavar="SCENE.toml", help="scene file, see docs/scene_format.md")
+    _cloth_output(command)
+
+    command = add("demo", "demo", "Run the whole first job on a built-in pattern, with pictures and a page.")
+    command.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)")
+
+
+def _cloth_output(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for frames and pictures")
+    command.add_argument("--json", action="store_true", help="print one JSON object")

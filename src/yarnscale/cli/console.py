@@ -1,0 +1,75 @@
+"""What commands print, and the checks they share."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from yarnscale.errors import InputError
+
+
+def print_json(values: Mapping[str, object]) -> None:
+    """One JSON object on one line; numbers that are not finite become null."""
+    print(json.dumps(_plain(values), allow_nan=False))
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, (np.floating, float)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def writable_folder(path: Path) -> Path:
+    """Create a folder and make sure that it can be written, before long work begins."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise InputError("output cannot be written", where=path, expected="a folder", found=error.strerror) from None
+    return path
+
+
+def writable_file(path: Path | None, *suffixes: str) -> None:
+    """Make sure that a file can be written later: its folder exists and takes files, its suffix is known."""
+    if path is None:
+        return
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise InputError("unknown file type", where=path, expected=" or ".join(suffixes), found=repr(path.suffix))
+    folder = path.parent
+    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise InputError("output cannot be written", where=path, expected="a file in a folder that exists")
+
+
+class ProgressLine:
+    """A line on the terminal that is rewritten; on a file, a line now and then."""
+
+    def __init__(self, label: str) -> None:
+        self.label, self._last = label, 0.0
+        self._terminal = sys.stderr.isatty()
+
+    def show(self, done: int, total: int, seconds: float, left: float, note: str = "") -> None:
+        """Show how far the work is; ``left`` in seconds (nan: unknown)."""
+        now = time.monotonic()
+        if done < total and now - self._last < (0.1 if self._terminal else 5.0):
+            return
+        self._last = now
+        remaining = f", about {left:.0f} s left" if np.isfinite(left) and done < total else ""
+        line = f"{self.label}: {done}/{total} in {seconds:.0f} s{remaining}{', ' + note if note else ''}"
+        if self._terminal:
+            print(f"\r\033[K{line}", end="\n" if done >= total else "", file=sys.stderr, flush=True)
+        else:
+            print(line, file=sys.stderr, flush=True)
