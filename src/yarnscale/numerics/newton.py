@@ -291,7 +291,8 @@ class _Minimisation:
         self, x: Array, value: float, gradient: Array, step: Array, whole: float, residual: float
     ) -> tuple[float, float]:
         """Fraction of the step that is accepted (0: none) and actual over predicted decrease."""
-        slope = float(gradient @ step)
+        # Projected: round-off of C p against large constraint forces would drown a small slope.
+        slope = float(self._project(gradient) @ step)
         infeasible = self._infeasibility(x) > 1e-9
         if slope >= 0 and not infeasible:
             return 0.0, 0.0
