@@ -12,24 +12,117 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from yarnscale.cell.periodic import Equilibrium, PeriodicCell
     from yarnscale.errors import InputError
+    from yarnscale.files.material_json import read_material, write_material
+    from yarnscale.files.material_toml import read_material as read_yarn_material
+    from yarnscale.files.material_toml import write_material as write_yarn_material
+    from yarnscale.files.patterns import read_pattern, write_pattern
+    from yarnscale.homogenize.fit import fit_spline_material
+    from yarnscale.homogenize.plan import StrainGrid, StrainRange, axes_and_planes
+    from yarnscale.homogenize.sample import create_store, sample
+    from yarnscale.homogenize.store import SampleStore
     from yarnscale.kinematics import COMPONENTS, ShellStrain
+    from yarnscale.numerics.newton import Status
+    from yarnscale.shell import scene as scenes
+    from yarnscale.shell.cloth import Cloth
+    from yarnscale.shell.material import ShellMaterial
+    from yarnscale.shell.mesh import TriangleMesh
+    from yarnscale.shell.orthotropic import OrthotropicMaterial
+    from yarnscale.shell.scene import Scene, run_scene
+    from yarnscale.shell.simulate import simulate
+    from yarnscale.shell.spline_material import SplineMaterial
+    from yarnscale.yarn import library as patterns
+    from yarnscale.yarn.knit import knit
+    from yarnscale.yarn.material import ContactRule, YarnMaterial
+    from yarnscale.yarn.pattern import YarnPattern
+    from yarnscale.yarn.weave import weave
 
 _HOME = {
-    "COMPONENTS": "yarnscale.kinematics",
-    "InputError": "yarnscale.errors",
-    "ShellStrain": "yarnscale.kinematics",
+    "COMPONENTS": "kinematics",
+    "Cloth": "shell.cloth",
+    "ContactRule": "yarn.material",
+    "Equilibrium": "cell.periodic",
+    "InputError": "errors",
+    "OrthotropicMaterial": "shell.orthotropic",
+    "PeriodicCell": "cell.periodic",
+    "SampleStore": "homogenize.store",
+    "Scene": "shell.scene",
+    "ShellMaterial": "shell.material",
+    "ShellStrain": "kinematics",
+    "SplineMaterial": "shell.spline_material",
+    "Status": "numerics.newton",
+    "StrainGrid": "homogenize.plan",
+    "StrainRange": "homogenize.plan",
+    "TriangleMesh": "shell.mesh",
+    "YarnMaterial": "yarn.material",
+    "YarnPattern": "yarn.pattern",
+    "axes_and_planes": "homogenize.plan",
+    "create_store": "homogenize.sample",
+    "fit_spline_material": "homogenize.fit",
+    "knit": "yarn.knit",
+    "patterns": "yarn.library:",
+    "read_material": "files.material_json",
+    "read_pattern": "files.patterns",
+    "read_yarn_material": "files.material_toml:read_material",
+    "run_scene": "shell.scene",
+    "sample": "homogenize.sample",
+    "scenes": "shell.scene:",
+    "simulate": "shell.simulate",
+    "weave": "yarn.weave",
+    "write_material": "files.material_json",
+    "write_pattern": "files.patterns",
+    "write_yarn_material": "files.material_toml:write_material",
 }
-"""Public name -> module that defines it; the imports above say the same to type checkers."""
+"""Public name -> module that defines it, with ``:name`` where it is called otherwise there and ``:`` for the
+module itself. The imports above say the same to type checkers."""
 
-__all__ = ["COMPONENTS", "InputError", "ShellStrain", "__version__"]
+__all__ = [
+    "COMPONENTS",
+    "Cloth",
+    "ContactRule",
+    "Equilibrium",
+    "InputError",
+    "OrthotropicMaterial",
+    "PeriodicCell",
+    "SampleStore",
+    "Scene",
+    "ShellMaterial",
+    "ShellStrain",
+    "SplineMaterial",
+    "Status",
+    "StrainGrid",
+    "StrainRange",
+    "TriangleMesh",
+    "YarnMaterial",
+    "YarnPattern",
+    "__version__",
+    "axes_and_planes",
+    "create_store",
+    "fit_spline_material",
+    "knit",
+    "patterns",
+    "read_material",
+    "read_pattern",
+    "read_yarn_material",
+    "run_scene",
+    "sample",
+    "scenes",
+    "simulate",
+    "weave",
+    "write_material",
+    "write_pattern",
+    "write_yarn_material",
+]
 
 
 def __getattr__(name: str) -> object:
     """Load a public name from its module on first use."""
     if name not in _HOME:
         raise AttributeError(f"module 'yarnscale' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
+    room, renamed, other = _HOME[name].partition(":")
+    module = importlib.import_module(f"yarnscale.{room}")
+    value = module if renamed and not other else getattr(module, other or name)
     globals()[name] = value
     return value
 
