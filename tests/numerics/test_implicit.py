@@ -14,7 +14,9 @@ class Model:
     def __init__(self, matrix: np.ndarray) -> None:
         n = len(matrix)
         self.matrix = matrix
-        self.pattern = SymmetricPattern.from_keys(n, np.array([j * n + i for j in range(n) for i in range(j, n)]))
+        self.pattern = SymmetricPattern.from_keys(
+            n, np.array([j * n + i for j in range(n) for i in range(j, n)])
+        )
 
     def values(self, shift: float) -> np.ndarray:
         columns = np.repeat(np.arange(self.pattern.size), np.diff(self.pattern.starts))

@@ -221,7 +221,9 @@ def test_a_barrier_is_never_crossed() -> None:
         2, value, lambda x: np.array([1 - 1 / x[0], x[1]]), lambda x: np.diag([1 / x[0] ** 2, 1.0])
     )
     seen = []
-    solution = minimise(objective, np.array([5.0, 3.0]), after_step=lambda x: seen.append(x[0]), tolerance=1e-9)
+    solution = minimise(
+        objective, np.array([5.0, 3.0]), after_step=lambda x: seen.append(x[0]), tolerance=1e-9
+    )
     assert solution.converged and min(seen) > 0
     np.testing.assert_allclose(solution.x, [1, 0], atol=1e-8)
     never_nan(solution)
@@ -235,7 +237,11 @@ def test_the_bound_is_respected_by_every_step() -> None:
         return min(1.0, limit / np.linalg.norm(step))
 
     minimise(
-        rosenbrock(2), visited[0], bound=bound, after_step=lambda x: visited.append(x.copy()), max_iterations=400
+        rosenbrock(2),
+        visited[0],
+        bound=bound,
+        after_step=lambda x: visited.append(x.copy()),
+        max_iterations=400,
     )
     moves = np.linalg.norm(np.diff(visited, axis=0), axis=1)
     assert len(moves) > 10 and moves.max() <= limit * (1 + 1e-12)
@@ -311,7 +317,9 @@ def test_a_gradient_that_turns_nan_on_the_way_is_no_convergence() -> None:
 
 def test_an_energy_without_a_minimum_reaches_the_limit_or_stalls() -> None:
     objective = Dense(2, lambda x: float(x[0]), lambda x: np.array([1.0, 0.0]), lambda x: np.zeros((2, 2)))
-    solution = minimise(objective, np.zeros(2), max_iterations=30, bound=lambda x, p: min(1, 1 / abs(p).max()))
+    solution = minimise(
+        objective, np.zeros(2), max_iterations=30, bound=lambda x, p: min(1, 1 / abs(p).max())
+    )
     assert solution.status is not Status.CONVERGED
     never_nan(solution)
 
