@@ -53,9 +53,12 @@ def test_plane_histogram_and_lines(tmp_path: Path) -> None:
     plane_plot(
         tmp_path / "plane.png", ("s_x", "s_y"), points, energy(states), energy, converged=points[:, 0] < 0.4
     )
+    plane_plot(
+        tmp_path / "log.png", ("s_x", "s_y"), points, energy(states), lambda s: energy(s) - 0.01, scale="log"
+    )
     error_histogram(tmp_path / "errors.png", {"s_x": generator.normal(size=50), "s_y": np.zeros(3)})
     line_plot(tmp_path / "l.png", {"a": (points[:, 0], points[:, 1])}, x_label="x [m]", y_label="y [m]")
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(tmp_path.iterdir())) == 4
 
 
 def test_errors_are_one_line(tmp_path: Path) -> None:

@@ -127,6 +127,7 @@ def plane_plot(
     fitted = np.asarray(energy(states)).reshape(grid_u.shape)
     good = np.ones(len(values), bool) if converged is None else converged
     norm = _norm(np.concatenate([fitted.ravel(), np.asarray(values)[good]]), scale)
+    fitted = np.clip(fitted, norm.vmin, norm.vmax)  # a logarithmic scale has no place for values below zero
     with _figure(path, 4.6, 3.8, title=title) as figure:
         axes = figure.subplots()
         axes.grid(False)
@@ -206,10 +207,10 @@ def _axis_panel(axes: Axes, axis: AxisSamples, samples: Array | None, fitted: En
 
 def _norm(values: Array, scale: str) -> Any:
     finite = values[np.isfinite(values)]
-    if scale == "log":
-        positive = finite[finite > 0]
+    positive = finite[finite > 0]
+    if scale == "log" and positive.size:
         return LogNorm(positive.min(), positive.max(), clip=True)
-    return Normalize(finite.min(), finite.max())
+    return Normalize(*(finite.min(), finite.max()) if finite.size else (0.0, 1.0))
 
 
 @contextmanager
