@@ -37,9 +37,7 @@ class StrainRange:
         if not 0.0 < self.shear < 1.0:
             raise InputError("range of shear", expected="between 0 and 1", found=self.shear)
         if not 0.0 < self.curvature < 1.0:
-            raise InputError(
-                "range of curvature times radius", expected="between 0 and 1", found=self.curvature
-            )
+            raise InputError("range of curvature times radius", expected="between 0 and 1", found=self.curvature)
 
     def bounds(self, radius: float) -> Array:
         """Least and largest value of (s_x, s_a, s_y, λ_x, λ_y) for a yarn radius [m], shape (5, 2)."""
@@ -80,13 +78,9 @@ class StrainGrid:
         try:
             content = tomllib.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
-            raise InputError(
-                "cannot read the grid", where=path, expected="a TOML file", found=error.strerror
-            ) from None
+            raise InputError("cannot read the grid", where=path, expected="a TOML file", found=error.strerror) from None
         except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError(
-                "not a TOML file", where=path, expected="arrays of strains", found=error
-            ) from None
+            raise InputError("not a TOML file", where=path, expected="arrays of strains", found=error) from None
         for name, values in content.items():
             if name not in STRAINS:
                 raise InputError(f"unknown field '{name}'", where=path, expected=", ".join(STRAINS))
@@ -137,6 +131,20 @@ def _points(bound: Array, count: int) -> Array:
     left = low * np.linspace(1, 0, below + 1)[:-1] ** 1.3
     right = high * np.linspace(0, 1, count - below + 1)[1:] ** 1.3
     return np.concatenate([left, right])
+
+
+def random_states(bounds: Array, count: int, *, seed: int = 1) -> Array:
+    """States that no axis or plane holds, (count, 5): stretch in both directions and shear, half of them bent.
+
+    bounds: (5, 2). Stretch goes down to a tenth of its compressive range only: deep compression buckles.
+    """
+    rng = np.random.default_rng(seed)
+    low = np.where([True, False, True, False, False], 0.1, 0.9) * bounds[:, 0]
+    states = rng.uniform(low, 0.9 * bounds[:, 1], (count, 5))
+    bend = rng.integers(0, 4, count)
+    states[:, 3] = np.where(bend == 1, rng.uniform(0.9 * bounds[3, 0], 0.9 * bounds[3, 1], count), 0.0)
+    states[:, 4] = np.where(bend == 2, rng.uniform(0.9 * bounds[4, 0], 0.9 * bounds[4, 1], count), 0.0)
+    return states
 
 
 def solve_order(states: Array, bounds: Array | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,0 +1,122 @@
+"""The first job as a whole: a periodic cell → sampled states → a fitted shell material."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.homogenize.fit import FitOptions, FitReport, fit_spline_material, validate
+from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
+from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.homogenize.worker import CODE_OF, STRAINS
+from yarnscale.shell.spline_material import SplineMaterial
+
+Array = NDArray[np.float64]
+_IN_STRESS = [0, 1, 2, 3, 5]
+"""Components of stress that belong to s_x, s_a, s_y, λ_x and λ_y."""
+UNSEEN_SHARE = 0.1
+"""Random states that judge the fit, as a share of the solves for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledStates:
+    """Finished states as plain arrays: strains (n, 5), energies (n,) [J/m²], stresses (n, 5), converged (n,)."""
+
+    strains: Array
+    energies: Array
+    stresses: Array
+    converged: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, store: SampleStore) -> SampledStates:
+        """The states of a store that were solved."""
+        status = store.status()
+        solved = np.flatnonzero((status != 0) & (status != CODE_OF["excluded"]))
+        energies = np.array([store.read(int(i), "energy_density") for i in solved]).reshape(-1)
+        stresses = np.array([store.read(int(i), "stress") for i in solved]).reshape(-1, 6)[:, _IN_STRESS]
+        return cls(store.states[solved], energies, stresses, status[solved] == CODE_OF["converged"])
+
+
+@dataclass(frozen=True, eq=False)
+class Homogenization:
+    """Outcome: the material, the states behind it, the unseen states that judge it, and what the solves cost."""
+
+    material: SplineMaterial
+    samples: SampledStates
+    unseen: SampledStates
+    report: FitReport
+    summary: SampleSummary
+
+
+def fit(store: SampleStore, *, options: FitOptions | None = None) -> SplineMaterial:
+    """Shell material of eq. 31–32 fitted to the energies and stresses of a store's converged states."""
+    states = SampledStates.of(store)
+    if not states.converged.any():
+        raise InputError("no converged state to fit", where=store.path, expected="a finished sampling run")
+    provenance = dict(store.attributes["provenance"])
+    return fit_spline_material(
+        states.strains,
+        states.energies,
+        states.stresses,
+        density=float(provenance["area_density"]),
+        valid=states.converged,
+        options=options,
+        provenance=provenance,
+    )
+
+
+def homogenize(
+    cell: PeriodicCell,
+    folder: Path,
+    *,
+    solves: int = 400,
+    range: StrainRange | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+) -> Homogenization:
+    """Sample a cell on axes and planes, fit a material, and judge it on random states that it has not seen.
+
+    folder: gets the stores ``samples`` and ``unseen``. resume: go on with the stores that are there.
+    """
+    box = (range or StrainRange()).bounds(cell.pattern.radius)
+    planned = {
+        "samples": axes_and_planes(box, solves),
+        "unseen": random_states(box, max(10, round(UNSEEN_SHARE * solves))),
+    }
+    stores, summaries = {}, []
+    for name, states in planned.items():
+        axes = scattered_axes(states)
+        path = folder / name
+        if resume and path.exists():
+            stores[name] = SampleStore(path)
+            check_resumable(stores[name], cell, axes)
+        else:
+            stores[name] = create_store(path, cell, axes, scattered=True)
+        summaries.append(sample(cell, stores[name], workers=workers, progress=progress))
+    samples, unseen = SampledStates.of(stores["samples"]), SampledStates.of(stores["unseen"])
+    material = fit(stores["samples"])
+    report = validate(material, unseen.strains, unseen.energies, unseen.stresses, valid=unseen.converged)
+    total = SampleSummary(
+        sum(s.states for s in summaries),
+        sum(s.converged for s in summaries),
+        sum(s.seconds for s in summaries),
+        workers,
+        max(s.peak_worker_megabytes for s in summaries),
+    )
+    return Homogenization(material, samples, unseen, report, total)
+
+
+def strains6(states: Array) -> Array:
+    """Strain vectors (n, 6) of sampled states (n, 5) in the order of ``STRAINS``."""
+    full = np.zeros((len(states), 6))
+    full[:, _IN_STRESS] = states
+    assert states.shape[1] == len(STRAINS)
+    return full
