@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.midsurface import Midsurface
+from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import BlockPattern, StencilSet
@@ -97,13 +97,14 @@ class CellEnergy:
     def __post_init__(self) -> None:
         pattern, radius = self.pattern, self.pattern.radius
         self.unit = self.material.young_modulus * math.pi * radius**3
-        self.surface = Midsurface(self.strain, length=radius)
+        self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
         self.images = Images.of(pattern, self._rings())
         tiles = np.repeat(self.images.tiles, n, axis=0)
         self.reference = np.tile(pattern.vertices / radius, (len(self.images.tiles), 1))
         self.reference[:, :2] += tiles * pattern.period / radius
         offset, rotation = self.surface.at(self.reference)
+        self._turning = self.surface.rotation_vectors(self.reference)
         source = np.tile(np.arange(n), len(self.images.tiles))
         turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
         self.nodes = CopiedNodes(source, turned, offset, n, n)
@@ -253,6 +254,19 @@ class CellEnergy:
             columns.append(np.full(len(first), 0.25 / rule.inner_radius_ratio**2))
         return np.column_stack(columns)
 
+    def _pairs_within(self, full: Array, reach: float) -> tuple[Indices, Indices]:
+        """Close pairs; those that only meet because a strongly bent cell rolls through itself are left out.
+
+        Copies are those of an endless periodic surface: more than half a turn apart, two of them are near in space only
+        because the cylinder closes on itself, which no cloth that is bent like this at one point has to do.
+        """
+        first, second = self._search.find(self._positions(full), reach)
+        if self.strain.is_flat:
+            return first, second
+        turned = self._turning[second] - self._turning[first]
+        kept = (turned * turned).sum(axis=1) < math.pi**2
+        return first[kept], second[kept]
+
     def contacts(self, free: Array, full: Array) -> _Contacts:
         """Contact stencils valid at ``free``; listed anew when a vertex has moved half a skin since."""
         old = self._contacts
@@ -261,7 +275,7 @@ class CellEnergy:
             shift = moved - old.built_at
             if 4.0 * float((shift * shift).sum(1).max()) <= SKIN * SKIN:
                 return old
-        first, second = self._search.find(self._positions(full), self._reach + SKIN)
+        first, second = self._pairs_within(full, self._reach + SKIN)
         if old is not None and np.array_equal(first, old.first) and np.array_equal(second, old.second):
             old.built_at = moved.copy()
             return old
@@ -274,7 +288,7 @@ class CellEnergy:
 
     def _block_pattern(self, contacts: _Contacts, full: Array) -> BlockPattern:
         if self._pattern is None or not self._pattern.covers(contacts.unknowns):
-            ahead = self._search.find(self._positions(full), self._reach + SKIN + PATTERN_MARGIN)
+            ahead = self._pairs_within(full, self._reach + SKIN + PATTERN_MARGIN)
             wide = self.nodes.unknowns(self._pair_variables(*ahead))
             groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
             self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, contacts.unknowns, wide])

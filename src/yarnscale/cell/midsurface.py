@@ -62,6 +62,12 @@ def midsurface_point(z: ca.SX, reference: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 @cache
+def _turning() -> ca.Function:
+    z = ca.SX.sym("z", 6)
+    return ca.Function("turning", [z], [midsurface_frames(z)[1]])
+
+
+@cache
 def _kernel() -> Kernel:
     z, reference = ca.SX.sym("z", 6), ca.SX.sym("X", 3)
     point, rotation = midsurface_point(z, reference)
@@ -95,6 +101,10 @@ class Midsurface:
         """Points m (n, 3) and rotations R (n, 3, 3) at reference coordinates (n, 3)."""
         points, rotations = run_columns(_kernel(), self._state(len(reference)), reference)
         return points, rotations.reshape(-1, 3, 3)
+
+    def rotation_vectors(self, reference: Array) -> Array:
+        """w = ξ^α ω_α at reference coordinates (n, 3), shape (n, 3) [rad]; may exceed a full turn."""
+        return reference[:, :2] @ np.array(_turning()(self._z)).T
 
     def by_state(self, reference: Array, fluctuation: Array) -> Array:
         """∂(m + R û)/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û, shape (n, 3, 6); lengths in the unit."""
