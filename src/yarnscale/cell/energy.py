@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.poisson import cell_midsurface
+from yarnscale.cell.midsurface import Midsurface
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import BlockPattern, StencilSet
@@ -97,14 +97,14 @@ class CellEnergy:
     def __post_init__(self) -> None:
         pattern, radius = self.pattern, self.pattern.radius
         self.unit = self.material.young_modulus * math.pi * radius**3
-        self.surface = cell_midsurface(pattern, self.strain)
+        self.surface = Midsurface(self.strain, length=radius)
         n = self.count = len(pattern.edges)
         self.images = Images.of(pattern, self._rings())
         tiles = np.repeat(self.images.tiles, n, axis=0)
         self.reference = np.tile(pattern.vertices / radius, (len(self.images.tiles), 1))
         self.reference[:, :2] += tiles * pattern.period / radius
         offset, rotation = self.surface.at(self.reference)
-        self._turning = self.surface.rotation_vectors(self.reference)
+        self._turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
         source = np.tile(np.arange(n), len(self.images.tiles))
         turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
         self.nodes = CopiedNodes(source, turned, offset, n, n)
