@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
-from yarnscale.cell.midsurface import Midsurface
-from yarnscale.errors import InputError
+from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.newton import Solution, Status, minimise
@@ -78,18 +77,7 @@ class PeriodicCell:
         return self.material.mass_per_length(self.pattern.radius) * length / self.pattern.area
 
     def energy(self, strain: ShellStrain) -> CellEnergy:
-        """The energy of this cell under a state, as an objective of fluctuations and twists.
-
-        Raises InputError for doubly curved states.
-        """
-        determinant = strain.II11 * strain.II22 - strain.II12**2
-        size = strain.II11**2 + strain.II22**2 + 2 * strain.II12**2
-        if abs(determinant) > 1e-9 * size:
-            raise InputError(
-                "curvature bends in two directions",
-                expected="det II = 0 (flat, or bent about one axis)",
-                found=f"II11 = {strain.II11:g}, II12 = {strain.II12:g}, II22 = {strain.II22:g} 1/m",
-            )
+        """The energy of this cell under any state, as an objective of fluctuations and twists."""
         return CellEnergy(self.pattern, self.material, strain, self.sliding, not strain.is_flat)
 
     def relax(self, strain: ShellStrain | None = None, *, start: Equilibrium | None = None) -> Equilibrium:
@@ -169,7 +157,7 @@ class PeriodicCell:
     def placement(self, state: Equilibrium | None) -> Callable[[NDArray[np.int64], NDArray[np.int64]], Array]:
         """Where copies lie: a function of vertices (k,) and tiles (k, 2) to positions (k, 3) [m]; None: as drawn."""
         radius, n = self.pattern.radius, len(self.pattern.edges)
-        surface = Midsurface(ShellStrain() if state is None else state.strain, length=radius)
+        surface = cell_midsurface(self.pattern, ShellStrain() if state is None else state.strain)
         fluctuation = np.zeros((n, 3)) if state is None else state.fluctuation
 
         def place(vertices: NDArray[np.int64], tiles: NDArray[np.int64]) -> Array:
@@ -186,7 +174,7 @@ class PeriodicCell:
         centre = 0.5 * (self.pattern.vertices.min(axis=0) + self.pattern.vertices.max(axis=0))[:2]
         sides = (np.linspace(-rings - 0.5, rings + 0.5, points) * p + c for p, c in zip(self.pattern.period, centre, strict=True))
         grid = np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 2)
-        surface = Midsurface(state.strain, length=radius)
+        surface = cell_midsurface(self.pattern, state.strain)
         flat, _ = surface.at(np.column_stack([grid, np.zeros(len(grid))]) / radius)
         return (flat * radius).reshape(points, points, 3)
 
@@ -194,7 +182,7 @@ class PeriodicCell:
         """∂²Ψ/∂z² (6, 6) at an equilibrium, z = (s_x, s_a, s_y, II11, II12, II22) (theory §2).
 
         One solve per component with one factorisation; the explicit parts E,zz and E,uz are central differences of
-        exact gradients at fixed fluctuation. Units follow ``stress``. Only for flat states so far.
+        exact gradients at fixed fluctuation. Units follow ``stress``. Holds at flat, bent and doubly curved states.
         """
         energy = self.energy(state.strain)
         x = energy.start(state.fluctuation / self.pattern.radius, state.twist)
@@ -212,7 +200,7 @@ class PeriodicCell:
                     self.material,
                     ShellStrain.from_vector(vector),
                     self.sliding,
-                    energy.symmetric,
+                    True,  # a step from a flat state may bend it both ways
                 )
                 sides.append((moved.gradient(x)[1], moved.stress(x)))
             mixed[:, k] = (sides[0][0] - sides[1][0]) / (2 * step)

@@ -1,0 +1,236 @@
+"""The midsurface of a cell for every macroscopic state: the least-squares surface ∇φ ≈ R S (theory §2; HYLC20 eq. 16–17).
+
+R(ξ) = exp [w]×, w = ξ^α ω_α, has R S as a gradient only where det II = 0. Elsewhere φ solves the Poisson problem
+∇²φ = ∇·R S with natural boundary conditions. Coordinates count from the centre of the tile, where R = 1. Here φ is the
+closed form V(w) S ξ plus a correction ψ, and the grid carries ψ only:
+
+    ∇²ψ = ∇·T,  T = R S − ∇(V S ξ),  N·∇ψ = N·T on the boundary.
+
+T vanishes where det II = 0, so cylinders are exact and Ψ runs smoothly through them. ψ is linear in T, so its
+derivatives by the state are the same solve with ∂T/∂z. Gradients live on the edges of a regular grid (second order);
+cosines diagonalise the operator with its natural boundary, so one fast transform stands for the factorisation.
+
+**The domain.** Cloth with Gaussian curvature cannot keep lengths: least squares spreads the misfit, of the order
+det II · L² in strain, over its domain of size L, with zero mean there. Were the domain the tile and its ring of copies,
+the tile would be left stretched by an amount that depends on the size of the ring (κ²L²/16 at the middle of a dome of
+radius L). The element to homogenise is the tile, so the mean of ∇φ over the *tile* is made that of R S (on the
+published domain, the element itself, natural boundary conditions imply this); a linear term does it and keeps
+∇²φ = ∇·R S. What is left of the choice is of the order det II · p², p the period.
+
+**What energy density then means.** Copies of the tile are not related by an isometry: each has its own small strain.
+Ψ is the energy of the yarn of the primary tile in its surroundings, over the tile's area: edges and joints belong to
+the tile of their first edge's vertex and of their middle vertex, a contact pair half to each of its two segments. For
+flat and singly curved states this is the energy of any tile; else it differs between tiles by O(det II · p²) in
+strain, the limit to which a constant second form with Gaussian curvature has a meaning for a cell of that size.
+"""
+
+from __future__ import annotations
+
+from functools import cache, cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import dct, idct
+from scipy.interpolate import NdBSpline, make_interp_spline
+
+from yarnscale.cell.midsurface import Midsurface, midsurface_frames, midsurface_point
+from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+
+CELLS = 16
+"""Grid cells over one period."""
+
+
+@cache
+def _target_kernel(corrects: bool, derivative: bool) -> Kernel:
+    """T (3×2), or R S itself, at a point ξ; or its derivative by the state, 6×6 (entries of T by components)."""
+    z, xi = ca.SX.sym("z", 6), ca.SX.sym("xi", 2)
+    stretch, _ = midsurface_frames(z)
+    point, rotation = midsurface_point(z, ca.vertcat(xi, 0))
+    target = rotation[:, 0:2] @ stretch
+    if corrects:
+        target = target - ca.jacobian(point, xi)
+    column = ca.vec(target)
+    output = ca.vec(ca.jacobian(column, z).T) if derivative else column
+    name = "midsurface_gradient" + "_misfit" * corrects + "_by_state" * derivative
+    return compile_kernel(ca.Function(name, [z, xi], [ca.densify(output)], {"cse": True}), name)
+
+
+class Grid:
+    """Nodes over a tile and a margin around it; the middle of the tile is a node and the origin."""
+
+    def __init__(self, period: ArrayLike, margin: ArrayLike, cells: int) -> None:
+        """period: sides of the tile. margin: at least so much around it. cells: over one period, a multiple of four.
+
+        The margin is rounded up to quarters of the period, so that the domain does not depend on the cells.
+        """
+        if cells < 4 or cells % 4:
+            raise ValueError(f"cells must be a multiple of 4, found {cells}")
+        self.cells = cells
+        self.step = np.asarray(period, float) / cells
+        quarters = np.ceil(4 * np.asarray(margin, float) / np.asarray(period, float) - 1e-9)
+        self.rim = quarters.astype(int) * (cells // 4)
+        self.nodes = [
+            step * np.arange(-(cells // 2) - rim, cells // 2 + rim + 1)
+            for step, rim in zip(self.step, self.rim, strict=True)
+        ]
+        self.middle = tuple(cells // 2 + int(rim) for rim in self.rim)
+
+    def edge_middles(self, axis: int) -> Array:
+        """Midpoints of the edges along an axis (count 1, count 2, 2)."""
+        lines = list(self.nodes)
+        lines[axis] = 0.5 * (lines[axis][1:] + lines[axis][:-1])
+        return np.stack(np.meshgrid(*lines, indexing="ij"), -1)
+
+    def least_squares(self, gradients: tuple[Array, Array]) -> Array:
+        """Fields (N1, N2, …) whose differences along edges are nearest to the given gradients; zero in the middle."""
+        field = sum(self._divergence(gradients[axis], axis) for axis in (0, 1))
+        waves = []
+        for axis in (0, 1):
+            field = dct(field, type=1, axis=axis)
+            count = len(self.nodes[axis])
+            waves.append((2 - 2 * np.cos(np.pi * np.arange(count) / (count - 1))) / self.step[axis] ** 2)
+        size = waves[0][:, None] + waves[1][None, :]
+        size[0, 0] = np.inf  # the constant is free
+        field = field / size.reshape(size.shape + (1,) * (field.ndim - 2))
+        for axis in (0, 1):
+            field = idct(field, type=1, axis=axis)
+        return field - field[self.middle]
+
+    def _divergence(self, gradient: Array, axis: int) -> Array:
+        """Minus the divergence at nodes; half cells at the two ends, where nothing flows out."""
+        flow = np.moveaxis(gradient, axis, 0)
+        ends = np.concatenate([2 * flow[:1], flow[1:] - flow[:-1], -2 * flow[-1:]])
+        return np.moveaxis(-ends / self.step[axis], 0, axis)
+
+    def tile_mean(self, gradient: Array, axis: int) -> Array:
+        """Mean over the tile of a quantity on the edges along an axis."""
+        inside = [slice(rim, rim + self.cells + 1) for rim in self.rim]
+        inside[axis] = slice(self.rim[axis], self.rim[axis] + self.cells)
+        part = gradient[tuple(inside)].mean(axis=axis)
+        return (part.sum(axis=0) - 0.5 * (part[0] + part[-1])) / self.cells
+
+    def keep_tile_mean(self, field: Array, gradients: tuple[Array, Array]) -> Array:
+        """The field plus the linear one that gives its gradient the tile mean of ``gradients``."""
+        for axis in (0, 1):
+            misfit = gradients[axis] - np.diff(field, axis=axis) / self.step[axis]
+            line = self.nodes[axis].reshape((-1, 1) if axis == 0 else (1, -1))
+            field = field + np.multiply.outer(line, self.tile_mean(misfit, axis))
+        return field
+
+    def interpolate(self, field: Array, points: Array) -> Array:
+        """A field (N1, N2, …) at points (n, 2) by its C² cubic spline; beyond the grid, at the nearest of its points."""
+        knots = []
+        for axis in (0, 1):
+            spline = make_interp_spline(self.nodes[axis], field, k=3, axis=axis)
+            knots.append(spline.t)
+            field = np.moveaxis(spline.c, 0, axis)
+        low, high = ([line[end] for line in self.nodes] for end in (0, -1))
+        return NdBSpline(tuple(knots), field, 3)(np.clip(points, low, high))
+
+
+class PoissonMidsurface:
+    """The surface that realises one macroscopic state of a tile, doubly curved ones in the least-squares sense.
+
+    Offers what ``Midsurface`` does. Where det II = 0 its points are the closed form (about the tile's centre: moved
+    rigidly), and only here are the derivatives right that lead away from such states.
+    """
+
+    def __init__(
+        self,
+        strain: ShellStrain,
+        *,
+        period: ArrayLike,
+        centre: ArrayLike = (0.0, 0.0),
+        margin: ArrayLike | None = None,
+        length: float = 1.0,
+        cells: int = CELLS,
+        around_closed_form: bool = True,
+        tile_mean: bool = True,
+    ) -> None:
+        """period, centre (2,): of the tile, reference coordinates in the unit ``length`` [m] of all coordinates.
+
+        margin (2,): how far beyond the tile points are asked for; one period by default. cells: of the grid over one
+        period, a multiple of four. around_closed_form: solve for the correction of the closed form only; else for all of φ, as
+        published. tile_mean: keep the mean gradient of the tile; else that of the whole domain, as published.
+        """
+        self.strain = strain
+        self._scale = np.array([1.0, 1.0, 1.0, length, length, length])
+        self._z = strain.vector * self._scale
+        self._centre = np.array([*np.asarray(centre, float), 0.0])
+        self.grid = Grid(period, np.asarray(period) if margin is None else margin, cells)
+        self._corrects, self._tile_mean = around_closed_form, tile_mean
+        self._closed = Midsurface(strain, length=length)
+        flat = Midsurface(ShellStrain(strain.s_x, strain.s_a, strain.s_y), length=length)
+        self._origin = flat.at(self._centre[None])[0][0]
+        self._origin_by_state = flat.by_state(self._centre[None], np.zeros((1, 3)))[0]
+        self._origin_by_state[:, 3:] = 0.0
+
+    def _solved(self, derivative: bool) -> Array:
+        """ψ (N1, N2, 3) or its derivatives by the scaled state (N1, N2, 3, 6)."""
+        kernel, gradients = _target_kernel(self._corrects, derivative), []
+        for axis in (0, 1):
+            points = self.grid.edge_middles(axis)
+            state = np.broadcast_to(self._z, (points.shape[0] * points.shape[1], 6))
+            (column,) = run_columns(kernel, state, points.reshape(-1, 2))
+            shape = (*points.shape[:2], 2, 3, 6) if derivative else (*points.shape[:2], 2, 3)
+            gradients.append(column.reshape(shape)[:, :, axis])
+        both = gradients[0], gradients[1]
+        field = self.grid.least_squares(both)
+        return self.grid.keep_tile_mean(field, both) if self._tile_mean else field
+
+    @cached_property
+    def _field(self) -> Array:
+        return self._solved(False)
+
+    @cached_property
+    def _field_by_state(self) -> Array:
+        return self._solved(True)
+
+    def at(self, reference: Array) -> tuple[Array, Array]:
+        """Points m (n, 3) and rotations R (n, 3, 3) at reference coordinates (n, 3)."""
+        local = reference - self._centre
+        points, rotations = self._closed.at(local)
+        if not self._corrects:
+            points = local[:, 2:] * rotations[:, :, 2]
+        return points + self.grid.interpolate(self._field, local[:, :2]) + self._origin, rotations
+
+    def rotation_vectors(self, reference: Array) -> Array:
+        """w = ξ^α ω_α at reference coordinates (n, 3), counted from the centre, shape (n, 3) [rad]."""
+        return self._closed.rotation_vectors(reference - self._centre)
+
+    def by_state(self, reference: Array, fluctuation: Array) -> Array:
+        """∂(m + R û)/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û, shape (n, 3, 6); lengths in the unit."""
+        local = reference - self._centre
+        slopes = self._closed.by_state(local, fluctuation)
+        if not self._corrects:
+            flat = local * np.array([1.0, 1.0, 0.0])
+            slopes -= self._closed.by_state(flat, np.zeros_like(flat))
+        field = self.grid.interpolate(self._field_by_state, local[:, :2])
+        return slopes + field * self._scale + self._origin_by_state
+
+
+def cell_midsurface(pattern: YarnPattern, strain: ShellStrain) -> Midsurface | PoissonMidsurface:
+    """The surface on which a pattern's copies lie, coordinates in yarn radii; centred on the pattern's yarn.
+
+    Its domain is as wide as the copies that can touch the tile at rest: given by the pattern, not by the search for
+    contacts, so that energy is a smooth function of the state.
+    """
+    radius = pattern.radius
+    if strain.is_flat:
+        return Midsurface(strain, length=radius)
+    place = pattern.vertices[:, :2]
+    centre = np.average(place, axis=0, weights=pattern.voronoi_length)
+    reach = 4 * radius + np.linalg.norm(pattern.edge_vectors(), axis=1).max()
+    margin = np.abs(place - centre).max(axis=0) + reach - 0.5 * pattern.period
+    return PoissonMidsurface(
+        strain,
+        period=pattern.period / radius,
+        centre=centre / radius,
+        margin=np.maximum(margin, 0.0) / radius,
+        length=radius,
+    )
