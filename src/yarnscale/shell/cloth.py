@@ -29,7 +29,9 @@ class Motion:
 
     def __post_init__(self) -> None:
         if len(self.displacement) != 3 or not np.isfinite(self.displacement).all():
-            raise InputError("motion displacement", expected="three finite numbers [m]", found=self.displacement)
+            raise InputError(
+                "motion displacement", expected="three finite numbers [m]", found=self.displacement
+            )
         if not (math.isfinite(self.duration) and self.duration >= 0 and math.isfinite(self.start)):
             raise InputError(
                 "motion duration", expected="a finite start and zero or more seconds", found=self.duration
@@ -66,7 +68,7 @@ class Handle:
     vertices: NDArray[np.int64]
     rest: Floats
     motion: Motion = Motion()
-    stiffness: float = 1e5
+    stiffness: float = 1e6
 
     def __post_init__(self) -> None:
         if len(self.vertices) == 0:

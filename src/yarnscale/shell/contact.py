@@ -1,9 +1,11 @@
 """Contact of cloth with itself and with obstacles, as a barrier that is infinite where surfaces meet.
 
-The barrier of Li et al. 2020 (incremental potential contact), b(d) = −(d² − t²)² ln(d²/t²) for distances d below the
-thickness t: layers come to lie somewhere between 0 and t. It is weighted with area and scaled so that surfaces t/2
-apart press with a given pressure. Surfaces (cloth, mesh obstacles) go through ``ipctk``; spheres and half-spaces
-are met by the vertices of the cloth. Steps are cut short before anything touches, so nothing ever passes through.
+The barrier of Li et al. 2020 (incremental potential contact), b(d) = −(d² − t²)² ln(d²/t²) for distances d
+below the
+thickness t: layers come to lie somewhere between 0 and t. It is weighted with area and scaled so that
+surfaces t/2 apart press with a given pressure. Surfaces (cloth, mesh obstacles) go through ``ipctk``; spheres
+and half-spaces are met by the vertices of the cloth. Steps are cut short before anything touches, so nothing
+ever passes through.
 Friction is lagged: normal forces of the start of a step resist tangential motion during it.
 """
 
@@ -33,8 +35,9 @@ _SAFE = 0.9
 class ContactSettings:
     """How surfaces repel.
 
-    thickness: distance [m] at which repulsion begins; pressure: [Pa] at half the thickness; self_contact: whether the
-    cloth meets itself; friction: Coulomb coefficient; slip: speed [m/s] below which friction sticks. Raises InputError.
+    thickness: distance [m] at which repulsion begins; pressure: [Pa] at half the thickness; self_contact:
+    whether the cloth meets itself; friction: Coulomb coefficient; slip: speed [m/s] below which friction
+    sticks. Raises InputError.
     """
 
     thickness: float = 1e-3
@@ -95,7 +98,9 @@ class ClothContact:
         if not found:
             return np.zeros(0, np.int64), np.zeros(0)
         keys, place = np.unique(np.concatenate([k for k, _ in found]), return_inverse=True)
-        return keys, np.bincount(place, np.concatenate([e for _, e in found]), minlength=len(keys))
+        entries = np.zeros(len(keys))
+        np.add.at(entries, place, np.concatenate([e for _, e in found]))
+        return keys, entries
 
     def bound(self, positions: Floats, step: Floats) -> float:
         """Fraction of a step (nv, 3) after which nothing touches, in (0, 1]."""
@@ -146,7 +151,7 @@ class _ShapeContact:
         if (distance[near] <= 0).any():
             return math.inf
         normal = float(_barrier(distance[near], self.settings.thickness)[0] @ self.weights[near])
-        return normal + float(self.grip @ self._slip(positions)[2])
+        return normal + float(self.grip @ self._slip(positions)[1])
 
     def gradient(self, positions: Floats) -> tuple[float, Floats]:
         distance, normals = self.shape.distances(positions)
@@ -156,7 +161,7 @@ class _ShapeContact:
             return math.inf, gradient
         energy, slope, _ = _barrier(distance[near], self.settings.thickness)
         gradient[near] = (slope * self.weights[near])[:, None] * normals[near]
-        sliding, _, potential, rate = self._slip(positions)
+        sliding, potential, rate, _ = self._slip(positions)
         gradient[self.held] += (self.grip * rate)[:, None] * sliding
         return float(energy @ self.weights[near]) + float(self.grip @ potential), gradient
 
@@ -166,16 +171,24 @@ class _ShapeContact:
         bend = _barrier(distance[near], self.settings.thickness)[2] * self.weights[near]
         # The curvature of the sphere contributes a negative term, left out.
         blocks = np.maximum(bend, 0.0)[:, None, None] * _outer(normals[near])
-        sliding_rate = self._slip(positions)[3]
-        tangent = np.eye(3) - _outer(self.normals)
-        blocks = np.concatenate([blocks, (self.grip * sliding_rate)[:, None, None] * tangent])
+        blocks = np.concatenate([blocks, self._friction_blocks(positions)])
         vertices = np.concatenate([near, self.held])
         row, column = np.tril_indices(3)
         keys = (3 * vertices[:, None] + column) * self.size + 3 * vertices[:, None] + row
         return keys.ravel(), blocks[:, row, column].ravel()
 
+    def _friction_blocks(self, positions: Floats) -> Floats:
+        """Second derivative of the friction potential of the held vertices, (n, 3, 3)."""
+        sliding, _, rate, change = self._slip(positions)
+        if self.origin is None:
+            return np.zeros((0, 3, 3))
+        length = np.linalg.norm(sliding, axis=1)
+        along = _outer(sliding / np.maximum(length, 1e-300)[:, None])
+        across = np.eye(3) - _outer(self.normals) - along
+        return self.grip[:, None, None] * (rate[:, None, None] * across + change[:, None, None] * along)
+
     def _slip(self, positions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Tangential motion of the held vertices, its length, smoothed length and (its derivative)/length."""
+        """Tangential motion s of the held vertices, (n, 3), and of the smoothed length f(|s|): f, f'/|s| and f''."""
         if self.origin is None:
             return np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0)
         moved = positions[self.held] - self.origin
@@ -185,7 +198,7 @@ class _ShapeContact:
         sticks = length < e
         smooth = np.where(sticks, length**2 / e - length**3 / (3 * e * e) + e / 3, length)
         rate = np.where(sticks, 2.0 / e - length / (e * e), 1.0 / np.maximum(length, e))
-        return sliding, length, smooth, rate
+        return sliding, smooth, rate, np.where(sticks, 2.0 / e - 2.0 * length / (e * e), 0.0)
 
     def bound(self, positions: Floats, step: Floats) -> float:
         fraction = self.shape.clear_fraction(positions, step)
@@ -201,9 +214,7 @@ class _ShapeContact:
 class _SurfaceContact:
     """Cloth against itself and against mesh obstacles, whose vertices follow those of the cloth in ``ipctk``."""
 
-    def __init__(
-        self, mesh: TriangleMesh, bodies: Sequence[MeshObstacle], settings: ContactSettings
-    ) -> None:
+    def __init__(self, mesh: TriangleMesh, bodies: Sequence[MeshObstacle], settings: ContactSettings) -> None:
         self.settings, self.count = settings, mesh.vertex_count
         rest = np.column_stack([mesh.panel, np.zeros(self.count)])
         self.fixed = np.concatenate([np.zeros((0, 3)), *(b.vertices for b in bodies)])

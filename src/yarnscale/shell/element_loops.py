@@ -20,7 +20,8 @@ from yarnscale.shell.moduli import FAST, full_moduli, positive_moduli
 def forms_of_blocks(
     positions: NDArray, stencils: NDArray, geometry: NDArray, address: int, jacobian: NDArray, forms: NDArray
 ) -> None:
-    """Forms (nb, 6, B) and, if ``jacobian`` (nb, 108, B) is not empty, their derivatives at positions (nv, 3).
+    """Forms (nb, 6, B) and, if ``jacobian`` (nb, 108, B) is not empty, their derivatives at positions (nv,
+    3).
 
     address: kernel (corners, geometry) → forms[, jacobian]; stencils: (nb, B, 6); geometry: (nb, 15, B).
     """
@@ -29,10 +30,14 @@ def forms_of_blocks(
     pointers = np.empty(4, np.int64)
     for b in range(stencils.shape[0]):
         gather_corners(positions, stencils[b], corners)
-        pointers[0], pointers[1], pointers[2] = corners.ctypes.data, geometry[b].ctypes.data, forms[b].ctypes.data
+        pointers[0], pointers[1], pointers[2] = (
+            corners.ctypes.data,
+            geometry[b].ctypes.data,
+            forms[b].ctypes.data,
+        )
         if len(jacobian):
             pointers[3] = jacobian[b].ctypes.data
-        call_kernel(address, lanes, lanes, pointers)
+        call_kernel(address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
 
 
 @numba.njit(**FAST)
@@ -60,9 +65,11 @@ def hessian_of_blocks(
     slots: NDArray,
     out: NDArray,
 ) -> int:
-    """Add element Hessians to matrix entries ``out`` through slots (nb, B, 171); how many moduli were indefinite.
+    """Add element Hessians to matrix entries ``out`` through slots (nb, B, 171); how many moduli were
+    indefinite.
 
-    curvature_address: kernel (corners, geometry, stress) → Σ stress ∇² forms for the exact Hessian; 0 for the positive
+    curvature_address: kernel (corners, geometry, stress) → Σ stress ∇² forms for the exact Hessian; 0 for the
+    positive
     model: |moduli| and the tensile membrane term.
     """
     lanes = stencils.shape[1]
@@ -80,7 +87,7 @@ def hessian_of_blocks(
             gather_corners(positions, stencils[b], corners)
             pointers[0], pointers[1] = corners.ctypes.data, geometry[b].ctypes.data
             pointers[2], pointers[3] = stress[b].ctypes.data, term.ctypes.data
-            call_kernel(curvature_address, lanes, lanes, pointers)
+            call_kernel(curvature_address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
             add_scaled(term, areas[b], element)
         else:
             add_membrane_term(stress[b], geometry[b], areas[b], element)
@@ -109,9 +116,7 @@ def element_gradient(jacobian: NDArray, stress: NDArray, areas: NDArray, out: ND
 
 
 @numba.njit(**FAST)
-def element_hessian(
-    jacobian: NDArray, moduli: NDArray, areas: NDArray, work: NDArray, out: NDArray
-) -> None:
+def element_hessian(jacobian: NDArray, moduli: NDArray, areas: NDArray, work: NDArray, out: NDArray) -> None:
     """Area·Jᵀ·C·J into ``out`` (171, n), with full moduli C (36, n) and work (108, n)."""
     for a in range(6):
         for i in range(18):
@@ -140,9 +145,7 @@ def element_hessian(
 
 
 @numba.njit(**FAST)
-def add_membrane_term(
-    stress: NDArray, geometry: NDArray, areas: NDArray, out: NDArray
-) -> None:
+def add_membrane_term(stress: NDArray, geometry: NDArray, areas: NDArray, out: NDArray) -> None:
     """Add the tensile part of Σ stress_k ∇² I_k to element Hessians (171, n): the 2×2 stress projected on tension."""
     slopes = np.empty((3, 2))
     corners = np.empty(3, np.int64)

@@ -1,8 +1,11 @@
-"""From a mesh to the elements of the elastic energy: who gives I, who gives II, and how edges without neighbour count.
+"""From a mesh to the elements of the elastic energy: who gives I, who gives II, and how edges without
+neighbour count.
 
-A triangle at a free edge misses one of its three fold angles. Counted as zero, as HYLC20 does, a curl about the free
-edge is invisible to the last row of triangles: all of it lies in the missing angle. ``extrapolate`` therefore takes
-II of such a triangle from its complete neighbours (half of the area each), whose stencils contain all its vertices.
+A triangle at a free edge misses one of its three fold angles. Counted as zero, as HYLC20 does, a curl about
+the free
+edge is invisible to the last row of triangles: all of it lies in the missing angle. ``extrapolate`` therefore
+takes II of such a triangle from its complete neighbours (half of the area each), whose stencils contain all
+its vertices.
 """
 
 from __future__ import annotations
@@ -26,8 +29,9 @@ FreeEdges = Literal["extrapolate", "zero"]
 class ShellElements:
     """Elements in the order of the mesh, in blocks, padded with elements of no area.
 
-    stencils: (blocks, BLOCK, 6); present: whether a stencil vertex matters, likewise; geometry: (blocks, 15, BLOCK),
-    see ``strain.GEOMETRY`` (its reference angles change as the cloth moves); areas: (blocks, BLOCK) [m²];
+    stencils: (blocks, BLOCK, 6); present: whether a stencil vertex matters, likewise; geometry: (blocks, 15,
+    BLOCK), see ``strain.GEOMETRY`` (its reference angles change as the cloth moves); areas: (blocks, BLOCK)
+    [m²];
     triangles: the triangle of I, (blocks, BLOCK).
     """
 
@@ -86,7 +90,9 @@ def shell_elements(mesh: TriangleMesh, *, free_edges: FreeEdges = "extrapolate")
     )
 
 
-def vertex_mean(mesh: TriangleMesh, elements: ShellElements, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def vertex_mean(
+    mesh: TriangleMesh, elements: ShellElements, values: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Area-weighted mean over the elements around each vertex: (blocks, BLOCK) → (nv,)."""
     corners = mesh.triangles[elements.triangles.ravel()].ravel()
     weight = np.repeat(elements.areas.ravel(), 3)
@@ -95,6 +101,7 @@ def vertex_mean(mesh: TriangleMesh, elements: ShellElements, values: NDArray[np.
 
 
 _Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+"""Stencils (n, 6), geometry (n, 15), areas (n,), triangles (n,)."""
 
 
 def _own(mesh: TriangleMesh, which: NDArray[np.int64], share: float) -> _Rows:
@@ -108,7 +115,7 @@ def _own(mesh: TriangleMesh, which: NDArray[np.int64], share: float) -> _Rows:
 
 def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
     """Replace triangles at free edges by elements on the stencils of their complete neighbours."""
-    complete = mesh.has_neighbour.all(axis=1)
+    complete = mesh.has_neighbour.sum(axis=1) == 3
     owner = {
         (int(t[k]), int(t[(k + 1) % 3])): (row, k) for row, t in enumerate(mesh.triangles) for k in range(3)
     }
@@ -122,12 +129,13 @@ def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
     if not borrowed:
         return rows
     new = [_borrowing(mesh, *entry) for entry in borrowed]
-    kept_rows = [part[kept] for part in rows]
-    added = [np.array([entry[k] for entry in new]) for k in range(4)]
+    stencils = np.concatenate([rows[0][kept], np.array([entry[0] for entry in new])])
+    geometry = np.concatenate([rows[1][kept], np.array([entry[1] for entry in new])])
+    areas = np.concatenate([rows[2][kept], np.array([entry[2] for entry in new])])
+    triangles = np.concatenate([rows[3][kept], np.array([entry[3] for entry in new])])
     # Keep the order of the mesh, so that blocks of elements touch nearby memory.
-    order = np.argsort(np.concatenate([kept_rows[3], added[3]]), kind="stable")
-    joined = [np.concatenate([a, b])[order] for a, b in zip(kept_rows, added, strict=True)]
-    return joined[0], joined[1], joined[2], joined[3]
+    order = np.argsort(triangles, kind="stable")
+    return stencils[order], geometry[order], areas[order], triangles[order]
 
 
 def _borrowing(

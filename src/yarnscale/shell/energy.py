@@ -1,7 +1,8 @@
 """Elastic energy of a mesh: E = Σ area·ψ(I, II), its gradient, and two Hessians with one sparsity pattern.
 
-The exact Hessian is rarely positive definite (nearly half of the triangles of a curled knit are not). The positive
-model takes the magnitudes of the eigenvalues of the 6×6 moduli and the tensile part of the membrane's geometric term.
+The exact Hessian is rarely positive definite (nearly half of the triangles of a curled knit are not). The
+positive model takes the magnitudes of the eigenvalues of the 6×6 moduli and the tensile part of the
+membrane's geometric term.
 Newton starts with the positive one and moves to the exact one: exact + shift·(positive − exact).
 """
 
@@ -118,7 +119,9 @@ class ShellEnergy:
         gradient_of_blocks(result.jacobian, result.stress, elements.areas, elements.stencils, result.gradient)
         return result
 
-    def assemble(self, linearisation: Linearisation, kind: Literal["exact", "positive"]) -> tuple[Floats, int]:
+    def assemble(
+        self, linearisation: Linearisation, kind: Literal["exact", "positive"]
+    ) -> tuple[Floats, int]:
         """Entries of a Hessian in ``pattern`` [N/m], and the number of indefinite moduli met (positive model)."""
         elements, l = self.elements, linearisation  # noqa: E741
         values = np.zeros(self.pattern.entries + 1)  # the last one collects what belongs nowhere

@@ -24,12 +24,13 @@ class TriangleMesh:
 
     material: coordinates in the fabric's frame (course, wale) [m], shape (nv, 2).
     triangles: counter-clockwise vertex indices, shape (nt, 3).
-    grain: angle [rad] from the panel's x-axis to the fabric's course direction; ``panel`` is the shape as cut.
+    grain: angle [rad] from the panel's x-axis to the fabric's course direction; ``panel`` is the shape as
+    cut.
 
     Derived: ``stencils`` (nt, 6) = (v0, v1, v2, then the vertices opposite to edges v0v1, v1v2, v2v0 in the
     neighbouring triangles); ``has_neighbour`` (nt, 3). Where there is no neighbour the stencil still holds a
-    vertex that differs from its five others; it must be ignored. ``inverse_rest`` (nt, 2, 2) is the inverse of
-    the matrix with columns X1 − X0, X2 − X0 [1/m]; ``areas`` (nt,) [m²].
+    vertex that differs from its five others; it must be ignored. ``inverse_rest`` (nt, 2, 2) is the inverse
+    of the matrix with columns X1 − X0, X2 − X0 [1/m]; ``areas`` (nt,) [m²].
 
     Raises InputError on anything that is not an oriented manifold of at least six vertices.
     """
@@ -87,9 +88,9 @@ class TriangleMesh:
     @property
     def vertex_areas(self) -> Floats:
         """A third of the adjoining triangles' area per vertex [m²], shape (nv,)."""
-        return np.bincount(
-            self.triangles.ravel(), np.repeat(self.areas / 3, 3), minlength=self.vertex_count
-        )
+        areas = np.zeros(self.vertex_count)
+        np.add.at(areas, self.triangles.ravel(), np.repeat(self.areas / 3, 3))
+        return areas
 
     @property
     def edges(self) -> Integers:
@@ -169,8 +170,7 @@ def disk(radius: float, spacing: float, *, grain: float = 0.0) -> TriangleMesh:
             for k in range(ring):
                 outer = [start[ring] + (sector * ring + k + i) % (6 * ring) for i in (0, 1)]
                 inner = [
-                    start[ring - 1] + (sector * (ring - 1) + k + i) % max(6 * (ring - 1), 1)
-                    for i in (0, 1)
+                    start[ring - 1] + (sector * (ring - 1) + k + i) % max(6 * (ring - 1), 1) for i in (0, 1)
                 ]
                 triangles.append([inner[0], outer[0], outer[1]])
                 if k < ring - 1:
@@ -194,9 +194,7 @@ def _check_sizes(**sizes: float) -> None:
         if value < spacing:
             raise InputError(name, expected=f"at least the spacing {spacing:g} m", found=value)
         if value > 2000 * spacing:
-            raise InputError(
-                "spacing", expected=f"at least {name}/2000 = {value / 2000:g} m", found=spacing
-            )
+            raise InputError("spacing", expected=f"at least {name}/2000 = {value / 2000:g} m", found=spacing)
 
 
 def _row_triangles(row: int, starts: list[int], columns: int) -> Integers:

@@ -1,7 +1,7 @@
 """Positive 6×6 moduli of shell elements: eigenvalues replaced by their magnitudes.
 
-HYLC20 clamps the eigenvalues of 18×18 element Hessians; the 6×6 moduli in (I, II) are cheaper by far and Newton
-converges faster with magnitudes than with clamped values.
+HYLC20 clamps the eigenvalues of 18×18 element Hessians; the 6×6 moduli in (I, II) are cheaper by far and
+Newton converges faster with magnitudes than with clamped values.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ FAST = {"cache": True, "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}
 
 @numba.njit(**FAST)
 def positive_moduli(moduli: NDArray, out: NDArray) -> int:
-    """Symmetric (36, n) with the eigenvalues of each 6×6 replaced by their magnitudes; how many were indefinite.
+    """Symmetric (36, n) with the eigenvalues of each 6×6 replaced by their magnitudes; how many were
+    indefinite.
 
     A Cholesky test keeps the definite ones untouched; only the others go through Jacobi rotations.
     """

@@ -41,7 +41,7 @@ class Scene:
     cloth: Cloth
     start: ClothState
     schedule: Schedule
-    options: SolverOptions = SolverOptions()
+    options: SolverOptions = field(default_factory=SolverOptions)
     measure: Measure | None = None
 
 
@@ -113,7 +113,8 @@ def stretch(
     self_contact: bool = False,
     frame_interval: float | None = None,
 ) -> Scene:
-    """A square sheet hanging between two bars that move apart until their gap has grown by ``amount``, then at rest.
+    """A square sheet hanging between two bars that move apart until their gap has grown by ``amount``, then
+    at rest.
 
     The published test of HYLC20 (its Fig. 16): 30×30 cm, gravity −z, the bars of ``BAR_WIDTH`` etc. Measures:
     ``lambda_along``, ``lambda_across`` (area-weighted stretch over the central 6×6 cm) and ``bar_force`` [N].
@@ -168,10 +169,11 @@ def drape(
     self_contact: bool = True,
     frame_interval: float | None = None,
 ) -> Scene:
-    """A square sheet that falls over a ball of ``radius`` [m] with its centre at the origin, for ``duration`` [s].
+    """A square sheet that falls over a ball of ``radius`` [m] with its centre at the origin, for ``duration``
+    [s].
 
-    Measures: ``lowest`` and ``highest`` point [m], ``closest`` distance between surfaces [m], ``speed``, the root mean
-    square of velocities [m/s].
+    Measures: ``lowest`` and ``highest`` point [m], ``closest`` distance between surfaces [m], ``speed``, the
+    root mean square of velocities [m/s].
     """
     mesh = rectangle(SHEET, SHEET, spacing)
     settings = ContactSettings(self_contact=self_contact, friction=friction)

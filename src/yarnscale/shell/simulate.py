@@ -1,8 +1,9 @@
 """Cloth through time: implicit Euler steps by Newton, and dynamics to rest.
 
-A step minimises the energy of ``step``. It starts from x + Δt v with the bars where they were: the first Newton step
-moves bars and cloth together. Where Newton fails the step is halved, and the last good state is never lost.
-Statics of cloth is fragile (it buckles and wrinkles), so rest is found by steps without inertia and growing Δt.
+A step minimises the energy of ``step``. It starts from x + Δt v with the bars where they were: the first
+Newton step moves bars and cloth together. Where Newton fails the step is halved, and the last good state is
+never lost. Statics of cloth is fragile (it buckles and wrinkles), so rest is found by steps without inertia
+and growing Δt.
 """
 
 from __future__ import annotations
@@ -25,7 +26,14 @@ from yarnscale.shell.step import STANDARD_GRAVITY, PatternGrowth, StepObjective
 Floats = NDArray[np.float64]
 
 SHELL_SHIFT = ShiftRule(
-    start=1.0, lowest=0.1, highest=1.0, growth=2.0, least=0.125, decay=0.5, lowest_is_zero=True, hold_above=10.0
+    start=1.0,
+    lowest=0.1,
+    highest=1.0,
+    growth=2.0,
+    least=0.125,
+    decay=0.5,
+    lowest_is_zero=True,
+    hold_above=10.0,
 )
 """From the positive model (shift 1) to the exact Hessian (0), once forces are within ten times the weight."""
 
@@ -34,7 +42,8 @@ SHELL_SHIFT = ShiftRule(
 class SolverOptions:
     """How exactly steps are solved.
 
-    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: of Newton per step.
+    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: of Newton per
+    step.
     acceptable: residual with which a step is kept though Newton did not get to the tolerance.
     halvings: how often a failed step is halved.
     """
@@ -82,7 +91,8 @@ class ClothSolver:
     def step(self, state: ClothState, duration: float, *, inertia: bool = True) -> StepResult:
         """One implicit step of ``duration`` [s]; without inertia the cloth forgets its velocity first.
 
-        ``duration`` may be inf: a static equilibrium. The result is to be kept only if its residual is acceptable.
+        ``duration`` may be inf: a static equilibrium. The result is to be kept only if its residual is
+        acceptable.
         """
         if not duration > 0:
             raise InputError("time step", expected="a positive number of seconds", found=duration)
@@ -162,7 +172,9 @@ class ClothSolver:
             fraction *= 0.25
         return positions
 
-    def _objective(self, positions: Floats, velocities: Floats, duration: float, time: float) -> StepObjective:
+    def _objective(
+        self, positions: Floats, velocities: Floats, duration: float, time: float
+    ) -> StepObjective:
         cloth = self.cloth
         if math.isfinite(duration):
             inertia, drag = 1.0 / duration**2, cloth.damping / duration
@@ -188,9 +200,11 @@ class ClothSolver:
 class Schedule:
     """How long to simulate.
 
-    duration: [s] of dynamics; time_step: [s]; to_rest: whether steps without inertia follow until the cloth rests.
+    duration: [s] of dynamics; time_step: [s]; to_rest: whether steps without inertia follow until the cloth
+    rests.
     longest_step: of these [s]; rest_tolerance: unrest (inertial force per weight) that counts as rest.
-    frame_interval: [s] between frames, None for the last only. max_rest_steps: then the cloth is declared restless.
+    frame_interval: [s] between frames, None for the last only. max_rest_steps: then the cloth is declared
+    restless.
     """
 
     duration: float
@@ -249,7 +263,8 @@ def simulate(
     on_step: Callable[[Progress], None] | None = None,
     on_frame: Callable[[int, ClothState], None] | None = None,
 ) -> Run:
-    """Run a schedule from a state; ``on_frame(number, state)`` gets frames as they finish, the first and last included.
+    """Run a schedule from a state; ``on_frame(number, state)`` gets frames as they finish, the first and last
+    included.
 
     A step that fails even when halved ends the run with its status and the last good state.
     """

@@ -16,8 +16,8 @@ Floats = NDArray[np.float64]
 class ClothState:
     """Positions and velocities of a mesh at a time.
 
-    positions: [m], velocities: [m/s], both (nv, 3); time: [s]. fold_angles: reference angles of the elastic energy
-    [rad], needed only to go on from cloth folded by more than π (None: taken from the positions).
+    positions: [m], velocities: [m/s], both (nv, 3); time: [s]. fold_angles: reference angles of the elastic
+    energy [rad], needed only to go on from cloth folded by more than π (None: taken from the positions).
     """
 
     positions: Floats
@@ -36,14 +36,14 @@ class ClothState:
 class Attachment:
     """Vertices held at targets by stiff springs.
 
-    vertices: (n,); targets: (n, 3) [m]; stiffness: of each spring [N/m]. Springs instead of eliminated unknowns: Newton
-    then moves the cloth together with its bars, and an obstacle in the way of a bar is no contradiction. The error of a
-    target is force/stiffness, a few micrometres per newton.
+    vertices: (n,); targets: (n, 3) [m]; stiffness: of each spring [N/m]. Springs instead of eliminated
+    unknowns: Newton then moves the cloth together with its bars, and an obstacle in the way of a bar is no
+    contradiction. The error of a target is force/stiffness, a micrometre per newton on one vertex.
     """
 
     vertices: NDArray[np.int64]
     targets: Floats
-    stiffness: float = 1e5
+    stiffness: float = 1e6
 
     def pull(self, positions: Floats) -> Floats:
         """Force of the springs on the cloth [N], (n, 3)."""

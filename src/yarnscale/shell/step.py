@@ -46,8 +46,8 @@ class ContactEnergy(Protocol):
 class StepObjective:
     """The energy of a step for ``numerics.newton.minimise``, in the 3nv coordinates of the vertices.
 
-    weights: masses/Δt² [N/m], (nv,), zero for a static equilibrium; centre: y (nv, 3); load: constant forces (nv, 3)
-    [N]; scale: gradient norm that counts as 1 [N].
+    weights: masses/Δt² [N/m], (nv,), zero for a static equilibrium; centre: y (nv, 3); load: constant forces
+    (nv, 3) [N]; scale: gradient norm that counts as 1 [N].
     """
 
     energy: ShellEnergy
@@ -188,7 +188,11 @@ class StepModel:
             elastic = self._part("positive").copy()
         else:
             elastic = (1.0 - share) * self._part("exact") + share * self._part("positive")
-        elastic[self._growth.base.diagonal] += self.objective.diagonal
+        diagonal = self._growth.base.diagonal
+        if not self.objective.weights.any():
+            # Flat cloth at rest has no stiffness across its plane; the step of Newton stays finite.
+            elastic[diagonal] += 1e-8 * float(np.abs(elastic[diagonal]).max())
+        elastic[diagonal] += self.objective.diagonal
         if self._touching is None:
             return elastic
         return self._growth.spread(elastic, *self._touching)

@@ -7,8 +7,8 @@ With F = (x1 − x0, x2 − x0) Dm⁻¹ and the dihedral angles θ_k over the th
 t_k perpendicular to edge k in the triangle's plane, |t_k| = l_k, everything but Dm in world space. Signs:
 z = +x²/2 with normal +z has II11 = +1.
 
-Two liberties. The angle is measured from a reference angle that follows the motion, so that it neither jumps at
-±π nor loses a turn. And the triangle that gives I need not be the one that gives II (``shell.elements``).
+Two liberties. The angle is measured from a reference angle that follows the motion, so that it neither jumps
+at ±π nor loses a turn. And the triangle that gives I need not be the one that gives II (``shell.elements``).
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from yarnscale.numerics.kernel import Kernel, compile_kernel
 
 GEOMETRY = 15
-"""Numbers per element: inverse rest matrix of the triangle of II (4, by columns), of that of I (4, by columns),
+"""Numbers per element: inverse rest matrix of the triangle of II (4, by columns), of that of I (4, by
+columns),
 choice of the triangle of I (0: v0 v1 v2, 1: v0 v1 v3), neighbour flags (3), reference angles (3)."""
 FLAGS = slice(9, 12)
 REFERENCE = slice(12, 15)
@@ -121,7 +122,8 @@ def form_kernels() -> FormKernels:
 
 @numba.njit(cache=True)
 def follow_angles(positions: NDArray, stencils: NDArray, geometry: NDArray) -> float:
-    """Move the reference angles of ``geometry`` (nb, 15, B) to the present fold angles; the largest |angle| [rad].
+    """Move the reference angles of ``geometry`` (nb, 15, B) to the present fold angles; the largest |angle|
+    [rad].
 
     positions: (nv, 3) [m]; stencils: (nb, B, 6). The angle taken is the one nearest to the old reference.
     """
