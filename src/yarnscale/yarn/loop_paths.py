@@ -1,0 +1,134 @@
+"""Schematic centre lines of a chart's rows: thin, angular, but entangled exactly as knitting entangles them.
+
+Every row crosses every wale inside the wale's own strip, its left half mirrored on the right. In the plan an
+older loop is an arch. The new loop enters from the side across the arch's leg, turns up inside and leaves across
+the arch's head; tuck loops are arches around the held loop's, and a float runs straight across the legs. Which
+yarn lies above at each crossing is the business of the chart; the plan is checked to have no other crossings.
+The lines touch nothing but are far from round: `settle` makes yarns of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from yarnscale.errors import InputError
+from yarnscale.yarn.stitches import SIGNS, StitchChart
+
+LEG, TUCK_STEP = 0.365, 0.035
+"""Distance of a loop's legs from the wale's middle, and how much wider each tuck loop lies [wale spacings]."""
+HEAD, TUCK_RISE = 0.45, 0.11
+"""Height of heads over the base of the row that takes them up, and how much higher each tuck's is [rows]."""
+NECK = 0.15
+STEP = 0.02
+"""Distance of points along the plan [wale or course spacings]."""
+
+
+def row_paths(chart: StitchChart) -> list[np.ndarray]:
+    """For each row a dense line (x, y, z), shape (k, 3), from wale to wale and without its closing image.
+
+    x in wale spacings, y in course spacings (row i's sinkers lie at y = i), z = ±1 at crossings.
+    """
+    plans = [_rounded(_plan(chart, row), chart.wales) for row in range(chart.courses)]
+    words = chart.words
+    paths = []
+    for row, plan in enumerate(plans):
+        at = _crossings(chart, plans, row)
+        if len(at) != len(words[row]):
+            raise InputError(
+                f"chart row {row + 1} cannot be drawn",
+                expected=f"{len(words[row])} crossings",
+                found=f"{len(at)} crossings",
+            )
+        heights = np.array([1.0 if letter == "O" else -1.0 for letter in words[row]])
+        count = len(plan)
+        knots = np.concatenate([at - count, at, at + count])
+        z = PchipInterpolator(knots, np.tile(heights, 3))(np.arange(count)) if len(at) else np.zeros(count)
+        paths.append(np.column_stack([plan, z]))
+    return paths
+
+
+def _plan(chart: StitchChart, row: int) -> np.ndarray:
+    """Corner points of a row in the plan, from the sinker left of the first wale on."""
+    corners = []
+    for column in range(chart.wales):
+        left = np.array(_left_half(chart, row, column))
+        right = left[::-1][1:-1] * [-1.0, 1.0]
+        corners.append(np.concatenate([left, right]) + [column + 0.5, row])
+    return np.concatenate(corners)
+
+
+def _left_half(chart: StitchChart, row: int, column: int) -> list[tuple[float, float]]:
+    """Corners from the sinker (-0.5, 0) to the wale's middle x = 0, relative to the row's base."""
+    symbol = chart.rows[row][column]
+    if symbol not in SIGNS and symbol != "t":
+        return [(-0.5, 0.0), (-0.25, 0.0), (0.0, 0.0)]
+    end = chart.next_knit(row, column)
+    held = chart.held(row + end, column)
+    order = held.index(end)
+    leg = LEG + TUCK_STEP * order
+    if symbol == "t":
+        points = [(-0.5, 0.0), (-leg - 0.01, 0.05), (-leg, 0.15)]
+    else:
+        points = [(-0.5, 0.0), (-0.3, 0.0), (-NECK, 0.12), (-NECK - 0.02, 0.3), (-0.25, 0.6), (-LEG, 0.88)]
+    rise = TUCK_RISE * order
+    points += [
+        (-leg, end + 0.08),
+        (-0.85 * leg, end + 0.25 + 0.66 * rise),
+        (-0.5 * leg, end + 0.40 + rise),
+        (0.0, end + HEAD + rise),
+    ]
+    return points
+
+
+def _rounded(corners: np.ndarray, wales: int) -> np.ndarray:
+    """Corners cut twice (Chaikin), then points at even steps; the line ends before its image."""
+    for _ in range(2):
+        following = np.concatenate([corners[1:], corners[:1] + [wales, 0.0]])
+        corners = np.stack([0.75 * corners + 0.25 * following, 0.25 * corners + 0.75 * following], 1).reshape(-1, 2)
+    closed = np.concatenate([corners, corners[:1] + [wales, 0.0]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    count = int(np.ceil(along[-1] / STEP))
+    at = np.arange(count) * along[-1] / count
+    return np.stack([np.interp(at, along, closed[:, k]) for k in range(2)], axis=1)
+
+
+def _crossings(chart: StitchChart, plans: list[np.ndarray], row: int) -> np.ndarray:
+    """Places along a row (index plus fraction) where it crosses any row's copy in the plan, sorted."""
+    line = _closed(plans[row], chart.wales)
+    low, high = line[:, 1].min(), line[:, 1].max()
+    places = []
+    for other, plan in enumerate(plans):
+        copy = _closed(plan, chart.wales)
+        first = int(np.floor((low - copy[:, 1].max()) / chart.courses))
+        last = int(np.ceil((high - copy[:, 1].min()) / chart.courses))
+        for lap in range(first, last + 1):
+            if other == row and lap == 0:
+                continue
+            for side in (-1, 0, 1):
+                shifted = copy + [side * chart.wales, lap * chart.courses]
+                places.append(line_crossings(line, shifted)[0])
+    return np.sort(np.concatenate(places)) if places else np.empty(0)
+
+
+def _closed(plan: np.ndarray, wales: int) -> np.ndarray:
+    return np.concatenate([plan, plan[:1] + [wales, 0.0]])
+
+
+def line_crossings(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Crossings of two plane polylines (k, 2), (m, 2): places (index plus fraction) on the first and the second."""
+    low, high = second.min(axis=0), second.max(axis=0)
+    d, e = np.diff(first, axis=0), np.diff(second, axis=0)
+    near = np.flatnonzero(
+        ((np.maximum(first[:-1], first[1:]) >= low) & (np.minimum(first[:-1], first[1:]) <= high)).all(axis=1)
+    )
+    d = d[near][:, None, :]
+    gap = second[None, :-1, :] - first[near][:, None, :]
+
+    def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s, u = cross(gap, e[None]) / cross(d, e[None]), cross(gap, d) / cross(d, e[None])
+    i, k = np.nonzero((s >= 0.0) & (s < 1.0) & (u >= 0.0) & (u < 1.0))
+    return near[i] + s[i, k], k + u[i, k]

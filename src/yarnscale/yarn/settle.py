@@ -1,0 +1,192 @@
+"""Make room: yarns that are drawn too thin or too angular are swollen to their size without passing each other.
+
+A damped motion (FIRE: Bitzek et al., Structural relaxation made simple, 2006) of springs along each yarn, a little
+bending stiffness, and a repulsion ``ln`` of the distance between segments that swells with the yarns. No step
+brings a pair of segments closer than a part of their distance, so that the entanglement drawn stays as it is.
+Lengths are in yarn radii. This is a drawing aid, not mechanics: equilibria are the business of the cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.yarn.neighbours import Images, PairSearch, safe_fraction
+
+Array = NDArray[np.float64]
+_JIT = {"cache": True, "error_model": "numpy"}
+
+FIRST_DIAMETER = 0.25
+"""Distance at which yarns repel at the beginning [r]."""
+STRETCH, BEND, REPULSION = 4.0, 0.5, 3.0
+"""Stiffness of edges, of joints, and strength of the repulsion."""
+SKIN = 0.5
+STEP_LIMIT = 0.1
+"""Largest move of a vertex in one step [r]."""
+GAP_SHARE = 0.4
+NEIGHBOUR_ARC = 3.5
+"""Segments of one yarn repel each other when so much length lies between them [r]."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of the way: edges of `edge` [r], repulsion up to `diameter` [r], at most `steps` steps."""
+
+    edge: float
+    diameter: float
+    steps: int
+
+
+STAGES = (Stage(0.5, 0.8, 60), Stage(0.6, 1.5, 100), Stage(0.85, 2.0, 150), Stage(1.05, 2.03, 250))
+
+
+def settled(
+    curves: Sequence[PeriodicCurve],
+    period: Array,
+    *,
+    tightness: float = 1.0,
+    counts: Sequence[int] | None = None,
+    stages: Sequence[Stage] = STAGES,
+) -> list[PeriodicCurve]:
+    """The curves (lengths in radii), rounded and apart; entangled as before.
+
+    period: (px, py) [r]. tightness: length that a yarn strives for over the length that it was drawn with.
+    counts: vertices of each curve at the end; by default edges of the last stage's length.
+    """
+    curves = list(curves)
+    wanted = [tightness * curve.length(period) for curve in curves]
+    swollen = FIRST_DIAMETER
+    for number, stage in enumerate(stages):
+        last = number == len(stages) - 1
+        sizes = [max(3, round(curve.length(period) / stage.edge)) for curve in curves]
+        if last and counts is not None:
+            sizes = list(counts)
+        curves = [curve.resampled(size, period) for curve, size in zip(curves, sizes, strict=True)]
+        curves = _stage(curves, period, wanted, swollen, stage)
+        swollen = stage.diameter
+    return curves
+
+
+def _stage(
+    curves: list[PeriodicCurve], period: Array, wanted: list[float], swollen: float, stage: Stage
+) -> list[PeriodicCurve]:
+    """Run one stage; the diameter grows from `swollen` during its first half."""
+    pattern = pattern_from_curves(curves, period, 1.0)
+    sizes = np.array([len(curve.points) for curve in curves])
+    rest = np.repeat(np.array(wanted) / sizes, sizes)
+    n = len(pattern.edges)
+    extent = np.ptp(pattern.vertices[:, :2], axis=0)
+    reach = stage.diameter + SKIN
+    rings = np.ceil((extent + reach + 2.0 * rest.max()) / period).astype(int)
+    images = Images.of(pattern, (int(rings[0]), int(rings[1])))
+    offset = np.zeros((len(images.tiles), 1, 3))
+    offset[:, 0, :2] = images.tiles * period
+    arc = max(3, int(np.ceil(NEIGHBOUR_ARC / rest.min())))
+    search = PairSearch(pattern, images, neighbours=arc, ordered=False)
+    edge_end, tile = pattern.edges[:, 1], np.zeros((n, 3))
+    tile[:, :2] = pattern.edges[:, 2:] * period
+
+    def nodes(points: Array) -> Array:
+        return (points[None] + offset).reshape(-1, 3)
+
+    x, v, force = pattern.vertices.copy(), np.zeros((n, 3)), np.zeros((n, 3))
+    listed_at, first, second = x, np.empty(0, np.int64), np.empty(0, np.int64)
+    dt, mixing, uphill_free = 0.1, 0.1, 0
+    for step in range(stage.steps):
+        grown = min(1.0, 2.0 * (step + 1) / stage.steps)
+        diameter = swollen + grown * (stage.diameter - swollen)
+        if step == 0 or np.abs(x - listed_at).max() > 0.25 * SKIN:
+            listed_at = x.copy()
+            first, second = search.find(nodes(x), reach)
+        copies = nodes(x)
+        _forces(x, edge_end, tile, rest, copies, images.segment_end, first, second, n, diameter, force)
+        power = float((force * v).sum())
+        if power > 0.0:
+            uphill_free += 1
+            size = np.linalg.norm(v) / max(float(np.linalg.norm(force)), 1e-300)
+            v = (1.0 - mixing) * v + mixing * size * force
+            if uphill_free > 5:
+                dt, mixing = min(1.1 * dt, 0.3), 0.99 * mixing
+        else:
+            v[:] = 0.0
+            dt, mixing, uphill_free = max(0.5 * dt, 0.01), 0.1, 0
+        v += dt * force
+        move = dt * v
+        longest = float(np.sqrt((move * move).sum(axis=1).max()))
+        if longest > STEP_LIMIT:
+            move *= STEP_LIMIT / longest
+            v *= STEP_LIMIT / longest
+        moves = np.tile(move, (len(images.tiles), 1))
+        x = x + move * safe_fraction(copies, moves, images.segment_end, first, second, GAP_SHARE)
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    return [
+        PeriodicCurve(x[a:b], curve.shift) for a, b, curve in zip(starts, starts[1:], curves, strict=False)
+    ]
+
+
+@numba.njit(**_JIT)
+def _forces(x, end, tile, rest, copies, ends, first, second, n, diameter, force):
+    """Forces of springs, joints and repulsion on the vertices of the primary tile."""
+    force[:] = 0.0
+    edge = np.empty((n, 3))
+    for i in range(n):
+        size = 0.0
+        for c in range(3):
+            edge[i, c] = x[end[i], c] + tile[i, c] - x[i, c]
+            size += edge[i, c] ** 2
+        size = np.sqrt(size)
+        pull = STRETCH * (size / rest[i] - 1.0) / size
+        for c in range(3):
+            force[i, c] += pull * edge[i, c]
+            force[end[i], c] -= pull * edge[i, c]
+    for i in range(n):
+        j = end[i]
+        stiffness = BEND / rest[i] ** 3
+        # A joint's share is bounded, so that short edges do not make the motion stiff.
+        stiffness = min(stiffness, 2.0)
+        for c in range(3):
+            bend = stiffness * (edge[j, c] - edge[i, c])
+            force[j, c] += 2.0 * bend
+            force[i, c] -= bend
+            force[end[j], c] -= bend
+    for m in range(first.shape[0]):
+        a, g = first[m], second[m]
+        b, h = ends[a] % n, g % n
+        k = ends[g] % n
+        uu = vv = uv = uw = vw = 0.0
+        for c in range(3):
+            u, w = copies[ends[a], c] - copies[a, c], copies[a, c] - copies[g, c]
+            e = copies[ends[g], c] - copies[g, c]
+            uu += u * u
+            vv += e * e
+            uv += u * e
+            uw += u * w
+            vw += e * w
+        skew = uu * vv - uv * uv
+        s = min(max((uv * vw - uw * vv) / skew, 0.0), 1.0) if skew > 1e-12 * uu * vv else 0.5
+        t = (uv * s + vw) / vv
+        if t < 0.0:
+            t, s = 0.0, min(max(-uw / uu, 0.0), 1.0)
+        elif t > 1.0:
+            t, s = 1.0, min(max((uv - uw) / uu, 0.0), 1.0)
+        gap = 0.0
+        for c in range(3):
+            d = (1.0 - s) * copies[a, c] + s * copies[ends[a], c]
+            d -= (1.0 - t) * copies[g, c] + t * copies[ends[g], c]
+            gap += d * d
+        gap = np.sqrt(gap)
+        if gap >= diameter:
+            continue
+        push = REPULSION * np.sqrt(uu * vv) * (diameter / gap - 1.0) / gap
+        for c in range(3):
+            d = (1.0 - s) * copies[a, c] + s * copies[ends[a], c]
+            d -= (1.0 - t) * copies[g, c] + t * copies[ends[g], c]
+            force[a, c] += push * (1.0 - s) * d
+            force[b, c] += push * s * d
+            force[h, c] -= push * (1.0 - t) * d
+            force[k, c] -= push * t * d

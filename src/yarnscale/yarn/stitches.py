@@ -1,0 +1,204 @@
+"""Knitting charts: which stitch stands where, and which loops each stitch takes up.
+
+A chart has rows (courses, the first knitted first) and columns (wales); both repeat. Every row is one yarn that
+runs along x. Seen from the right side (+z):
+
+    k  knit: a loop drawn through the held loop from behind to the front
+    p  purl: a loop drawn through from the front to behind
+    t  tuck: the yarn is laid over the needle beside the held loop, and both wait for the next k or p
+    b  slip: the held loop waits, the yarn floats past behind it
+    f  slip: the held loop waits, the yarn floats past in front of it
+    -  miss: a slip whose float runs on the back of the held loop (behind a knit loop, in front of a purled one)
+
+A row of a fabric of two needle beds is written ``front|back``, both beds with as many needles. Needle j of the
+front bed becomes column 2j, the needle of the back bed that faces it column 2j + 1; ``-`` floats then run
+between the beds. On the back bed the loops are drawn towards the back: write ``p``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from yarnscale.errors import InputError
+
+SIGNS = {"k": 1, "p": -1}
+SYMBOLS = "kptbf-"
+LARGEST_CHART = 64
+MOST_TUCKS = 3
+"""Tuck loops that may wait on one held loop; needles break beyond about that."""
+MOST_HELD = 12
+"""Rows that a loop may be held."""
+
+
+@dataclass(frozen=True)
+class StitchChart:
+    """A checked chart: texts of equal length, one a row, first knitted first; `beds` needle beds (1 or 2).
+
+    In the texts of two beds front and back needles alternate. Raises InputError with row and column (counted
+    from 1, rows from the first knitted) for anything that cannot be knitted round and round.
+    """
+
+    rows: tuple[str, ...]
+    beds: int = 1
+
+    @classmethod
+    def read(cls, chart: Sequence[str] | str) -> StitchChart:
+        """A chart from texts, of one bed or ``front|back``."""
+        rows = [chart] if isinstance(chart, str) else list(chart)
+        if not 1 <= len(rows) <= LARGEST_CHART:
+            expected = f"1 to {LARGEST_CHART}"
+            raise InputError("chart has the wrong number of rows", expected=expected, found=len(rows))
+        beds = 1
+        for number, row in enumerate(rows, start=1):
+            if not isinstance(row, str) or not row:
+                expected = f"a text of 1 to {LARGEST_CHART} stitches"
+                raise InputError(f"chart row {number} is no row of stitches", expected=expected, found=repr(row))
+            count = row.count("|") + 1
+            if number > 1 and count != beds:
+                raise InputError(
+                    f"chart row {number} is for another number of needle beds", expected=beds, found=count
+                )
+            beds = count
+        if beds > 2:
+            raise InputError("chart row 1 has too many needle beds", expected="front or front|back", found=beds)
+        texts = [
+            _interleaved(number, row) if beds == 2 else row for number, row in enumerate(rows, start=1)
+        ]
+        return cls(tuple(texts), beds)
+
+    def __post_init__(self) -> None:
+        """Check symbols, then that every wale can be knitted."""
+        width = len(self.rows[0])
+        for number, row in enumerate(self.rows, start=1):
+            if not 1 <= len(row) <= LARGEST_CHART:
+                expected = f"1 to {LARGEST_CHART} stitches"
+                raise InputError(f"chart row {number} is no row of stitches", expected=expected, found=len(row))
+            if len(row) != width:
+                expected = f"{width} stitches as in row 1"
+                raise InputError(f"chart row {number} has another length", expected=expected, found=len(row))
+            for column, symbol in enumerate(row):
+                if symbol not in SYMBOLS:
+                    raise InputError(
+                        f"chart {self.place(number - 1, column)}: unknown stitch",
+                        expected=", ".join(SYMBOLS),
+                        found=repr(symbol),
+                    )
+        for column in range(width):
+            self._check_wale(column)
+
+    @property
+    def courses(self) -> int:
+        """Number of rows."""
+        return len(self.rows)
+
+    @property
+    def wales(self) -> int:
+        """Number of columns."""
+        return len(self.rows[0])
+
+    @property
+    def plain(self) -> bool:
+        """Whether it has knit and purl stitches only."""
+        return all(symbol in SIGNS for row in self.rows for symbol in row)
+
+    def place(self, row: int, column: int) -> str:
+        """A cell in words, counted from 1."""
+        if self.beds == 1:
+            return f"row {row + 1} column {column + 1}"
+        return f"row {row + 1} {'back' if column % 2 else 'front'} needle {column // 2 + 1}"
+
+    def next_knit(self, row: int, column: int) -> int:
+        """Rows until the wale is knitted again after `row`, 1 to the number of rows."""
+        for ahead in range(1, self.courses + 1):
+            if self.rows[(row + ahead) % self.courses][column] in SIGNS:
+                return ahead
+        raise InputError(f"chart {self.place(row, column)}: the wale is never knitted", expected="k or p")
+
+    def held(self, row: int, column: int) -> list[int]:
+        """Rows before `row` (as how many rows back) whose loops wait at the wale: held loop, then tucks."""
+        tucks = []
+        for back in range(1, self.courses + 1):
+            symbol = self.rows[(row - back) % self.courses][column]
+            if symbol in SIGNS:
+                return [back, *reversed(tucks)]
+            if symbol == "t":
+                tucks.append(back)
+        raise InputError(f"chart {self.place(row, column)}: the wale is never knitted", expected="k or p")
+
+    def float_sign(self, row: int, column: int) -> int:
+        """Side on which the yarn of a slip passes, +1 in front, -1 behind."""
+        symbol = self.rows[row % self.courses][column]
+        if symbol == "-":
+            # The loop's own face decides: its float lies where its sinkers lie.
+            back = self.held(row, column)[0]
+            return -SIGNS[self.rows[(row - back) % self.courses][column]]
+        return 1 if symbol == "f" else -1
+
+    @cached_property
+    def words(self) -> list[str]:
+        """Crossings that the chart implies, a text per row along its yarn: O(ver) or U(nder), seen from +z."""
+        return ["".join(self._stitch_word(row, column) for column in range(self.wales)) for row in range(self.courses)]
+
+    def _stitch_word(self, row: int, column: int) -> str:
+        """Left half in order, right half mirrored: first the older loops that it meets, then the newer ones."""
+        symbol = self.rows[row][column]
+        signs: list[int] = []
+        if symbol in SIGNS:
+            count = len(self.held(row, column))
+            signs = [-SIGNS[symbol]] * count + [SIGNS[symbol]] * count
+        elif symbol != "t":
+            signs = [self.float_sign(row, column)] * len(self.held(row, column))
+        if symbol in SIGNS or symbol == "t":
+            end = self.next_knit(row, column)
+            for ahead in range(1, end):
+                if self.rows[(row + ahead) % self.courses][column] != "t":
+                    signs.append(-self.float_sign(row + ahead, column))
+            own = SIGNS[self.rows[(row + end) % self.courses][column]]
+            signs += [own, -own]
+        half = "".join("O" if sign > 0 else "U" for sign in signs)
+        return half + half[::-1]
+
+    def _check_wale(self, column: int) -> None:
+        symbols = [row[column] for row in self.rows]
+        knitted = [row for row, symbol in enumerate(symbols) if symbol in SIGNS]
+        if not knitted:
+            waits = f"{self.place(0, column)}"
+            raise InputError(
+                f"chart {waits}: the wale is never knitted",
+                expected="k or p in at least one row",
+                found=repr("".join(symbols)),
+            )
+        for row in knitted:
+            held = self.held(row, column)
+            if len(held) - 1 > MOST_TUCKS:
+                raise InputError(
+                    f"chart {self.place((row - held[-1]) % self.courses, column)}: too many tucks on one loop",
+                    expected=f"at most {MOST_TUCKS} before the next k or p",
+                    found=len(held) - 1,
+                )
+            if held[0] > MOST_HELD:
+                raise InputError(
+                    f"chart {self.place((row - held[0]) % self.courses, column)}: the loop is held too long",
+                    expected=f"at most {MOST_HELD} rows",
+                    found=held[0],
+                )
+
+
+def _interleaved(number: int, row: str) -> str:
+    front, back = row.split("|")
+    if len(front) != len(back):
+        raise InputError(
+            f"chart row {number} has beds of different length",
+            expected=f"{len(front)} needles on the back bed",
+            found=len(back),
+        )
+    return "".join(a + b for a, b in zip(front, back, strict=True))
+
+
+def signs(chart: StitchChart) -> np.ndarray:
+    """+1 for knit and -1 for purl, shape (courses, wales); only for plain charts."""
+    return np.array([[SIGNS[symbol] for symbol in row] for row in chart.rows])
