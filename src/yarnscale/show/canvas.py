@@ -40,7 +40,7 @@ window.Render()
 """
 
 
-class PicturesUnavailable(RuntimeError):
+class PicturesUnavailable(InputError):
     """The machine has no OpenGL that works without a display."""
 
 
@@ -53,7 +53,9 @@ def require_renderer() -> None:
     probe = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=120, check=False)
     if probe.returncode != 0:
         raise PicturesUnavailable(
-            "cannot draw pictures: no OpenGL without a display (install EGL or OSMesa of Mesa)"
+            "cannot draw pictures",
+            expected="an OpenGL that needs no display (EGL or OSMesa of Mesa)",
+            found="none",
         )
     vtkObject.GlobalWarningDisplayOff()
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
