@@ -1,0 +1,245 @@
+"""Fit the pairwise spline energy of HYLC20 eq. 31–32 to sampled energies and stresses.
+
+Two stages of weighted, regularised linear least squares on C² cubic B-splines:
+
+1. each f_i(θ_i) to the states of its axis, made quasi-convex (falling up to its lowest place, rising after it) and
+   continued as a growing parabola;
+2. all f_ij(θ_i, θ_j) together to what the f_i leave over, f_ij(0, ·) = f_ij(·, 0) = 0. Beyond the sampled range they
+   run flat within two intervals and stay constant, so that there the energy grows with the f_i alone.
+
+A sum of pairwise terms may dip below every sample where three strains act together: false wells in which a
+simulation would collapse. Such states are searched for, and stage 2 is solved again under the condition that none
+lies below the lowest sample. As the f_ij are constant and the f_i rise outside the range of the search, the energy
+is then bounded below everywhere.
+
+Weights make residuals relative: the energy of a state counts by what its second strain adds to the energy, so that
+bending is not lost beside stretching, and small strains are fitted as well as large ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.homogenize.axis_fit import AxisTerm, fit_axis
+from yarnscale.homogenize.observations import SHEAR, FitOptions, Observations, observations, side_energies
+from yarnscale.homogenize.plane_fit import PlaneFit
+from yarnscale.shell.material import ShellMaterial
+from yarnscale.shell.spline_material import AXES, SplineMaterial
+
+__all__ = ["FitOptions", "FitReport", "fit_spline_material", "validate"]
+
+Array = NDArray[np.float64]
+
+_STRETCH_LIMITS, _SHEAR_LIMITS = (-0.95, np.inf), (-0.97, 0.97)
+
+
+def fit_spline_material(
+    strains: ArrayLike,
+    energies: ArrayLike,
+    stresses: ArrayLike | None = None,
+    *,
+    density: float,
+    weights: ArrayLike | None = None,
+    valid: ArrayLike | None = None,
+    options: FitOptions | None = None,
+    provenance: Mapping[str, object] | None = None,
+) -> SplineMaterial:
+    """Spline material of sampled states on the axes and planes of (s_x, s_a, s_y, λ_x, λ_y).
+
+    strains (n, 5) [-, 1/m]; energies (n,) [J/m²]; stresses (n, 5) = dψ/d(s_x, s_a, s_y, II11, II22), NaN where
+    unknown; weights (n,) and valid (n,) mask; density [kg/m²]. The undeformed state must be among them. States off
+    the planes are used lightly. Terms of strains that were not sampled are zero. Raises InputError on
+    arrays that do not match or where the undeformed state is missing. Source: HYLC20 §6.2.
+    """
+    options = options or FitOptions()
+    data = observations(strains, energies, stresses, weights=weights, valid=valid)
+    if not np.any(data.resting):
+        raise InputError("samples", expected="the undeformed state among them", found="none with zero strain")
+    constant = float(np.average(data.energies[data.resting], weights=data.weights[data.resting]))
+    sides = side_energies(data, constant)
+    axes = [fit_axis(data, axis, constant, sides, options) for axis in range(5)]
+    planes = PlaneFit(data, axes, constant, sides, options)
+    planes.solve()
+
+    def material(record: Mapping[str, object]) -> SplineMaterial:
+        return SplineMaterial(
+            constant,
+            tuple(axis.spline for axis in axes),
+            planes.splines(),
+            density=density,
+            range=_sampled_box(data, options),
+            provenance={**(provenance or {}), "fit": dict(record)},
+        )
+
+    record: dict[str, object] = {"states": len(data.energies), "options": asdict(options)}
+    if options.floor and planes.bases:
+        record["floor"] = _lift(planes, material, axes)
+    return material(record)
+
+
+def _sampled_box(data: Observations, options: FitOptions) -> Array:
+    box = np.stack([data.strains.min(axis=0), data.strains.max(axis=0)], axis=1)
+    if options.symmetric_shear:
+        box[SHEAR] = np.max(np.abs(box[SHEAR])) * np.array([-1, 1])
+    box[box[:, 0] == box[:, 1]] = (-1e-9, 1e-9)
+    return box
+
+
+def _search_box(planes: PlaneFit, axes: list[AxisTerm]) -> Array:
+    """Beyond it, f_ij are constant along every axis and f_i rise, (5, 2); zero along axes without samples."""
+    box = np.zeros((5, 2))
+    for axis, term in enumerate(axes):
+        reaches = [term.spline.knots] if term.sampled else []
+        for pair, bases in planes.bases.items():
+            reaches += [basis.breaks for k, basis in zip(pair, bases, strict=True) if k == axis]
+        if reaches:
+            low, high = _SHEAR_LIMITS if axis == SHEAR else _STRETCH_LIMITS if axis < 3 else (-np.inf, np.inf)
+            box[axis] = max(min(r[0] for r in reaches), low), min(max(r[-1] for r in reaches), high)
+    return box
+
+
+def _lift(
+    planes: PlaneFit,
+    material: Callable[[Mapping[str, object]], SplineMaterial],
+    axes: list[AxisTerm],
+    *,
+    rounds: int = 20,
+) -> dict[str, object]:
+    """Search for states below all samples and fit again above them, until none is found or rounds are over."""
+    lowest = float(planes.data.energies.min())
+
+    def floor(states: Array) -> Array:
+        # What the one-dimensional terms alone give must be allowed: in a doubly curved state eq. 32 adds two of them.
+        gained = [np.minimum(axis.spline(x), 0.0) for axis, x in zip(axes, states.T, strict=True)]
+        return np.minimum(lowest, planes.constant + np.sum(gained, axis=0))
+
+    tolerance = max(0.1 * abs(lowest), 0.01 * float(np.nanmin(planes.sides)))
+    box, rng = _search_box(planes, axes), np.random.default_rng(0)
+    pool, best, least, held = np.zeros((0, 5)), planes.unknowns, np.inf, 0
+    for step in range(rounds + 1):
+        current = material({})
+
+        def gap_of(states: Array, current: SplineMaterial = current) -> Array:
+            return current.energy_density(strains_of(states)) - floor(states)
+
+        found, gap = _lowest_states(gap_of, box, rng, pool)
+        deepest = -float(gap.min())
+        if deepest < least:
+            best, least, held = planes.unknowns, deepest, np.count_nonzero(planes.multipliers)
+        if deepest <= tolerance or step == rounds:
+            break
+        # States that rose far above the floor are let go, so that the active set stays small.
+        close = gap_of(pool) < max(2 * tolerance, deepest)
+        pool = np.concatenate([pool[close], found[gap < -0.5 * tolerance]])
+        planes.hold_above(pool, floor(pool))
+    planes.unknowns = best
+    return {"energy": lowest, "deepest_state_below": max(least, 0.0), "states_held": int(held)}
+
+
+def _lowest_states(
+    gap_of: Callable[[Array], Array], box: Array, rng: np.random.Generator, known: Array
+) -> tuple[Array, Array]:
+    """States (n, 5) that lie lowest above the floor, by random sweep and random descent, and their gaps (n,)."""
+    low, span = box[:, 0], box[:, 1] - box[:, 0]
+    states = low + span * rng.uniform(size=(20_000, 5))
+    if len(known):
+        near = known[rng.integers(len(known), size=2_000)]
+        states = np.concatenate(
+            [states, np.clip(near + 0.1 * span * rng.normal(size=near.shape), low, low + span)]
+        )
+    gap = gap_of(states)
+    chosen = np.argsort(gap)[:400]
+    states, gap = states[chosen], gap[chosen]
+    for width in np.geomspace(0.2, 0.002, 40):
+        step = width * span * rng.normal(size=states.shape) * (rng.uniform(size=states.shape) < 0.5)
+        trial = np.clip(states + step, low, low + span)
+        found = gap_of(trial)
+        better = found < gap
+        states[better], gap[better] = trial[better], found[better]
+    return _thinned(states, gap, span)
+
+
+def _thinned(states: Array, energy: Array, span: Array, *, count: int = 150) -> tuple[Array, Array]:
+    """The lowest states of which no two lie close together."""
+    order = np.argsort(energy)
+    scaled = states / np.where(span > 0, span, 1.0)
+    kept: list[int] = []
+    for k in order:
+        if all(np.max(np.abs(scaled[k] - scaled[other])) > 0.02 for other in kept):
+            kept.append(int(k))
+        if len(kept) == count:
+            break
+    return states[kept], energy[kept]
+
+
+def strains_of(states: ArrayLike) -> Array:
+    """Six strains of a shell from (s_x, s_a, s_y, λ_x, λ_y): II = diag(λ_x, λ_y), shape (n, 6)."""
+    states = np.asarray(states, dtype=np.float64)
+    return np.insert(states, 4, 0.0, axis=1)
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """Errors of a material at states, as fractions of the largest energy above rest, or largest |stress|, among them.
+
+    energy_median, energy_95: of |ψ_fit − ψ|. stress_median, stress_95: by (s_x, s_a, s_y, II11, II22), (5,), NaN where
+    no stress is known. worst: the state with the largest error in energy, (5,).
+    """
+
+    states: int
+    energy_median: float
+    energy_95: float
+    stress_median: Array
+    stress_95: Array
+    worst: Array
+
+    def summary(self) -> dict[str, object]:
+        """Plain values, for a provenance."""
+
+        def plain(values: Array) -> list[float | None]:
+            return [float(value) if np.isfinite(value) else None for value in values]
+
+        return {
+            "states": self.states,
+            "energy_median": self.energy_median,
+            "energy_95": self.energy_95,
+            "stress_median": plain(self.stress_median),
+            "stress_95": plain(self.stress_95),
+            "worst": plain(self.worst),
+        }
+
+
+def validate(
+    material: ShellMaterial,
+    strains: ArrayLike,
+    energies: ArrayLike,
+    stresses: ArrayLike | None = None,
+    *,
+    valid: ArrayLike | None = None,
+) -> FitReport:
+    """Compare a material with states (arrays as in ``fit_spline_material``), usually ones that it has not seen."""
+    data = observations(strains, energies, stresses, valid=valid)
+    six = strains_of(data.strains)
+    rest = float(material.energy_density(np.zeros(6)))
+    largest = max(float(np.max(data.energies)) - rest, 1e-300)
+    energy = np.abs(material.energy_density(six) - data.energies) / largest
+    median, high = np.full(5, np.nan), np.full(5, np.nan)
+    stress = np.abs(material.stress(six)[:, [0, 1, 2, 3, 5]] - data.stresses)
+    for k in range(len(AXES)):
+        known = np.isfinite(data.stresses[:, k])
+        if np.any(known):
+            relative = stress[known, k] / max(float(np.max(np.abs(data.stresses[known, k]))), 1e-300)
+            median[k], high[k] = np.median(relative), np.percentile(relative, 95)
+    return FitReport(
+        len(energy),
+        float(np.median(energy)),
+        float(np.percentile(energy, 95)),
+        median,
+        high,
+        data.strains[int(np.argmax(energy))],
+    )
