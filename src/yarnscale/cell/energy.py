@@ -99,6 +99,10 @@ class CellEnergy:
         self.unit = self.material.young_modulus * math.pi * radius**3
         self.surface = Midsurface(self.strain, length=radius)
         n = self.count = len(pattern.edges)
+        self._reach = 2.0
+        if self.material.contact.kernel == "est2022":
+            rule = self.material.contact
+            self._reach = 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
         self.images = Images.of(pattern, self._rings())
         tiles = np.repeat(self.images.tiles, n, axis=0)
         self.reference = np.tile(pattern.vertices / radius, (len(self.images.tiles), 1))
@@ -111,10 +115,6 @@ class CellEnergy:
         self._search = PairSearch(
             pattern, self.images, neighbours=self.material.contact.neighbours, ordered=self.symmetric
         )
-        self._reach = 2.0
-        if self.material.contact.kernel == "est2022":
-            rule = self.material.contact
-            self._reach = 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
         self._rod_stencils(rotation)
         self._contacts: _Contacts | None = None
         self._pattern: BlockPattern | None = None
@@ -131,7 +131,7 @@ class CellEnergy:
         edge = np.linalg.norm(pattern.edge_vectors(), axis=1).max()
         smallest = math.sqrt(np.linalg.eigvalsh(first)[0])
         arc = 1.0 if self.strain.is_flat else math.pi / 2
-        reach = (4.0 * pattern.radius + edge) / smallest * arc
+        reach = ((self._reach + 2.0) * pattern.radius + edge) / smallest * arc
         extent = np.ptp(pattern.vertices[:, :2], axis=0)
         rings = np.ceil((extent + reach) / pattern.period).astype(int)
         return int(rings[0]), int(rings[1])
