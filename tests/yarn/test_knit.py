@@ -112,9 +112,9 @@ def test_the_number_of_vertices_is_free(name: str, vertices_per_stitch: int) -> 
     ("chart", "options", "message"),
     [
         ([], {}, "chart has the wrong number of rows"),
-        (["kp", "k"], {}, "chart row 1 has another length; expected 2 stitches; found 1"),
-        (["kx"], {}, "chart row 0 column 1: unknown stitch; expected k or p; found 'x'"),
-        ([""], {}, "chart row 0 is no row of stitches"),
+        (["kp", "k"], {}, "chart row 2 has another length; expected 2 stitches as in row 1; found 1"),
+        (["kx"], {}, "chart row 1 column 2: unknown stitch; expected k, p, t, b, f, -; found 'x'"),
+        ([""], {}, "chart row 1 is no row of stitches"),
         (["k"], {"loop_height": 2.0}, "loops of this size do not interlock"),
         (["k"], {"wale_spacing": 4.0, "overhang": 1.0}, "overlap at this stitch size"),
         (["k"], {"half_thickness": 0}, "half_thickness must be positive"),

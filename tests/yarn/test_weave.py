@@ -7,7 +7,7 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.weave import basket_draft, plain_draft, satin_draft, twill_draft, weave
+from yarnscale.yarn.weave import basket_draft, herringbone_draft, plain_draft, satin_draft, twill_draft, weave
 
 DRAFTS = {
     "plain": plain_draft(),
@@ -68,7 +68,14 @@ def test_size_scales_with_the_radius() -> None:
         ([[1, 2], [0, 1]], {}, "draft is not binary"),
         ([["a", "b"]], {}, "draft is not binary"),
         ([], {}, "draft has the wrong shape"),
-        ([[1, 1], [0, 1]], {}, "draft does not hold together: weft pick 0 never changes sides"),
+        ([[1, 1], [0, 1]], {}, "draft does not hold together: weft pick 1 never changes sides"),
+        (
+            [[1, 0, 1, 1], [0, 1, 1, 1], [0, 0, 1, 0], [0, 0, 0, 1]],
+            {},
+            "draft does not hold together: weft pick 3, weft pick 4, warp end 3, warp end 4 lie at the top",
+        ),
+        (plain_draft(), {"weft_yarns": "a"}, "weft_yarns has the wrong length; expected 2 kinds of yarn"),
+        (plain_draft(), {"warp_yarns": ["a", "2"]}, "warp_yarns entry 2 is no kind of yarn"),
         (plain_draft(), {"radius": -1e-3}, "radius must be positive; expected > 0; found -0.001"),
         (plain_draft(), {"warp_spacing": "wide"}, "warp_spacing must be a number"),
         (plain_draft(), {"warp_spacing": 1.5}, "the yarns of weave overlap at this stitch size"),
@@ -88,3 +95,18 @@ def test_impossible_weaves_are_named(draft, options: dict[str, object], message:
 def test_satin_move_must_reach_every_end() -> None:
     with pytest.raises(InputError, match="satin move has a common divisor"):
         satin_draft(6, 2)
+
+
+def test_herringbone_turns_with_a_cut() -> None:
+    draft = herringbone_draft(2, 2, 4)
+    assert draft.shape == (4, 8)
+    assert (draft[:, 3] == 1 - draft[:, 4]).all()
+    assert (draft[:, 7] == 1 - draft[:, 0]).all()
+    for left, right, step in ((0, 1, 1), (2, 3, 1), (4, 5, -1), (6, 7, -1)):
+        assert (draft[:, right] == np.roll(draft[:, left], step)).all()
+
+
+def test_kinds_of_yarn_are_numbered_by_their_letters() -> None:
+    pattern = weave(plain_draft(), weft_yarns="ba", warp_yarns="cc")
+    assert pattern.yarn_material is not None
+    assert pattern.yarn_material.tolist() == [1, 0, 2, 2]

@@ -31,6 +31,7 @@ TABLES = {
     "reference_twist": 1,
 }
 """Field -> numbers per row; every table has one row per vertex."""
+OPTIONAL = ("yarn_material",)
 FIELDS = ("format", "version", "name", "units", "period", "radius", *TABLES)
 
 
@@ -69,6 +70,9 @@ def write_pattern_json(pattern: YarnPattern, path: str | os.PathLike[str]) -> No
     for field in TABLES:
         rows = ",\n".join("    " + json.dumps(row) for row in getattr(pattern, field).tolist())
         entries.append(f'  "{field}": [\n{rows}\n  ]')
+    if pattern.material_of_vertex.any():
+        assert pattern.yarn_material is not None
+        entries.append(f'  "yarn_material": {json.dumps(pattern.yarn_material.tolist())}')
     write_text(path, "{\n" + ",\n".join(entries) + "\n}\n")
 
 
@@ -111,8 +115,8 @@ def _assemble(document: dict[str, Any]) -> YarnPattern:
     if version != VERSION or isinstance(version, bool):
         raise InputError("version is not known", expected=VERSION, found=_short(version))
     for key in document:
-        if key not in FIELDS:
-            raise InputError(f"{_short(key)}: unknown field", expected=", ".join(FIELDS))
+        if key not in (*FIELDS, *OPTIONAL):
+            raise InputError(f"{_short(key)}: unknown field", expected=", ".join((*FIELDS, *OPTIONAL)))
     for key in FIELDS:
         if key not in document:
             raise InputError(f"{key} is missing", expected=", ".join(FIELDS))
@@ -131,7 +135,17 @@ def _assemble(document: dict[str, Any]) -> YarnPattern:
         period=_table(document["period"], "period", 2, 1),
         radius=_number(document["radius"], "radius"),
         name=document["name"],
+        yarn_material=_materials(document.get("yarn_material")),
     )
+
+
+def _materials(value: object) -> np.ndarray | None:
+    """Number of the material of each yarn; a pattern of one material may leave it out."""
+    if value is None:
+        return None
+    if not isinstance(value, list):
+        raise InputError("yarn_material is no list", expected="an integer per yarn", found=_short(value))
+    return np.array([_integer(x, f"yarn_material[{i}]") for i, x in enumerate(value)], dtype=np.int64)
 
 
 def _table(value: object, field: str, rows: int, columns: int) -> np.ndarray:

@@ -59,7 +59,17 @@ def read_pyp(path: str | os.PathLike[str], *, check_crossings: bool = True) -> Y
 
 
 def write_pyp(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
-    """Write a pattern with every digit, so that reading it gives the same numbers; whole or not at all."""
+    """Write a pattern with every digit, so that reading it gives the same numbers; whole or not at all.
+
+    Raises InputError for a pattern of several yarn materials: the format has no place for them.
+    """
+    if pattern.material_of_vertex.any():
+        raise InputError(
+            "pattern has several yarn materials",
+            where=path,
+            expected="one, or the format .json",
+            found=".pyp",
+        )
     px, py = pattern.period
     parts = [
         "*pattern # px py radius num_vertedges",

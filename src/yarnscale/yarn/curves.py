@@ -50,6 +50,7 @@ def pattern_from_curves(
     name: str = "pattern",
     rest_length_scale: float = 1.0,
     rest_shape: str = "straight",
+    yarn_material: Sequence[int] | np.ndarray | None = None,
 ) -> YarnPattern:
     """A pattern whose yarns have their vertices at the points of the curves.
 
@@ -57,6 +58,7 @@ def pattern_from_curves(
     (``rest_shape="straight"``) or the present one (``"current"``), and so is the rest twist. Reference
     directors are carried along each yarn by parallel transport; where the yarn closes, what is left to the
     first director is that joint's reference twist, and the twist angles spread it evenly along the yarn.
+    yarn_material: number of the material of each curve's yarn, all 0 by default.
     Raises InputError for curves with fewer than three points or anything `YarnPattern` refuses.
     """
     if rest_shape not in REST_SHAPES:
@@ -103,6 +105,7 @@ def pattern_from_curves(
         period=period,
         radius=radius,
         name=name,
+        yarn_material=None if yarn_material is None else np.asarray(yarn_material),
     )
 
 

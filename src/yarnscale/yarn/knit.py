@@ -1,7 +1,8 @@
-"""Weft-knitted patterns from a chart of knit and purl stitches.
+"""Weft-knitted patterns from a chart.
 
-The plan of a loop is a classical closed form (as Peirce's, Leaf and Glaskin's and later loop models): with
-t from 0 (middle of the sinker) over π (top of the head) to 2π (middle of the next sinker),
+Charts of knit and purl stitches alone have the plan of a classical closed form (as Peirce's, Leaf and Glaskin's
+and later loop models): with t from 0 (middle of the sinker) over π (top of the head) to 2π (middle of the next
+sinker),
 
     x = w t/2π + a sin 2t,   y = -(h/2) cos t,
 
@@ -10,6 +11,9 @@ leg crosses four yarns in plan: low down the legs and the head of the loop it is
 foot and the leg of the loop drawn through it. The height z follows from which yarn lies in front there: a
 knit stitch (seen from +z) is drawn through from behind, so that its foot lies behind the old loop's leg and
 its leg in front of the old loop's head; a purl stitch the other way round.
+
+All other charts (see `stitches`), and sizes at which the closed form has no room, are drawn schematically
+(`loop_paths`) and then swollen to their size (`settle`).
 """
 
 from __future__ import annotations
@@ -21,89 +25,141 @@ from scipy.interpolate import PchipInterpolator
 
 from yarnscale.errors import InputError
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.yarn.loop_paths import line_crossings, row_paths
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitch_size import check_drawn, positive, vertex_count
+from yarnscale.yarn.stitch_size import check_drawn, has_room, positive, vertex_count, yarn_letters
+from yarnscale.yarn.stitches import StitchChart, signs
 
-SYMBOLS = {"k": 1, "p": -1}
 SAMPLES_PER_STITCH = 400
-LARGEST_CHART = 64
+MOST_STITCHES = 1024
+"""Stitches that are drawn schematically."""
+PLATING = 0.45
+"""Distance of two plated yarns from the middle between them, before there is room for them [r]."""
+DIGITS = 6
+"""Digits kept of settled positions [r], so that machines that round differently draw the same pattern."""
 
 
 def knit(
-    chart: Sequence[str] | str,
+    chart: Sequence[str] | str | StitchChart,
     *,
     radius: float = 1e-3,
     wale_spacing: float = 9.0,
     course_spacing: float = 6.0,
     loop_height: float | None = None,
     overhang: float | None = None,
-    half_thickness: float = 1.4,
+    half_thickness: float | None = None,
+    tightness: float = 1.0,
+    yarns: Sequence[str] | None = None,
     vertices_per_stitch: float | None = None,
     rest_shape: str = "straight",
     name: str = "knit",
 ) -> YarnPattern:
-    """A knitted pattern from a chart: a text of ``k`` and ``p`` per course, seen from the right side (+z).
+    """A knitted pattern from a chart: a text of stitches per course, seen from the right side (+z).
 
     The first text is the lowest course (the first one knitted), columns are wales along x. Every course is
-    one yarn along x.
+    one yarn along x. The symbols, and courses of two needle beds, are described in `stitches`.
 
     radius: of the yarn [m]. All other lengths in radii: wale_spacing, course_spacing: size of a stitch along
-    x and y. loop_height: height of the loop's plan, 1.6 course spacings by default. overhang: a above, 0.24
-    wale spacings by default. half_thickness: height of the centre lines from the middle plane at crossings.
+    x and y; with two beds the wale spacing is that from a front needle to the back needle facing it, half
+    that of a bed. half_thickness: height of the centre lines from the middle plane at crossings, 1.4 (1.1
+    before settling). tightness: length that the yarns strive for over that of the schematic loops.
+    loop_height, overhang: h and a above, 1.6 course spacings and 0.24 wale spacings; only for charts of k and p.
+    yarns: for each course a letter, the kind of its yarn, or two, one plated in front of the other; kinds are
+    numbered in the order of their letters (`YarnPattern.yarn_material`).
     vertices_per_stitch: by default edges are about as long as the radius. rest_shape: see
     `curves.pattern_from_curves`. The loops touch or nearly touch; they are a start for a relaxation.
 
-    Raises InputError for a chart with other symbols or unequal rows, and for sizes at which the loops do not
-    interlock or the yarns would overlap.
+    Raises InputError for a chart that cannot be knitted, and for sizes at which the loops do not interlock or
+    the yarns would overlap.
     """
-    stitches = _chart_signs(chart)
-    courses, wales = stitches.shape
+    chart = chart if isinstance(chart, StitchChart) else StitchChart.read(chart)
     radius = positive("radius", radius)
     wale = positive("wale_spacing", wale_spacing)
     course = positive("course_spacing", course_spacing)
-    loop = _LoopPlan(
-        wale,
-        1.6 * course if loop_height is None else positive("loop_height", loop_height),
-        0.24 * wale if overhang is None else positive("overhang", overhang),
+    positive("tightness", tightness)
+    thickness = None if half_thickness is None else positive("half_thickness", half_thickness)
+    height = None if loop_height is None else positive("loop_height", loop_height)
+    width = None if overhang is None else positive("overhang", overhang)
+    kinds = yarn_letters("yarns", yarns, chart.courses, most=2)
+    period = np.array([chart.wales * wale, chart.courses * course])
+    shaped = height is not None or width is not None
+    if shaped and not (chart.plain and all(len(kind) == 1 for kind in kinds)):
+        raise InputError(
+            "loop_height and overhang shape plain loops only",
+            expected="a chart of k and p without plated yarns",
+        )
+
+    def assembled(curves: list[PeriodicCurve]) -> YarnPattern:
+        level = np.concatenate([curve.points for curve in curves])[:, 2].mean()
+        scaled = [PeriodicCurve((curve.points - [0.0, 0.0, level]) * radius, curve.shift) for curve in curves]
+        material = np.array([number for kind in kinds for number in kind], dtype=np.int64)
+        return pattern_from_curves(
+            scaled, period * radius, radius, name=name, rest_shape=rest_shape, yarn_material=material
+        )
+
+    if chart.plain and all(len(kind) == 1 for kind in kinds):
+        loop = _LoopPlan(
+            wale,
+            1.6 * course if height is None else height,
+            0.24 * wale if width is None else width,
+        )
+        if shaped or loop.interlocks(course):
+            dense = _classical_curves(signs(chart), loop, course, 1.4 if thickness is None else thickness)
+            pattern = assembled(_sampled(dense, period, chart.wales, vertices_per_stitch))
+            if shaped or has_room(pattern):
+                return check_drawn(pattern)
+    return check_drawn(
+        assembled(_settled_curves(chart, kinds, period, thickness or 1.1, tightness, vertices_per_stitch))
     )
+
+
+def _classical_curves(
+    stitches: np.ndarray, loop: _LoopPlan, course: float, thickness: float
+) -> list[PeriodicCurve]:
+    """Dense closed-form lines, one a course [r]."""
+    courses, wales = stitches.shape
     low, high = loop.crossings(course)
-    thickness = positive("half_thickness", half_thickness)
-    period = np.array([wales * wale, courses * course])
     curves = []
     for j in range(courses):
         knots, heights = _height_knots(stitches[j], stitches[(j + 1) % courses], low, high)
-        dense = _course_curve(loop, knots, heights * thickness, wales, (j + 0.5) * course)
-        count = vertex_count(dense.length(period), wales, vertices_per_stitch, 1.0)
-        curves.append(dense.resampled(count, period))
-    level = np.concatenate([curve.points for curve in curves])[:, 2].mean()
-    scaled = [PeriodicCurve((curve.points - [0.0, 0.0, level]) * radius, curve.shift) for curve in curves]
-    pattern = pattern_from_curves(scaled, period * radius, radius, name=name, rest_shape=rest_shape)
-    return check_drawn(pattern)
+        curves.append(_course_curve(loop, knots, heights * thickness, wales, (j + 0.5) * course))
+    return curves
 
 
-def _chart_signs(chart: Sequence[str] | str) -> np.ndarray:
-    """+1 for knit and -1 for purl, shape (courses, wales)."""
-    rows = [chart] if isinstance(chart, str) else list(chart)
-    if not 1 <= len(rows) <= LARGEST_CHART:
+def _sampled(
+    curves: list[PeriodicCurve], period: np.ndarray, wales: int, per_stitch: float | None
+) -> list[PeriodicCurve]:
+    counts = [vertex_count(curve.length(period), wales, per_stitch, 1.0) for curve in curves]
+    return [curve.resampled(count, period) for curve, count in zip(curves, counts, strict=True)]
+
+
+def _settled_curves(
+    chart: StitchChart,
+    kinds: list[tuple[int, ...]],
+    period: np.ndarray,
+    thickness: float,
+    tightness: float,
+    per_stitch: float | None,
+) -> list[PeriodicCurve]:
+    """Schematic loops given room; plated yarns follow each other along the same path, the first in front [r]."""
+    from yarnscale.yarn.settle import settled
+
+    if chart.courses * chart.wales > MOST_STITCHES:
         raise InputError(
-            "chart has the wrong number of rows", expected=f"1 to {LARGEST_CHART}", found=len(rows)
+            "chart is too large",
+            expected=f"at most {MOST_STITCHES} stitches",
+            found=chart.courses * chart.wales,
         )
-    for index, row in enumerate(rows):
-        if not isinstance(row, str) or not 1 <= len(row) <= LARGEST_CHART:
-            expected = f"a text of 1 to {LARGEST_CHART} stitches"
-            raise InputError(f"chart row {index} is no row of stitches", expected=expected, found=repr(row))
-        if len(row) != len(rows[0]):
-            raise InputError(
-                f"chart row {index} has another length", expected=f"{len(rows[0])} stitches", found=len(row)
-            )
-        for column, symbol in enumerate(row):
-            if symbol not in SYMBOLS:
-                raise InputError(
-                    f"chart row {index} column {column}: unknown stitch",
-                    expected="k or p",
-                    found=repr(symbol),
-                )
-    return np.array([[SYMBOLS[symbol] for symbol in row] for row in rows])
+    size = np.array([*(period / [chart.wales, chart.courses]), thickness])
+    curves = []
+    for path, kind in zip(row_paths(chart), kinds, strict=True):
+        sides = [0.0] if len(kind) == 1 else [PLATING, -PLATING]
+        curves += [PeriodicCurve(path * size + [0.0, 0.0, side], (1, 0)) for side in sides]
+    counts = None
+    if per_stitch is not None:
+        counts = [vertex_count(curve.length(period), chart.wales, per_stitch, 1.0) for curve in curves]
+    curves = settled(curves, period, tightness=tightness, counts=counts)
+    return [PeriodicCurve(curve.points.round(DIGITS), curve.shift) for curve in curves]
 
 
 class _LoopPlan:
@@ -123,36 +179,32 @@ class _LoopPlan:
         The same two crossings in plan, once seen from the upper loop (its foot crosses the old leg, then its
         leg the old head) and once from the lower one. InputError where loops do not cross just so.
         """
+        found = self._crossings(course)
+        if found is None:
+            raise InputError(
+                "loops of this size do not interlock",
+                expected="each leg crossing its neighbours above and below twice: a loop_height of about 1.6 "
+                "course_spacing, an overhang of about 0.24 wale_spacing",
+                found=f"wale_spacing {self.wale:g}, course_spacing {course:g}, loop_height {self.height:g}, "
+                f"overhang {self.overhang:g}",
+            )
+        return found
+
+    def interlocks(self, course: float) -> bool:
+        """Whether loops cross just as they should."""
+        return self._crossings(course) is not None
+
+    def _crossings(self, course: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
         t = np.linspace(0.0, np.pi, 401)
         upper, lower = self.at(t), self.at(t) - [0.0, course]
-        on_upper, on_lower = _line_crossings(upper, lower)
+        on_upper, on_lower = line_crossings(upper, lower)
         step = t[1]
         if len(on_upper) == 2:
             foot, leg = np.sort(on_upper) * step
             old_leg, old_head = on_lower[np.argsort(on_upper)] * step
             if foot < leg < old_leg < old_head:
                 return (foot, leg), (old_leg, old_head)
-        raise InputError(
-            "loops of this size do not interlock",
-            expected="each leg crossing its neighbours above and below twice: a loop_height of about 1.6 "
-            "course_spacing, an overhang of about 0.24 wale_spacing",
-            found=f"wale_spacing {self.wale:g}, course_spacing {course:g}, loop_height {self.height:g}, "
-            f"overhang {self.overhang:g}",
-        )
-
-
-def _line_crossings(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Crossings of two plane polylines, as positions (index plus fraction) on the first and on the second."""
-    d, e = np.diff(first, axis=0)[:, None, :], np.diff(second, axis=0)[None, :, :]
-    gap = second[None, :-1, :] - first[:-1, None, :]
-
-    def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s, u = cross(gap, e) / cross(d, e), cross(gap, d) / cross(d, e)
-    i, k = np.nonzero((s >= 0.0) & (s < 1.0) & (u >= 0.0) & (u < 1.0))
-    return i + s[i, k], k + u[i, k]
+        return None
 
 
 def _height_knots(

@@ -9,6 +9,8 @@ The lines touch nothing but are far from round: `settle` makes yarns of them.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
@@ -54,7 +56,7 @@ def _plan(chart: StitchChart, row: int) -> np.ndarray:
     for column in range(chart.wales):
         left = np.array(_left_half(chart, row, column))
         right = left[::-1][1:-1] * [-1.0, 1.0]
-        corners.append(np.concatenate([left, right]) + [column + 0.5, row])
+        corners.append(np.concatenate([left, right]) + np.array([column + 0.5, row]))
     return np.concatenate(corners)
 
 
@@ -84,9 +86,11 @@ def _left_half(chart: StitchChart, row: int, column: int) -> list[tuple[float, f
 def _rounded(corners: np.ndarray, wales: int) -> np.ndarray:
     """Corners cut twice (Chaikin), then points at even steps; the line ends before its image."""
     for _ in range(2):
-        following = np.concatenate([corners[1:], corners[:1] + [wales, 0.0]])
-        corners = np.stack([0.75 * corners + 0.25 * following, 0.25 * corners + 0.75 * following], 1).reshape(-1, 2)
-    closed = np.concatenate([corners, corners[:1] + [wales, 0.0]])
+        following = _closed(corners, wales)[1:]
+        corners = np.stack([0.75 * corners + 0.25 * following, 0.25 * corners + 0.75 * following], 1).reshape(
+            -1, 2
+        )
+    closed = _closed(corners, wales)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     count = int(np.ceil(along[-1] / STEP))
     at = np.arange(count) * along[-1] / count
@@ -97,22 +101,35 @@ def _crossings(chart: StitchChart, plans: list[np.ndarray], row: int) -> np.ndar
     """Places along a row (index plus fraction) where it crosses any row's copy in the plan, sorted."""
     line = _closed(plans[row], chart.wales)
     low, high = line[:, 1].min(), line[:, 1].max()
-    places = []
+    copies = []
     for other, plan in enumerate(plans):
         copy = _closed(plan, chart.wales)
         first = int(np.floor((low - copy[:, 1].max()) / chart.courses))
         last = int(np.ceil((high - copy[:, 1].min()) / chart.courses))
-        for lap in range(first, last + 1):
-            if other == row and lap == 0:
-                continue
-            for side in (-1, 0, 1):
-                shifted = copy + [side * chart.wales, lap * chart.courses]
-                places.append(line_crossings(line, shifted)[0])
+        laps = [lap for lap in range(first, last + 1) if other != row or lap != 0]
+        tiles = [(side, lap) for side in (-1, 0, 1) for lap in laps]
+        copies += [copy + np.multiply(tile, (chart.wales, chart.courses)) for tile in tiles]
+    # Yarns meet well inside the wales only, so that nothing is missed strip by strip.
+    strips = [(copy, _strips(copy)) for copy in copies]
+    places = []
+    for strip, (begin, end) in _strips(line).items():
+        for copy, ranges in strips:
+            if strip in ranges:
+                a, b = ranges[strip]
+                places.append(begin + line_crossings(line[begin : end + 1], copy[a : b + 1])[0])
     return np.sort(np.concatenate(places)) if places else np.empty(0)
 
 
+def _strips(line: np.ndarray) -> dict[int, tuple[int, int]]:
+    """Range of the segments of a line in each wale's strip; wales follow each other along a row."""
+    strip = np.floor(0.5 * (line[1:, 0] + line[:-1, 0])).astype(int)
+    change = np.flatnonzero(np.diff(strip)) + 1
+    bounds = np.concatenate([[0], change, [len(strip)]])
+    return {int(strip[a]): (int(a), int(b)) for a, b in pairwise(bounds)}
+
+
 def _closed(plan: np.ndarray, wales: int) -> np.ndarray:
-    return np.concatenate([plan, plan[:1] + [wales, 0.0]])
+    return np.concatenate([plan, plan[:1] + np.array([wales, 0.0])])
 
 
 def line_crossings(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ SMALLEST_LENGTH = 1e-9
 DIRECTOR_TOLERANCE = 1e-3
 """Largest deviation of a reference director from unit length and from a right angle with its edge."""
 LARGEST_RADIUS_OVER_PERIOD = 10.0
+LARGEST_MATERIAL_COUNT = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,8 @@ class YarnPattern:
     period: (px, py), shape (2,) [m].
     radius: yarn radius [m].
     name: a label; no part of the content.
+    yarn_material: number of each yarn's material (0 is the first), in the order of `yarns`, shape (yarns,);
+        None stands for all 0.
 
     Raises InputError naming the field for shapes, values or a topology that make no pattern. Treat the
     arrays as read-only: `dataclasses.replace` and the methods below give changed copies.
@@ -63,6 +66,7 @@ class YarnPattern:
     period: np.ndarray
     radius: float
     name: str = "pattern"
+    yarn_material: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Store contiguous arrays of the right type and check everything that can be checked cheaply."""
@@ -86,6 +90,7 @@ class YarnPattern:
             object.__setattr__(self, field, _float_array(field, getattr(self, field), shape))
         object.__setattr__(self, "edges", _edge_array(self.edges, n))
         object.__setattr__(self, "radius", float(self.radius))
+        object.__setattr__(self, "yarn_material", _material_array(self.yarn_material, len(self.yarns)))
         self._check_values()
 
     def _check_values(self) -> None:
@@ -188,6 +193,12 @@ class YarnPattern:
         """Net tile shift (dx, dy) of each yarn over one period, shape (yarns, 2)."""
         return np.array([self.edges[chain, 2:].sum(axis=0) for chain in self.yarns], dtype=np.int64)
 
+    @cached_property
+    def material_of_vertex(self) -> np.ndarray:
+        """Number of the material of each vertex's (and its outgoing edge's) yarn, shape (n,)."""
+        assert self.yarn_material is not None
+        return self.yarn_material[self.yarn_of_vertex]
+
     # --- geometry -------------------------------------------------------------------------------------
 
     @property
@@ -239,7 +250,7 @@ class YarnPattern:
         def tiled(array: np.ndarray) -> np.ndarray:
             return np.tile(array, (len(tiles),) + (1,) * (array.ndim - 1))
 
-        return YarnPattern(
+        repeated = YarnPattern(
             vertices=vertices.reshape(-1, 3),
             twist=tiled(self.twist),
             edges=edges.reshape(-1, 4),
@@ -252,6 +263,8 @@ class YarnPattern:
             radius=self.radius,
             name=self.name if courses * wales == 1 else f"{self.name}-{courses}x{wales}",
         )
+        material = tiled(self.material_of_vertex)
+        return replace(repeated, yarn_material=material[[chain[0] for chain in repeated.yarns]])
 
     def shifted(self, dx: float, dy: float) -> YarnPattern:
         """The pattern moved by (dx, dy) in the plane [m]."""
@@ -289,6 +302,7 @@ class YarnPattern:
         name: str = "pattern",
         rest_length_scale: float = 1.0,
         rest_shape: str = "straight",
+        yarn_material: Sequence[int] | np.ndarray | None = None,
     ) -> YarnPattern:
         """A pattern from sampled centre lines; see `curves.pattern_from_curves`."""
         from yarnscale.yarn.curves import pattern_from_curves
@@ -300,6 +314,7 @@ class YarnPattern:
             name=name,
             rest_length_scale=rest_length_scale,
             rest_shape=rest_shape,
+            yarn_material=yarn_material,
         )
 
     def content_hash(self) -> str:
@@ -320,6 +335,9 @@ class YarnPattern:
         ):
             # Adding zero turns -0.0 into 0.0: equal numbers, equal bytes.
             digest.update(np.ascontiguousarray(array + 0.0, dtype="<f8").tobytes())
+        if self.material_of_vertex.any():
+            # Patterns of one material keep the hash that they had before there were several.
+            digest.update(np.ascontiguousarray(self.yarn_material, dtype="<i8").tobytes())
         return digest.hexdigest()
 
 
@@ -368,6 +386,16 @@ def _edge_array(value: object, n: int) -> np.ndarray:
     if np.abs(edges[:, 2:]).max() > 10_000:
         raise InputError("edges reach too many tiles away", expected="|dx|, |dy| ≤ 10000")
     return edges
+
+
+def _material_array(value: object, yarns: int) -> np.ndarray:
+    array = np.zeros(yarns, dtype=np.int64) if value is None else np.asarray(value)
+    if array.shape != (yarns,):
+        raise InputError("yarn_material has the wrong shape", expected=(yarns,), found=array.shape)
+    if array.dtype.kind not in "iu" or (array < 0).any() or (array >= LARGEST_MATERIAL_COUNT).any():
+        expected = f"integers from 0 to {LARGEST_MATERIAL_COUNT - 1}"
+        raise InputError("yarn_material must number materials", expected=expected, found=array.tolist()[:8])
+    return np.array(array, dtype=np.int64)
 
 
 def _check_length(field: str, value: np.ndarray) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from numbers import Real
 
 from yarnscale.errors import InputError
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.pattern import YarnPattern
 
-LEAST_CLEARANCE = 0.7
+LEAST_CLEARANCE = 0.8
 """Generated centre lines stay at least this share of the diameter apart."""
 EDGE_LENGTH = 1.05
 """Length of an edge in radii where no number of vertices is asked for.
@@ -36,6 +37,36 @@ def vertex_count(length: float, stitches: int, per_stitch: float | None, radius:
     if per_stitch > MOST_VERTICES:
         raise InputError("vertices_per_stitch is too large", expected=f"≤ {MOST_VERTICES}", found=per_stitch)
     return max(3, round(stitches * per_stitch))
+
+
+def yarn_letters(
+    field: str, letters: Sequence[str] | None, count: int, *, most: int
+) -> list[tuple[int, ...]]:
+    """Kinds of yarn as numbers, for each of `count` courses, picks or ends one (or up to `most`, plated).
+
+    letters: a text of one or more letters for each; kinds are numbered in the order of the letters. None: all 0.
+    """
+    if letters is None:
+        return [(0,)] * count
+    texts = list(letters)
+    if len(texts) != count:
+        raise InputError(f"{field} has the wrong length", expected=f"{count} kinds of yarn", found=len(texts))
+    for place, text in enumerate(texts, start=1):
+        if (
+            not isinstance(text, str)
+            or not 1 <= len(text) <= most
+            or not text.isalpha()
+            or not text.isascii()
+        ):
+            expected = "a letter" if most == 1 else f"1 to {most} letters"
+            raise InputError(f"{field} entry {place} is no kind of yarn", expected=expected, found=repr(text))
+    known = sorted(set("".join(texts)))
+    return [tuple(known.index(letter) for letter in text) for text in texts]
+
+
+def has_room(pattern: YarnPattern) -> bool:
+    """Whether the yarns keep `LEAST_CLEARANCE`."""
+    return closest_approach(pattern).distance >= 2.0 * LEAST_CLEARANCE * pattern.radius
 
 
 def check_drawn(pattern: YarnPattern) -> YarnPattern:

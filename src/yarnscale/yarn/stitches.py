@@ -56,7 +56,9 @@ class StitchChart:
         for number, row in enumerate(rows, start=1):
             if not isinstance(row, str) or not row:
                 expected = f"a text of 1 to {LARGEST_CHART} stitches"
-                raise InputError(f"chart row {number} is no row of stitches", expected=expected, found=repr(row))
+                raise InputError(
+                    f"chart row {number} is no row of stitches", expected=expected, found=repr(row)
+                )
             count = row.count("|") + 1
             if number > 1 and count != beds:
                 raise InputError(
@@ -64,10 +66,10 @@ class StitchChart:
                 )
             beds = count
         if beds > 2:
-            raise InputError("chart row 1 has too many needle beds", expected="front or front|back", found=beds)
-        texts = [
-            _interleaved(number, row) if beds == 2 else row for number, row in enumerate(rows, start=1)
-        ]
+            raise InputError(
+                "chart row 1 has too many needle beds", expected="front or front|back", found=beds
+            )
+        texts = [_interleaved(number, row) if beds == 2 else row for number, row in enumerate(rows, start=1)]
         return cls(tuple(texts), beds)
 
     def __post_init__(self) -> None:
@@ -76,7 +78,9 @@ class StitchChart:
         for number, row in enumerate(self.rows, start=1):
             if not 1 <= len(row) <= LARGEST_CHART:
                 expected = f"1 to {LARGEST_CHART} stitches"
-                raise InputError(f"chart row {number} is no row of stitches", expected=expected, found=len(row))
+                raise InputError(
+                    f"chart row {number} is no row of stitches", expected=expected, found=len(row)
+                )
             if len(row) != width:
                 expected = f"{width} stitches as in row 1"
                 raise InputError(f"chart row {number} has another length", expected=expected, found=len(row))
@@ -141,7 +145,10 @@ class StitchChart:
     @cached_property
     def words(self) -> list[str]:
         """Crossings that the chart implies, a text per row along its yarn: O(ver) or U(nder), seen from +z."""
-        return ["".join(self._stitch_word(row, column) for column in range(self.wales)) for row in range(self.courses)]
+        return [
+            "".join(self._stitch_word(row, column) for column in range(self.wales))
+            for row in range(self.courses)
+        ]
 
     def _stitch_word(self, row: int, column: int) -> str:
         """Left half in order, right half mirrored: first the older loops that it meets, then the newer ones."""

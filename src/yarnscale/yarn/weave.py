@@ -9,7 +9,7 @@ import numpy as np
 from yarnscale.errors import InputError
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitch_size import check_drawn, positive, vertex_count
+from yarnscale.yarn.stitch_size import check_drawn, positive, vertex_count, yarn_letters
 
 SAMPLES_PER_CROSSING = 200
 LARGEST_DRAFT = 64
@@ -22,6 +22,8 @@ def weave(
     warp_spacing: float = 3.2,
     weft_spacing: float = 3.2,
     half_thickness: float = 1.1,
+    weft_yarns: Sequence[str] | None = None,
+    warp_yarns: Sequence[str] | None = None,
     vertices_per_stitch: float | None = None,
     rest_shape: str = "straight",
     name: str = "weave",
@@ -33,12 +35,14 @@ def weave(
 
     radius: of the yarn [m]. warp_spacing, weft_spacing: distance between neighbouring warp ends and weft
     picks, in radii. half_thickness: height of the centre lines above the middle at crossings, in radii.
+    weft_yarns, warp_yarns: a letter for the kind of yarn of each pick and end; kinds are numbered in the order
+    of their letters (`YarnPattern.yarn_material`).
     vertices_per_stitch: vertices per crossing along a yarn; by default edges are about as long as the radius.
     rest_shape: see `curves.pattern_from_curves`. The geometry touches or nearly touches at the crossings; it
     is a start for a relaxation, not an equilibrium.
 
     Raises InputError for a draft that is not binary or does not hold together (a yarn that never changes
-    sides), and for sizes at which the yarns would overlap.
+    sides, or yarns that lie wholly on top of the others), and for sizes at which the yarns would overlap.
     """
     table = _draft_table(draft)
     radius = positive("radius", radius)
@@ -46,6 +50,7 @@ def weave(
     weft_spacing = positive("weft_spacing", weft_spacing) * radius
     height = positive("half_thickness", half_thickness) * radius
     picks, ends = table.shape
+    kinds = _kinds(weft_yarns, warp_yarns, picks, ends)
     period = np.array([ends * warp_spacing, picks * weft_spacing])
     side = 2 * table - 1
     curves = [
@@ -58,7 +63,10 @@ def weave(
     ]
     level = np.concatenate([curve.points for curve in sampled])[:, 2].mean()
     centred = [PeriodicCurve(curve.points - [0.0, 0.0, level], curve.shift) for curve in sampled]
-    return check_drawn(pattern_from_curves(centred, period, radius, name=name, rest_shape=rest_shape))
+    pattern = pattern_from_curves(
+        centred, period, radius, name=name, rest_shape=rest_shape, yarn_material=kinds
+    )
+    return check_drawn(pattern)
 
 
 def plain_draft() -> np.ndarray:
@@ -75,6 +83,16 @@ def twill_draft(over: int = 2, under: int = 2) -> np.ndarray:
     """Over `over`, under `under`, one step to the side from pick to pick."""
     row = np.array([1] * over + [0] * under)
     return np.stack([np.roll(row, pick) for pick in range(over + under)])
+
+
+def herringbone_draft(over: int = 2, under: int = 2, ends: int = 4) -> np.ndarray:
+    """Twill that turns after every `ends` ends with a cut: the ends on its two sides lie opposite to each other."""
+    if ends < 1:
+        raise InputError("herringbone needs ends to turn after", expected="≥ 1", found=ends)
+    half = (over + under) // 2
+    steps = [*range(ends), *range(ends - 1 + half, half - 1, -1)]
+    first = twill_draft(over, under)[:, 0]
+    return np.stack([np.roll(first, step) for step in steps], axis=1)
 
 
 def satin_draft(ends: int = 5, move: int = 2) -> np.ndarray:
@@ -100,10 +118,50 @@ def _draft_table(draft: Sequence[Sequence[int]] | np.ndarray) -> np.ndarray:
     for axis, label in ((1, "weft pick"), (0, "warp end")):
         for index in np.flatnonzero(table.min(axis=axis) == table.max(axis=axis)):
             raise InputError(
-                f"draft does not hold together: {label} {index} never changes sides",
+                f"draft does not hold together: {label} {index + 1} never changes sides",
                 expected="both 0 and 1 in every row and column",
             )
+    _check_layers(table)
     return table
+
+
+def _check_layers(table: np.ndarray) -> None:
+    """InputError where some yarns lie on top of all others that they cross (Clapham 1980).
+
+    The draft is one piece when "lies over", followed from yarn to yarn, leads from every yarn to every other.
+    """
+    picks = len(table)
+    over = np.zeros((sum(table.shape),) * 2, dtype=bool)
+    over[:picks, picks:] = table == 0
+    over[picks:, :picks] = table.T == 1
+    for link, side in ((over, "top"), (over.T, "bottom")):
+        reached, front = {0}, [0]
+        while front:
+            found = set(np.flatnonzero(link[front.pop()]).tolist()) - reached
+            reached |= found
+            front += found
+        # Nothing that is reached lies over what is not: those yarns are a layer of their own.
+        if loose := sorted(set(range(len(over))) - reached):
+            names = [f"weft pick {y + 1}" if y < picks else f"warp end {y - picks + 1}" for y in loose[:6]]
+            raise InputError(
+                f"draft does not hold together: {', '.join(names)}{' …' if len(loose) > 6 else ''} lie at the "
+                f"{side} of all others that they cross",
+                expected="yarns that interlace in one layer",
+            )
+
+
+def _kinds(
+    weft: Sequence[str] | None, warp: Sequence[str] | None, picks: int, ends: int
+) -> np.ndarray | None:
+    """Number of the kind of each yarn, weft first."""
+    if weft is None and warp is None:
+        return None
+    weft = ["a"] * picks if weft is None else list(weft)
+    warp = ["a"] * ends if warp is None else list(warp)
+    yarn_letters("weft_yarns", weft, picks, most=1)
+    yarn_letters("warp_yarns", warp, ends, most=1)
+    letters = yarn_letters("yarns", weft + warp, picks + ends, most=1)
+    return np.array([kind for (kind,) in letters], dtype=np.int64)
 
 
 def _wave(heights: np.ndarray, axis: int, spacing: float, across: float) -> PeriodicCurve:
