@@ -145,7 +145,7 @@ class CellEnergy:
 
     def _positions_of(self, nodes: Indices) -> Indices:
         """Full variables of nodes (N, k) → (N, 3k)."""
-        return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+        return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
 
     def _rod_stencils(self, rotation: Array) -> None:
         pattern, n = self.pattern, self.count
