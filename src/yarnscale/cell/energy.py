@@ -311,12 +311,11 @@ class CellEnergy:
         """Energy and gradient by the free vector."""
         full = self.nodes.expand(x)
         contacts = self.contacts(x, full)
-        value, gradients = 0.0, []
+        value, forces = 0.0, []
         for stencils in (*self._rods, contacts.stencils):
-            part = np.zeros(len(full))
-            value += stencils.gradient(full, part)
-            gradients.append(self.nodes.pull_gradient(part))
-        return self._summed(value, gradients)
+            forces.append(np.zeros(len(full)))
+            value += stencils.gradient(full, forces[-1])
+        return self._summed(value, forces)
 
     def quadratic(self, x: Array) -> tuple[float, Array, CellModel]:
         """Energy, gradient and exact Hessian by the free vector."""
@@ -325,19 +324,23 @@ class CellEnergy:
         block = self._block_pattern(contacts, full)
         assert contacts.slots is not None
         entries = np.zeros(block.pattern.entries)
-        value, gradients = 0.0, []
+        value, forces = 0.0, []
         for stencils, slots in zip(
             (*self._rods, contacts.stencils), (*self._rod_slots, contacts.slots), strict=True
         ):
-            part = np.zeros(len(full))
-            value += stencils.hessian(full, part, slots, self.nodes.rotation, entries)
-            gradients.append(self.nodes.pull_gradient(part))
-        value, gradient = self._summed(value, gradients)
+            forces.append(np.zeros(len(full)))
+            value += stencils.hessian(full, forces[-1], slots, self.nodes.rotation, entries)
+        value, gradient = self._summed(value, forces)
         return value, gradient, CellModel(block.pattern, entries, self._scale)
 
-    def _summed(self, value: float, gradients: list[Array]) -> tuple[float, Array]:
-        # A residual of 1e-6 means: forces cancel to six digits of what the terms pull against each other.
-        self.residual_scale = sum(float(np.linalg.norm(g[: 3 * self.count])) for g in gradients) + 1e-9
+    def _summed(self, value: float, forces: list[Array]) -> tuple[float, Array]:
+        """Energy and gradient from the forces of each term on all copies; sets ``residual_scale``."""
+        gradients = [self.nodes.pull_gradient(force) for force in forces]
+        # A residual of 1e-6 means: forces cancel to six digits of what the terms pull against each other. A taut straight
+        # yarn pulls on no vertex; there its tension, which is felt where the tile ends, and round-off set the scale.
+        pull = sum(float(np.linalg.norm(g[: 3 * self.count])) for g in gradients)
+        tension = sum(float(np.linalg.norm(self._positions(force))) for force in forces)
+        self.residual_scale = pull + 1e-3 * tension + 1e-6
         return (value if math.isfinite(value) else math.inf), sum(gradients)  # type: ignore[return-value]
 
     def bound(self, x: Array, step: Array) -> float:
