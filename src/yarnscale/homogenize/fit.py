@@ -118,7 +118,7 @@ def _lift(
         gained = [np.minimum(axis.spline(x), 0.0) for axis, x in zip(axes, states.T, strict=True)]
         return np.minimum(lowest, planes.constant + np.sum(gained, axis=0))
 
-    tolerance = max(0.1 * abs(lowest), 0.01 * float(np.nanmin(planes.sides)))
+    tolerance = max(0.1 * abs(lowest), 0.03 * float(np.nanmin(planes.sides)))
     box, rng = _search_box(planes, axes), np.random.default_rng(0)
     pool, best, least, held = np.zeros((0, 5)), planes.unknowns, np.inf, 0
     for step in range(rounds + 1):
@@ -164,17 +164,16 @@ def _lowest_states(
     return _thinned(states, gap, span)
 
 
-def _thinned(states: Array, energy: Array, span: Array, *, count: int = 150) -> tuple[Array, Array]:
+def _thinned(states: Array, gap: Array, span: Array, *, count: int = 100) -> tuple[Array, Array]:
     """The lowest states of which no two lie close together."""
-    order = np.argsort(energy)
     scaled = states / np.where(span > 0, span, 1.0)
-    kept: list[int] = []
-    for k in order:
-        if all(np.max(np.abs(scaled[k] - scaled[other])) > 0.02 for other in kept):
-            kept.append(int(k))
+    kept = np.zeros(0, dtype=np.int64)
+    for k in np.argsort(gap):
+        if np.all(np.max(np.abs(scaled[kept] - scaled[k]), axis=1) > 0.02):
+            kept = np.append(kept, k)
         if len(kept) == count:
             break
-    return states[kept], energy[kept]
+    return states[kept], gap[kept]
 
 
 def strains_of(states: ArrayLike) -> Array:

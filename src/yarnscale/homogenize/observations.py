@@ -35,9 +35,9 @@ class FitOptions:
 
     axis_knots: int = 25
     plane_knots: int = 17
-    smoothing: float = 1e-4
+    smoothing: float = 1e-3
     small: float = 0.02
-    noise: float = 5e-3
+    noise: float = 0.02
     reach: float = 0.15
     symmetric_shear: bool = True
     quasi_convex: bool = True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from yarnscale.homogenize.axis_fit import AxisTerm
@@ -19,7 +19,7 @@ Pair = tuple[int, int]
 _SOFTNESS = 1e-6
 """Compliance of the floor beside the data, so that states it cannot all satisfy do no harm."""
 
-_LIFT_SMOOTHING = 0.1
+_LIFT_SMOOTHING = 1.0
 """Weight of roughness in what the floor adds, beside relative residuals."""
 _NEIGHBOURS = 9
 """Samples whose mean scale measures the roughness around them: one stiff neighbour must not forbid a bend."""
@@ -162,8 +162,9 @@ class PlaneFit:
         missing = floor - self.axis_energy(strains) - rows @ self.free
         compliance = rows @ spread
         compliance[np.diag_indices(len(compliance))] += _SOFTNESS * np.mean(np.diag(compliance)) + 1e-300
-        lower = np.linalg.cholesky(compliance)
-        self.multipliers = nnls(lower.T, np.linalg.solve(lower, missing), maxiter=30 * len(rows))[0]
+        lower = cholesky(compliance, lower=True)
+        reduced = solve_triangular(lower, missing, lower=True)
+        self.multipliers = nnls(lower.T, reduced, maxiter=30 * len(rows))[0]
         self.unknowns = self.free + spread @ self.multipliers
 
     def splines(self) -> dict[Pair, BicubicSpline]:
