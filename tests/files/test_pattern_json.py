@@ -143,7 +143,8 @@ def test_reading_by_name_suffix_or_content(tmp_path: Path) -> None:
 
 def test_what_is_neither_name_nor_pattern(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"unknown pattern; expected a .pyp or .json file or one of stockinette, .*'lace'"
+        InputError,
+        match=r"unknown pattern; expected a .pyp, .json or .chart file or one of stockinette, .*'lace'",
     ):
         read_pattern("lace")
     with pytest.raises(InputError, match="file does not exist"):

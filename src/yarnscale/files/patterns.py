@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from yarnscale.errors import InputError
+from yarnscale.files.chart import read_chart
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn import library
 from yarnscale.yarn.pattern import YarnPattern
 
-READERS = {".pyp": read_pyp, ".json": read_pattern_json}
+READERS = {".pyp": read_pyp, ".json": read_pattern_json, ".chart": read_chart}
 WRITERS = {".pyp": write_pyp, ".json": write_pattern_json}
 
 
 def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
-    """A built-in pattern by name, or a pattern file (`.pyp`, `.json`; without a suffix, by its content).
+    """A built-in pattern by name, or a pattern file (`.pyp`, `.json`, or a chart to draw, `.chart`;
+    without a suffix, by its content).
 
     Raises InputError for an unknown name, an unknown format and whatever the readers refuse.
     """
@@ -27,17 +30,20 @@ def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
     if path.suffix.lower() in READERS:
         return READERS[path.suffix.lower()](path)
     if not os.path.exists(path) and path.suffix == "" and len(path.parts) <= 1:
-        expected = f"a .pyp or .json file or one of {', '.join(library.names())}"
+        expected = f"a .pyp, .json or .chart file or one of {', '.join(library.names())}"
         raise InputError("unknown pattern", expected=expected, found=repr(os.fspath(source)))
-    start = read_source(path).lstrip()[:1]
+    source_text = read_source(path)
+    start = source_text.lstrip()[:1]
     if start == "{":
         return read_pattern_json(path)
+    if re.search(r"^\s*rows:", source_text, re.MULTILINE):
+        return read_chart(path)
     if start in ("*", "#"):
         return read_pyp(path)
     raise InputError(
         "file is no pattern",
         where=path,
-        expected="*pattern (.pyp) or a JSON object",
+        expected="*pattern (.pyp), a JSON object or a chart",
         found=f"{start!r} at its start",
     )
 

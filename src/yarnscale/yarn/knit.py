@@ -158,7 +158,9 @@ def _settled_curves(
     counts = None
     if per_stitch is not None:
         counts = [vertex_count(curve.length(period), chart.wales, per_stitch, 1.0) for curve in curves]
-    curves = settled(curves, period, tightness=tightness, counts=counts)
+    # Small against the distances of the schematic loops, so that sampling cuts no corner off through another yarn.
+    finest = float(min(0.06 * size[0], 0.1 * size[1]))
+    curves = settled(curves, period, tightness=tightness, counts=counts, finest=finest)
     return [PeriodicCurve(curve.points.round(DIGITS), curve.shift) for curve in curves]
 
 

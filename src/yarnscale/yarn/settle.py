@@ -51,19 +51,22 @@ def settled(
     *,
     tightness: float = 1.0,
     counts: Sequence[int] | None = None,
+    finest: float = np.inf,
     stages: Sequence[Stage] = STAGES,
 ) -> list[PeriodicCurve]:
     """The curves (lengths in radii), rounded and apart; entangled as before.
 
     period: (px, py) [r]. tightness: length that a yarn strives for over the length that it was drawn with.
     counts: vertices of each curve at the end; by default edges of the last stage's length.
+    finest: largest edge at the beginning [r], where bends are sharper than yarns allow.
     """
     curves = list(curves)
     wanted = [tightness * curve.length(period) for curve in curves]
     swollen = FIRST_DIAMETER
     for number, stage in enumerate(stages):
         last = number == len(stages) - 1
-        sizes = [max(3, round(curve.length(period) / stage.edge)) for curve in curves]
+        edge = min(stage.edge, finest) if number == 0 else stage.edge
+        sizes = [max(3, round(curve.length(period) / edge)) for curve in curves]
         if last and counts is not None:
             sizes = list(counts)
         curves = [curve.resampled(size, period) for curve, size in zip(curves, sizes, strict=True)]

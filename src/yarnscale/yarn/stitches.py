@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from yarnscale.errors import InputError
+from yarnscale.yarn.chart_error import ChartError
 
 SIGNS = {"k": 1, "p": -1}
 SYMBOLS = "kptbf-"
@@ -52,47 +53,47 @@ class StitchChart:
         if not 1 <= len(rows) <= LARGEST_CHART:
             expected = f"1 to {LARGEST_CHART}"
             raise InputError("chart has the wrong number of rows", expected=expected, found=len(rows))
-        beds = 1
-        for number, row in enumerate(rows, start=1):
-            if not isinstance(row, str) or not row:
+        beds, texts = 1, []
+        for row, text in enumerate(rows):
+            if not isinstance(text, str) or not text:
                 expected = f"a text of 1 to {LARGEST_CHART} stitches"
-                raise InputError(
-                    f"chart row {number} is no row of stitches", expected=expected, found=repr(row)
-                )
-            count = row.count("|") + 1
-            if number > 1 and count != beds:
-                raise InputError(
-                    f"chart row {number} is for another number of needle beds", expected=beds, found=count
-                )
+                what = f"chart row {row + 1} is no row of stitches"
+                raise ChartError(what, row=row, expected=expected, found=repr(text)[:40])
+            count = text.count("|") + 1
+            if count > 2:
+                what = f"chart row {row + 1} has too many needle beds"
+                raise ChartError(what, row=row, expected="front or front|back", found=count)
+            if row > 0 and count != beds:
+                what = f"chart row {row + 1} is for another number of needle beds"
+                raise ChartError(what, row=row, expected=f"{beds} as in row 1", found=count)
             beds = count
-        if beds > 2:
-            raise InputError(
-                "chart row 1 has too many needle beds", expected="front or front|back", found=beds
-            )
-        texts = [_interleaved(number, row) if beds == 2 else row for number, row in enumerate(rows, start=1)]
+            texts.append(_interleaved(row, text) if beds == 2 else text)
         return cls(tuple(texts), beds)
 
     def __post_init__(self) -> None:
         """Check symbols, then that every wale can be knitted."""
         width = len(self.rows[0])
-        for number, row in enumerate(self.rows, start=1):
-            if not 1 <= len(row) <= LARGEST_CHART:
-                expected = f"1 to {LARGEST_CHART} stitches"
-                raise InputError(
-                    f"chart row {number} is no row of stitches", expected=expected, found=len(row)
-                )
-            if len(row) != width:
-                expected = f"{width} stitches as in row 1"
-                raise InputError(f"chart row {number} has another length", expected=expected, found=len(row))
-            for column, symbol in enumerate(row):
+        for row, text in enumerate(self.rows):
+            if not 1 <= len(text) <= LARGEST_CHART:
+                what = f"chart row {row + 1} is no row of stitches"
+                raise ChartError(what, row=row, expected=f"1 to {LARGEST_CHART} stitches", found=len(text))
+            if len(text) != width:
+                what = f"chart row {row + 1} has another length"
+                expected = f"{width // self.beds} stitches as in row 1"
+                raise ChartError(what, row=row, expected=expected, found=len(text) // self.beds)
+            for column, symbol in enumerate(text):
                 if symbol not in SYMBOLS:
-                    raise InputError(
-                        f"chart {self.place(number - 1, column)}: unknown stitch",
-                        expected=", ".join(SYMBOLS),
-                        found=repr(symbol),
-                    )
+                    expected = ", ".join(SYMBOLS)
+                    raise self._error("unknown stitch", row, column, expected=expected, found=repr(symbol))
         for column in range(width):
             self._check_wale(column)
+
+    def _error(self, reason: str, row: int, column: int, *, expected: object, found: object) -> ChartError:
+        written = column
+        if self.beds == 2:
+            written = column // 2 + (len(self.rows[row]) // 2 if column % 2 else 0)
+        what = f"chart {self.place(row, column)}: {reason}"
+        return ChartError(what, row=row, column=written, expected=expected, found=found)
 
     @property
     def courses(self) -> int:
@@ -170,36 +171,37 @@ class StitchChart:
         return half + half[::-1]
 
     def _check_wale(self, column: int) -> None:
-        symbols = [row[column] for row in self.rows]
+        symbols = "".join(row[column] for row in self.rows)
         knitted = [row for row, symbol in enumerate(symbols) if symbol in SIGNS]
         if not knitted:
-            waits = f"{self.place(0, column)}"
-            raise InputError(
-                f"chart {waits}: the wale is never knitted",
-                expected="k or p in at least one row",
-                found=repr("".join(symbols)),
-            )
+            expected = "k or p in at least one row"
+            raise self._error("the wale is never knitted", 0, column, expected=expected, found=repr(symbols))
         for row in knitted:
             held = self.held(row, column)
             if len(held) - 1 > MOST_TUCKS:
-                raise InputError(
-                    f"chart {self.place((row - held[-1]) % self.courses, column)}: too many tucks on one loop",
+                raise self._error(
+                    "too many tucks on one loop",
+                    (row - held[-1]) % self.courses,
+                    column,
                     expected=f"at most {MOST_TUCKS} before the next k or p",
                     found=len(held) - 1,
                 )
             if held[0] > MOST_HELD:
-                raise InputError(
-                    f"chart {self.place((row - held[0]) % self.courses, column)}: the loop is held too long",
+                raise self._error(
+                    "the loop is held too long",
+                    (row - held[0]) % self.courses,
+                    column,
                     expected=f"at most {MOST_HELD} rows",
                     found=held[0],
                 )
 
 
-def _interleaved(number: int, row: str) -> str:
-    front, back = row.split("|")
+def _interleaved(row: int, text: str) -> str:
+    front, back = text.split("|")
     if len(front) != len(back):
-        raise InputError(
-            f"chart row {number} has beds of different length",
+        raise ChartError(
+            f"chart row {row + 1} has beds of different length",
+            row=row,
             expected=f"{len(front)} needles on the back bed",
             found=len(back),
         )

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from yarnscale.errors import InputError
+from yarnscale.yarn.chart_error import ChartError
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stitch_size import check_drawn, positive, vertex_count, yarn_letters
@@ -117,8 +118,10 @@ def _draft_table(draft: Sequence[Sequence[int]] | np.ndarray) -> np.ndarray:
     table = table.astype(np.int64)
     for axis, label in ((1, "weft pick"), (0, "warp end")):
         for index in np.flatnonzero(table.min(axis=axis) == table.max(axis=axis)):
-            raise InputError(
+            raise ChartError(
                 f"draft does not hold together: {label} {index + 1} never changes sides",
+                row=int(index) if axis == 1 else None,
+                column=None if axis == 1 else int(index),
                 expected="both 0 and 1 in every row and column",
             )
     _check_layers(table)
@@ -143,9 +146,11 @@ def _check_layers(table: np.ndarray) -> None:
         # Nothing that is reached lies over what is not: those yarns are a layer of their own.
         if loose := sorted(set(range(len(over))) - reached):
             names = [f"weft pick {y + 1}" if y < picks else f"warp end {y - picks + 1}" for y in loose[:6]]
-            raise InputError(
+            raise ChartError(
                 f"draft does not hold together: {', '.join(names)}{' …' if len(loose) > 6 else ''} lie at the "
                 f"{side} of all others that they cross",
+                row=loose[0] if loose[0] < picks else None,
+                column=None if loose[0] < picks else loose[0] - picks,
                 expected="yarns that interlace in one layer",
             )
 

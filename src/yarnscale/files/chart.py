@@ -1,0 +1,240 @@
+"""`.chart` files: a user's own knitting chart or weaving draft as text, described in docs/chart_format.md."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from yarnscale.errors import InputError
+from yarnscale.files.source_text import read_source
+from yarnscale.yarn.chart_error import ChartError
+from yarnscale.yarn.knit import knit
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stitches import LARGEST_CHART
+from yarnscale.yarn.units import FACTORS, to_si
+from yarnscale.yarn.weave import weave
+
+NUMBERS = {
+    "knit": (
+        "wale_spacing",
+        "course_spacing",
+        "loop_height",
+        "overhang",
+        "half_thickness",
+        "tightness",
+        "vertices_per_stitch",
+    ),
+    "weave": ("warp_spacing", "weft_spacing", "half_thickness", "vertices_per_stitch"),
+}
+"""Keys that hold a plain number, by kind."""
+TEXTS = {"knit": ("kind", "name", "radius"), "weave": ("kind", "name", "radius", "warp_yarns")}
+WEAVE_SYMBOLS = {"x": 1, ".": 0}
+LARGEST_CHART_FILE = 100_000
+
+
+@dataclass
+class _Row:
+    """A row as written: its symbols, where each stands (columns from 1), and its kinds of yarn."""
+
+    line: int
+    symbols: str
+    columns: list[int]
+    yarns: str | None
+
+
+@dataclass
+class _Chart:
+    """What a file holds; rows from the top one down."""
+
+    keys: dict[str, tuple[int, str]] = field(default_factory=dict)
+    rows: list[_Row] = field(default_factory=list)
+
+
+def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
+    """Draw the pattern of a chart file; its name is the file's stem unless the file says another.
+
+    Raises InputError with file, line, column and reason for anything that cannot be knitted or woven.
+    """
+    path = Path(path)
+    text = read_source(path)
+    if len(text) > LARGEST_CHART_FILE:
+        raise InputError(
+            "chart file is too long",
+            where=path,
+            expected=f"≤ {LARGEST_CHART_FILE} characters",
+            found=len(text),
+        )
+    chart = _parse(path, text)
+    kind = _kind(path, chart)
+    options = _options(path, chart, kind)
+    rows = chart.rows[::-1]
+    try:
+        if kind == "knit":
+            if any(row.yarns is not None for row in rows):
+                options["yarns"] = [row.yarns or "a" for row in rows]
+            return knit([row.symbols for row in rows], **options)
+        if any(row.yarns is not None for row in rows):
+            options["weft_yarns"] = [row.yarns or "a" for row in rows]
+        return weave(_draft(path, rows), **options)
+    except ChartError as error:
+        where = _place(path, rows, error)
+        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+    except InputError as error:
+        if error.where is not None:
+            raise
+        key = error.what.split(" ", 1)[0]
+        line = chart.keys[key][0] if key in chart.keys else None
+        where = path if line is None else f"{path}:{line}"
+        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+
+
+def _parse(path: Path, text: str) -> _Chart:
+    """Keys up to the line ``rows:``, rows after it."""
+    chart, in_rows = _Chart(), False
+    for number, line in enumerate(text.splitlines(), start=1):
+        content = line.split("#", 1)[0]
+        if not content.strip():
+            continue
+        where = f"{path}:{number}"
+        if in_rows:
+            chart.rows.append(_row(where, number, content))
+            if len(chart.rows) > LARGEST_CHART:
+                raise InputError("chart has too many rows", where=where, expected=f"≤ {LARGEST_CHART}")
+        elif content.strip() == "rows:":
+            in_rows = True
+        else:
+            key, equals, value = (part.strip() for part in content.partition("="))
+            if not equals or not key or not value:
+                raise InputError(
+                    "line is no setting", where=where, expected="key = value, or rows:", found=_short(content)
+                )
+            if key in chart.keys:
+                raise InputError(
+                    f"{_short(key)} stands twice", where=where, expected=f"only line {chart.keys[key][0]}"
+                )
+            chart.keys[key] = (number, value)
+    if not chart.rows:
+        raise InputError(
+            "chart has no rows",
+            where=path,
+            expected="a line 'rows:' and a row of symbols on each line after it",
+        )
+    return chart
+
+
+def _row(where: str, line: int, content: str) -> _Row:
+    """Symbols, which may be spaced out, and after a colon the letters of the yarn."""
+    symbols, colon, yarns = content.partition(":")
+    columns = [
+        place for place, letter in enumerate(symbols, start=1) if not letter.isspace() and letter != "|"
+    ]
+    if not columns:
+        raise InputError("row has no stitches", where=where, expected="symbols", found=_short(content))
+    letters = "".join(yarns.split())
+    if colon and not (letters.isalpha() and letters.isascii() and len(letters) <= 2):
+        raise InputError(
+            "row names no yarn",
+            where=f"{where}:{len(symbols) + 1}",
+            expected="a letter after the colon, or two for plated yarns",
+            found=_short(yarns),
+        )
+    return _Row(line, "".join(symbols.split()), columns, letters if colon else None)
+
+
+def _kind(path: Path, chart: _Chart) -> str:
+    if "kind" not in chart.keys:
+        raise InputError("kind is missing", where=path, expected="kind = knit or kind = weave")
+    line, kind = chart.keys["kind"]
+    if kind not in NUMBERS:
+        raise InputError(
+            "kind is unknown", where=f"{path}:{line}", expected="knit or weave", found=_short(kind)
+        )
+    return kind
+
+
+def _options(path: Path, chart: _Chart, kind: str) -> dict:
+    """Keyword arguments of `knit` or `weave`."""
+    options: dict = {"name": path.stem}
+    for key, (line, value) in chart.keys.items():
+        where = f"{path}:{line}"
+        if key in NUMBERS[kind]:
+            options[key] = _number(where, key, value)
+        elif key == "radius":
+            options[key] = _length(where, key, value)
+        elif key == "name":
+            options[key] = value
+        elif key in TEXTS[kind]:
+            if key == "warp_yarns":
+                options[key] = value.split() if any(letter.isspace() for letter in value) else list(value)
+        else:
+            known = ", ".join((*TEXTS[kind], *NUMBERS[kind]))
+            raise InputError(f"{_short(key)}: unknown key", where=where, expected=known)
+    return options
+
+
+def _number(where: str, key: str, value: str) -> float:
+    try:
+        # Python would also accept 1_0, nan and digits of other scripts.
+        if not value.isascii() or "_" in value:
+            raise ValueError
+        number = float(value)
+        if not 0.0 < number < 1e6:
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"{key} is no positive number", where=where, expected="a number of radii", found=_short(value)
+        ) from None
+    return number
+
+
+def _length(where: str, key: str, value: str) -> float:
+    """A length with its unit, as ``1 mm``."""
+    words = value.split()
+    units = [unit for unit, (quantity, _) in FACTORS.items() if quantity == "length"]
+    if len(words) != 2 or words[1] not in units:
+        raise InputError(
+            f"{key} needs a number and a unit",
+            where=where,
+            expected=f"as in 1 mm ({', '.join(units)})",
+            found=_short(value),
+        )
+    return to_si(_number(where, key, words[0]), words[1])
+
+
+def _draft(path: Path, rows: list[_Row]) -> list[list[int]]:
+    """A binary table, the first pick first."""
+    for number, row in enumerate(rows, start=1):
+        if len(row.symbols) != len(rows[0].symbols):
+            raise InputError(
+                f"draft row {number} has another length",
+                where=f"{path}:{row.line}",
+                expected=f"{len(rows[0].symbols)} ends as in row 1",
+                found=len(row.symbols),
+            )
+        # A bar means nothing here, and has no column of its own in the list.
+        columns = iter(row.columns)
+        for end, symbol in enumerate(row.symbols, start=1):
+            column = row.columns[0] if symbol == "|" else next(columns)
+            if symbol not in WEAVE_SYMBOLS:
+                raise InputError(
+                    f"draft row {number} column {end}: unknown symbol",
+                    where=f"{path}:{row.line}:{column}",
+                    expected="x (warp over) or . (weft over)",
+                    found=repr(symbol),
+                )
+    return [[WEAVE_SYMBOLS[symbol] for symbol in row.symbols] for row in rows]
+
+
+def _place(path: Path, rows: list[_Row], error: ChartError) -> str:
+    """File, line and column of a fault; a fault of a whole column points at the first row."""
+    row = rows[error.row if error.row is not None else 0]
+    if error.column is None or error.column >= len(row.columns):
+        return f"{path}:{row.line}"
+    return f"{path}:{row.line}:{row.columns[error.column]}"
+
+
+def _short(value: str) -> str:
+    """A quotation that keeps the error on one readable line."""
+    text = ascii(value.strip())
+    return text if len(text) <= 60 else text[:57] + "..."
