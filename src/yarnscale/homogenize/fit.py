@@ -8,9 +8,11 @@ Two stages of weighted, regularised linear least squares on C² cubic B-splines:
    run flat within two intervals and stay constant, so that there the energy grows with the f_i alone.
 
 A sum of pairwise terms may dip below every sample where three strains act together: false wells in which a
-simulation would collapse. Such states are searched for, and stage 2 is solved again under the condition that none
-lies below the lowest sample. As the f_ij are constant and the f_i rise outside the range of the search, the energy
-is then bounded below everywhere.
+simulation would collapse. Such states are searched for among those bent in one direction, and stage 2 is solved
+again under the condition that none lies below the lowest sample. As the f_ij are constant and the f_i rise outside
+the range of the search, the energy is then bounded below everywhere. In doubly bent states eq. 32 adds what both
+families gain, ψ(s, λ_x, λ_y) = ψ(s, λ_x, 0) + ψ(s, 0, λ_y) − ψ(s, 0, 0): a stretched fabric that curls may lie below
+its samples there (as published materials do), which only a worse fit of the samples could mend.
 
 Weights make residuals relative: the energy of a state counts by what its second strain adds to the energy, so that
 bending is not lost beside stretching, and small strains are fitted as well as large ones.
@@ -110,11 +112,11 @@ def _lift(
     *,
     rounds: int = 20,
 ) -> dict[str, object]:
-    """Search for states below all samples and fit again above them, until none is found or rounds are over."""
+    """Search for singly bent states below all samples and fit again above them, until none is found."""
     lowest = float(planes.data.energies.min())
 
     def floor(states: Array) -> Array:
-        # What the one-dimensional terms alone give must be allowed: in a doubly curved state eq. 32 adds two of them.
+        # What the one-dimensional terms alone give must be allowed: the f_ij vanish on the axes.
         gained = [np.minimum(axis.spline(x), 0.0) for axis, x in zip(axes, states.T, strict=True)]
         return np.minimum(lowest, planes.constant + np.sum(gained, axis=0))
 
@@ -144,20 +146,20 @@ def _lift(
 def _lowest_states(
     gap_of: Callable[[Array], Array], box: Array, rng: np.random.Generator, known: Array
 ) -> tuple[Array, Array]:
-    """States (n, 5) that lie lowest above the floor, by random sweep and random descent, and their gaps (n,)."""
+    """Singly bent states (n, 5) lowest above the floor, by random sweep and descent, and their gaps (n,)."""
     low, span = box[:, 0], box[:, 1] - box[:, 0]
     states = low + span * rng.uniform(size=(20_000, 5))
     if len(known):
         near = known[rng.integers(len(known), size=2_000)]
-        states = np.concatenate(
-            [states, np.clip(near + 0.1 * span * rng.normal(size=near.shape), low, low + span)]
-        )
+        near = near + 0.1 * span * rng.normal(size=near.shape)
+        states = np.concatenate([states, np.clip(near, low, low + span)])
+    states[np.arange(len(states)), rng.integers(3, 5, size=len(states))] = 0.0
     gap = gap_of(states)
     chosen = np.argsort(gap)[:400]
     states, gap = states[chosen], gap[chosen]
     for width in np.geomspace(0.2, 0.002, 40):
         step = width * span * rng.normal(size=states.shape) * (rng.uniform(size=states.shape) < 0.5)
-        trial = np.clip(states + step, low, low + span)
+        trial = np.where(states == 0.0, 0.0, np.clip(states + step, low, low + span))
         found = gap_of(trial)
         better = found < gap
         states[better], gap[better] = trial[better], found[better]

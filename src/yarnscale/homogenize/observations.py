@@ -25,7 +25,8 @@ class FitOptions:
     """How to fit.
 
     axis_knots, plane_knots: most knots an axis has in one- and two-dimensional terms.
-    smoothing: weight of squared differences of coefficients beside squared relative residuals.
+    smoothing: weight of squared third differences of coefficients beside squared relative residuals; little of it
+    lets splines that meet both energies and slopes ring between samples.
     small: energy, as a fraction of the largest along the same side of an axis, below which residuals stop being
     relative. noise: fraction of its energy to which a sampled state is believed.
     reach: distance, as a fraction of the range, over which an error in stress counts as one in energy.
@@ -35,7 +36,7 @@ class FitOptions:
 
     axis_knots: int = 25
     plane_knots: int = 17
-    smoothing: float = 1e-3
+    smoothing: float = 1e-2
     small: float = 0.02
     noise: float = 0.02
     reach: float = 0.15

@@ -111,16 +111,16 @@ class PlaneFit:
         return self.options.small * least + added + self.options.noise * np.abs(total)
 
     def _bends(self, bases: tuple[LineBasis, LineBasis], places: Array, scale: Array) -> Array:
-        """Second differences of active coefficients along both strains, relative to the nearest samples."""
+        """Third differences of active coefficients along both strains, relative to the nearest samples."""
         first, second = bases
         span = np.array([np.ptp(basis.knots) for basis in bases])
         centers = np.stack(np.meshgrid(first.centers, second.centers, indexing="ij"), axis=-1)
         gaps = np.linalg.norm((centers[:, :, None] - places) / span, axis=-1)
         nearest = np.argsort(gaps, axis=2)[:, :, :_NEIGHBOURS]
         local = scale[nearest].mean(axis=2)
-        bend_u, bend_v = first.differences(2) @ first.reduction, second.differences(2) @ second.reduction
-        along_u = np.einsum("ab,cd,ac->acbd", bend_u, second.reduction, 1 / local[1:-1])
-        along_v = np.einsum("ab,cd,ac->acbd", first.reduction, bend_v, 1 / local[:, 1:-1])
+        bend_u, bend_v = first.differences(3) @ first.reduction, second.differences(3) @ second.reduction
+        along_u = np.einsum("ab,cd,ac->acbd", bend_u, second.reduction, 1 / local[1:-2])
+        along_v = np.einsum("ab,cd,ac->acbd", first.reduction, bend_v, 1 / local[:, 1:-2])
         count = first.count * second.count
         return np.concatenate([along_u.reshape(-1, count), along_v.reshape(-1, count)])
 
