@@ -13,7 +13,7 @@ knit stitch (seen from +z) is drawn through from behind, so that its foot lies b
 its leg in front of the old loop's head; a purl stitch the other way round.
 
 All other charts (see `stitches`), and sizes at which the closed form has no room, are drawn schematically
-(`loop_paths`) and then swollen to their size (`settle`).
+(`loop_paths`) and then swollen to their size (`swell`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOST_STITCHES = 1024
 PLATING = 0.45
 """Distance of two plated yarns from the middle between them, before there is room for them [r]."""
 DIGITS = 6
-"""Digits kept of settled positions [r], so that machines that round differently draw the same pattern."""
+"""Digits kept of swollen lines [r], so that machines that round differently draw the same pattern."""
 
 
 def knit(
@@ -62,7 +62,7 @@ def knit(
     radius: of the yarn [m]. All other lengths in radii: wale_spacing, course_spacing: size of a stitch along
     x and y; with two beds the wale spacing is that from a front needle to the back needle facing it, half
     that of a bed. half_thickness: height of the centre lines from the middle plane at crossings, 1.4 (1.1
-    before settling). tightness: length that the yarns strive for over that of the schematic loops.
+    before swelling). tightness: length that the yarns strive for over that of the schematic loops.
     loop_height, overhang: h and a above, 1.6 course spacings and 0.24 wale spacings; only for charts of k and p.
     yarns: for each course a letter, the kind of its yarn, or two, one plated in front of the other; kinds are
     numbered in the order of their letters (`YarnPattern.yarn_material`).
@@ -109,7 +109,7 @@ def knit(
             if shaped or has_room(pattern):
                 return check_drawn(pattern)
     return check_drawn(
-        assembled(_settled_curves(chart, kinds, period, thickness or 1.1, tightness, vertices_per_stitch))
+        assembled(_swollen_curves(chart, kinds, period, thickness or 1.1, tightness, vertices_per_stitch))
     )
 
 
@@ -133,7 +133,7 @@ def _sampled(
     return [curve.resampled(count, period) for curve, count in zip(curves, counts, strict=True)]
 
 
-def _settled_curves(
+def _swollen_curves(
     chart: StitchChart,
     kinds: list[tuple[int, ...]],
     period: np.ndarray,
@@ -142,7 +142,7 @@ def _settled_curves(
     per_stitch: float | None,
 ) -> list[PeriodicCurve]:
     """Schematic loops given room; plated yarns follow each other along the same path, the first in front [r]."""
-    from yarnscale.yarn.settle import settled
+    from yarnscale.yarn.swell import swollen
 
     if chart.courses * chart.wales > MOST_STITCHES:
         raise InputError(
@@ -160,7 +160,7 @@ def _settled_curves(
         counts = [vertex_count(curve.length(period), chart.wales, per_stitch, 1.0) for curve in curves]
     # Small against the distances of the schematic loops, so that sampling cuts no corner off through another yarn.
     finest = float(min(0.06 * size[0], 0.1 * size[1]))
-    curves = settled(curves, period, tightness=tightness, counts=counts, finest=finest)
+    curves = swollen(curves, period, tightness=tightness, counts=counts, finest=finest)
     return [PeriodicCurve(curve.points.round(DIGITS), curve.shift) for curve in curves]
 
 

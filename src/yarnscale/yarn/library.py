@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,13 +27,15 @@ class Structure:
 
     definition: what the structure is, in a sentence or two. chart: rows of stitches, the first knitted first
     (see `stitches`); draft: of a weave, 1 where the warp lies over; one of them. sizes: parameters of
-    `knit.knit` or `weave.weave` (spacings in radii), found so that no two yarns overlap.
+    `knit.knit` or `weave.weave` (spacings in radii), found so that no two yarns overlap. material: a preset
+    that suits it, the published one where there is one.
     """
 
     definition: str
     chart: tuple[str, ...] = ()
     draft: np.ndarray | None = None
-    sizes: dict[str, float] = field(default_factory=dict)
+    sizes: Mapping[str, float | str] = field(default_factory=dict)
+    material: str = "hylc2020-stockinette"
 
     @property
     def woven(self) -> bool:
@@ -51,7 +53,7 @@ class Structure:
         return self.maker(source, **{**self.sizes, **parameters})
 
 
-def _sizes(wale: float, course: float, **others: float) -> dict[str, float]:
+def _sizes(wale: float, course: float, **others: float) -> dict[str, float | str]:
     return {"wale_spacing": wale, "course_spacing": course, **others}
 
 
@@ -59,14 +61,17 @@ _STOCKINETTE = _sizes(8.0, 4.5, loop_height=7.5, overhang=2.0, half_thickness=1.
 _GARTER = _sizes(8.5, 5.5, loop_height=8.5, overhang=2.2, half_thickness=1.4)
 _RIB = _sizes(8.5, 5.0, loop_height=8.5, overhang=2.0, half_thickness=1.3)
 _SEED = _sizes(9.0, 6.0, loop_height=9.5, overhang=2.2, half_thickness=1.4)
-_SMALL = {"radius": 1e-4}
+_SMALL: dict[str, float | str] = {"radius": 1e-4, "rest_shape": "current"}
 
 STRUCTURES: dict[str, Structure] = {
     "stockinette": Structure(
         "Knit stitches only: all loops drawn to the right side.", ("k",), sizes=_STOCKINETTE
     ),
     "stockinette-small": Structure(
-        "Stockinette of a yarn of 0.1 mm radius.", ("k",), sizes={**_STOCKINETTE, **_SMALL}
+        "Stockinette of a yarn of 0.1 mm radius, set in the drawn shape.",
+        ("k",),
+        sizes={**_STOCKINETTE, **_SMALL},
+        material="hylc2020-stockinette-small",
     ),
     "single-jersey": Structure(
         "Plain fabric of one needle bed, as stockinette, with the taller loops of machine-knit jersey.",
@@ -94,6 +99,7 @@ STRUCTURES: dict[str, Structure] = {
         "rows knit, wrong-side rows k1, slip 1 with the yarn in back).",
         ("kk", "pf", "kk", "fp"),
         sizes=_sizes(9.0, 5.0),
+        material="hylc2020-honeycomb",
     ),
     "cartridge-belt-rib": Structure(
         "Over four stitches, every course slips one: k3, slip 1 with the float in front; then, from the wrong "
@@ -101,6 +107,7 @@ STRUCTURES: dict[str, Structure] = {
         "alternate between garter wales and both sides look alike.",
         ("kkkf", "pbpp"),
         sizes=_sizes(8.5, 4.5),
+        material="hylc2020-rib",
     ),
     "all-needle": Structure(
         "All-needle rib: both beds knit on every needle in every course; the back needles stand between the front "
@@ -130,27 +137,40 @@ STRUCTURES: dict[str, Structure] = {
         ("k|t", "t|p"),
         sizes=_sizes(6.5, 4.5),
     ),
-    "plain": Structure("Over one, under one.", draft=plain_draft()),
-    "basket-2x2": Structure("Plain weave of pairs of yarns.", draft=basket_draft(2)),
+    "plain": Structure("Over one, under one.", draft=plain_draft(), material="hylc2020-basket"),
+    "basket-2x2": Structure(
+        "Plain weave of pairs of yarns.", draft=basket_draft(2), material="hylc2020-basket"
+    ),
     "twill-2x2": Structure(
-        "Warp over two picks, under two, one end further in every pick.", draft=twill_draft(2, 2)
+        "Warp over two picks, under two, one end further in every pick.",
+        draft=twill_draft(2, 2),
+        material="hylc2020-basket",
     ),
     "twill-2x1": Structure(
-        "Warp over two picks, under one: warp-faced twill of three.", draft=twill_draft(2, 1)
+        "Warp over two picks, under one: warp-faced twill of three.",
+        draft=twill_draft(2, 1),
+        material="hylc2020-basket",
     ),
     "twill-3x1": Structure(
-        "Warp over three picks, under one: warp-faced twill of four.", draft=twill_draft(3, 1)
+        "Warp over three picks, under one: warp-faced twill of four.",
+        draft=twill_draft(3, 1),
+        material="hylc2020-basket",
     ),
     "herringbone": Structure(
         "2/2 twill whose diagonals turn after every four ends; at the cuts neighbouring ends lie opposite.",
         draft=herringbone_draft(2, 2, 4),
+        material="hylc2020-basket",
     ),
     "satin-5": Structure(
         "Satin of five with move two (or three, from the other side): every end dives under one pick in five.",
         draft=satin_draft(5, 2),
+        material="hylc2020-satin",
     ),
     "satin-small": Structure(
-        "Satin of five of a yarn of 0.1 mm radius.", draft=satin_draft(5, 2), sizes=_SMALL
+        "Satin of five of a yarn of 0.1 mm radius, set in the drawn shape.",
+        draft=satin_draft(5, 2),
+        sizes=_SMALL,
+        material="hylc2020-satin-small",
     ),
 }
 """Pattern name -> how it is made."""

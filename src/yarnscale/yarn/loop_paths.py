@@ -4,7 +4,7 @@ Every row crosses every wale inside the wale's own strip, its left half mirrored
 older loop is an arch. The new loop enters from the side across the arch's leg, turns up inside and leaves across
 the arch's head; tuck loops are arches around the held loop's, and a float runs straight across the legs. Which
 yarn lies above at each crossing is the business of the chart; the plan is checked to have no other crossings.
-The lines touch nothing but are far from round: `settle` makes yarns of them.
+The lines touch nothing but are far from round: `swell` makes yarns of them.
 """
 
 from __future__ import annotations

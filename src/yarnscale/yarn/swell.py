@@ -45,7 +45,7 @@ class Stage:
 STAGES = (Stage(0.5, 0.8, 60), Stage(0.6, 1.5, 100), Stage(0.85, 2.0, 150), Stage(1.05, 2.03, 250))
 
 
-def settled(
+def swollen(
     curves: Sequence[PeriodicCurve],
     period: Array,
     *,
@@ -62,7 +62,7 @@ def settled(
     """
     curves = list(curves)
     wanted = [tightness * curve.length(period) for curve in curves]
-    swollen = FIRST_DIAMETER
+    reached = FIRST_DIAMETER
     for number, stage in enumerate(stages):
         last = number == len(stages) - 1
         edge = min(stage.edge, finest) if number == 0 else stage.edge
@@ -70,15 +70,15 @@ def settled(
         if last and counts is not None:
             sizes = list(counts)
         curves = [curve.resampled(size, period) for curve, size in zip(curves, sizes, strict=True)]
-        curves = _stage(curves, period, wanted, swollen, stage)
-        swollen = stage.diameter
+        curves = _stage(curves, period, wanted, reached, stage)
+        reached = stage.diameter
     return curves
 
 
 def _stage(
-    curves: list[PeriodicCurve], period: Array, wanted: list[float], swollen: float, stage: Stage
+    curves: list[PeriodicCurve], period: Array, wanted: list[float], reached: float, stage: Stage
 ) -> list[PeriodicCurve]:
-    """Run one stage; the diameter grows from `swollen` during its first half."""
+    """Run one stage; the diameter grows from `reached` during its first half."""
     pattern = pattern_from_curves(curves, period, 1.0)
     sizes = np.array([len(curve.points) for curve in curves])
     rest = np.repeat(np.array(wanted) / sizes, sizes)
@@ -102,7 +102,7 @@ def _stage(
     dt, mixing, uphill_free = 0.1, 0.1, 0
     for step in range(stage.steps):
         grown = min(1.0, 2.0 * (step + 1) / stage.steps)
-        diameter = swollen + grown * (stage.diameter - swollen)
+        diameter = reached + grown * (stage.diameter - reached)
         if step == 0 or np.abs(x - listed_at).max() > 0.25 * SKIN:
             listed_at = x.copy()
             first, second = search.find(nodes(x), reach)
