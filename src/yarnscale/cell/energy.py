@@ -43,6 +43,11 @@ def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
+def _size(vector: Array) -> float:
+    """Euclidean norm; BLAS would share these long sums among threads, which takes a thousand times as long."""
+    return math.sqrt(float(np.square(vector).sum()))
+
+
 def _independent(rows: Array) -> Array:
     """Orthonormal rows that span the given ones (parallel yarns that all slide are a translation)."""
     sizes, vectors = np.linalg.eigh(rows @ rows.T)
@@ -338,8 +343,8 @@ class CellEnergy:
         gradients = [self.nodes.pull_gradient(force) for force in forces]
         # A residual of 1e-6 means: forces cancel to six digits of what the terms pull against each other. A taut straight
         # yarn pulls on no vertex; there its tension, which is felt where the tile ends, and round-off set the scale.
-        pull = sum(float(np.linalg.norm(g[: 3 * self.count])) for g in gradients)
-        tension = sum(float(np.linalg.norm(self._positions(force))) for force in forces)
+        pull = sum(_size(g[: 3 * self.count]) for g in gradients)
+        tension = sum(_size(self._positions(force)) for force in forces)
         self.residual_scale = pull + 1e-3 * tension + 1e-6
         return (value if math.isfinite(value) else math.inf), sum(gradients)  # type: ignore[return-value]
 
