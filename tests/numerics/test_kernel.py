@@ -126,7 +126,7 @@ def test_an_unknown_instruction_is_refused(graph: Callable[[ca.SX], ca.SX]) -> N
 def test_a_sparse_output_is_refused() -> None:
     x = ca.SX.sym("x", 2)
     diagonal = ca.diag(x)
-    with pytest.raises(ValueError, match="output 0 of kernel .f. must be dense"):
+    with pytest.raises(ValueError, match="must be dense"):
         compile_kernel(ca.Function("f", [x], [diagonal]), "sparse")
 
 
