@@ -145,3 +145,22 @@ def test_an_edge_without_length_is_named() -> None:
     vertices[5] = vertices[4]
     with pytest.raises(InputError, match=r"edges\[4\] has no usable length"):
         replace(pattern, vertices=vertices)
+
+
+def test_yarn_materials_follow_the_yarns() -> None:
+    pattern = replace(build("plain"), yarn_material=np.array([0, 1, 2, 3]))
+    assert (pattern.material_of_vertex == pattern.yarn_of_vertex).all()
+    tiled = pattern.repeated(1, 2)
+    assert tiled.yarn_material is not None
+    # Warp yarns join their copies, weft yarns stand twice.
+    assert sorted(tiled.yarn_material.tolist()) == [0, 0, 1, 1, 2, 3]
+    assert (tiled.material_of_vertex == np.tile(pattern.material_of_vertex, 2)).all()
+    assert pattern.content_hash() != build("plain").content_hash()
+    same = replace(pattern, yarn_material=None)
+    assert same.content_hash() == build("plain").content_hash()
+
+
+@pytest.mark.parametrize("wrong", [[0], [0, 0, 0, -1], [0, 0, 0, 0.5], [0, 0, 0, 100]])
+def test_wrong_yarn_materials_are_named(wrong: list[float]) -> None:
+    with pytest.raises(InputError, match="yarn_material"):
+        replace(build("plain"), yarn_material=np.array(wrong))
