@@ -1,0 +1,150 @@
+"""Rest shapes of yarns estimated so that the fabric is at rest as drawn (EST22 §7.2)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.cell.rest_outcome import (
+    RATIO_LIMIT,
+    Progress,
+    RestRound,
+    RestShape,
+    RestStatus,
+    note_round,
+    outcome,
+    rest_stress_ratio,
+    shortened,
+)
+from yarnscale.cell.rest_shape import rebased, set_as_drawn
+from yarnscale.errors import InputError
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+
+LARGEST_MOMENTUM = 0.85
+"""Share of the last reset that is repeated with the next where contact decays slowly."""
+
+
+def estimated_rest(
+    cell: PeriodicCell,
+    *,
+    shortening: float = 0.1,
+    max_rounds: int = 200,
+    short_rounds: int = 4,
+    short_iterations: int = 6,
+    length_bound: float = 0.2,
+    progress: Progress | None = None,
+) -> RestShape:
+    """Set what the yarns are at rest towards how they lie, until the coarse stress at the given periods is small.
+
+    Solves for equilibrium alternate with resetting rest lengths, curvatures and twists to the shape reached; contact
+    pushes the yarns apart a little less every time. The first ``short_rounds`` solves stop after a few iterations,
+    as contact may be strong and uneven at first (EST22 §7.2). Rest lengths stay within ``length_bound`` of the given.
+
+    A reset goes half of the way at first, so that the search ends at the first shape that is good enough, still
+    slightly pre-tensed: yarns without any force would leave a slack cell that nothing holds. Where contact decays
+    slowly, as between stiff yarns, it goes all the way and repeats a part of the last one. For the same reason the
+    yarns are shortened first by the share ``shortening`` (then reset like all else): a drawing whose yarns hardly
+    touch would stay slack.
+
+    Raises InputError for a shortening outside [0, 0.5] or beyond ``length_bound``.
+    """
+    if not 0.0 <= length_bound < 1.0 or shortening > length_bound:
+        raise InputError(
+            "length_bound is out of range", expected="from shortening to below 1", found=f"{length_bound:g}"
+        )
+    began = time.perf_counter()
+    search = _Estimation(shortened(cell, shortening), cell.pattern, length_bound, progress)
+    status = search.run(max_rounds, short_rounds, short_iterations)
+    return outcome(search.cell, cell.pattern, status, search.history, began)
+
+
+@dataclass
+class _Estimation:
+    """Alternating solves and resets; ``cell`` is drawn at the last equilibrium."""
+
+    cell: PeriodicCell
+    drawn: YarnPattern
+    length_bound: float
+    progress: Progress | None
+    history: list[RestRound] = field(default_factory=list)
+    share: float = 0.5
+    momentum: float = 0.0
+    stepped_back: bool = False
+    scale: Array | None = None
+
+    def __post_init__(self) -> None:
+        self.last = self.cell.pattern
+
+    def run(self, max_rounds: int, short_rounds: int, short_iterations: int) -> RestStatus:
+        before = None
+        for index in range(max_rounds):
+            short = index < short_rounds
+            limit = short_iterations if short else self.cell.max_iterations
+            state = replace(self.cell, max_iterations=limit).relax()
+            self.cell = replace(self.cell, pattern=rebased(self.cell.pattern, state))
+            note_round(self.history, self.drawn, self.cell.pattern, state, self.progress)
+            if not (short or state.converged):
+                return RestStatus.NOT_RELAXED
+            if state.converged and self._at_rest(state, anew=index % 5 == 0):
+                return RestStatus.CONVERGED
+            stress = state.stress[:3]
+            if not (before is not None and self._step_back(before, stress)):
+                if before is not None:
+                    self._pace(float(np.abs(stress).max() / np.abs(before).max()))
+                self._reset()
+            before = None if short else stress
+        return RestStatus.ROUND_LIMIT
+
+    def _at_rest(self, state: Equilibrium, *, anew: bool) -> bool:
+        """Whether the criterion holds; the stress at 5 % is solved for again only where that may decide."""
+        near = self.scale is None or anew or (np.abs(state.stress[:3]) < RATIO_LIMIT * self.scale).all()
+        if not near:
+            return False
+        ratio = rest_stress_ratio(self.cell)
+        self.scale = ratio.scale
+        return ratio.relaxed and ratio.largest < 0.9 * RATIO_LIMIT
+
+    def _pace(self, decay: float) -> None:
+        """Choose the next reset from how much the last one lowered the stress."""
+        if decay > 1.0:
+            self.momentum = 0.0
+        elif decay > 0.7:
+            self.share = 1.0
+            self.momentum = min(LARGEST_MOMENTUM, self.momentum + 0.2)
+
+    def _step_back(self, before: Array, stress: Array) -> bool:
+        """Where the last reset went past zero stress, return to about where it was zero."""
+        worst = int(np.abs(stress).argmax())
+        passed = before[worst] * stress[worst] < 0.0 and not self.stepped_back
+        if passed:
+            share = stress[worst] / (stress[worst] - before[worst])
+            now, last = self.cell.pattern, self.last
+            back = {
+                name: getattr(now, name) + share * (getattr(last, name) - getattr(now, name))
+                for name in ("rest_length", "rest_curvature", "rest_twist")
+            }
+            self.cell = replace(self.cell, pattern=replace(now, **back))
+            self.momentum = 0.0
+        self.stepped_back = passed
+        return passed
+
+    def _reset(self) -> None:
+        """Move the rest shape towards the drawing, and on in the direction of the last reset."""
+        pattern, last, pace = self.cell.pattern, self.last, self.momentum
+        self.last = pattern
+        moved = set_as_drawn(pattern, share=self.share)
+        given, bound = self.drawn.rest_length, self.length_bound
+        length = moved.rest_length + pace * (pattern.rest_length - last.rest_length)
+        moved = replace(
+            moved,
+            rest_length=np.clip(length, given * (1.0 - bound), given * (1.0 + bound)),
+            rest_curvature=moved.rest_curvature + pace * (pattern.rest_curvature - last.rest_curvature),
+            rest_twist=moved.rest_twist + pace * (pattern.rest_twist - last.rest_twist),
+        )
+        self.cell = replace(self.cell, pattern=moved)

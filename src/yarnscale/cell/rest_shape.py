@@ -1,0 +1,99 @@
+"""A pattern redrawn at a flat equilibrium, and its yarns' rest shape taken anew from where they lie."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import Equilibrium
+from yarnscale.errors import InputError
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.rest_frames import material_curvature, parallel_transport, signed_angle
+
+Array = NDArray[np.float64]
+
+
+def rebased(pattern: YarnPattern, state: Equilibrium) -> YarnPattern:
+    """The pattern whose drawn shape is a flat equilibrium without shear.
+
+    Vertices lie where the state has them, the periods are those of the state, and what the yarns are at rest
+    (rest length, curvature, twist) stays. Directors are carried to the new tangents by the transports that the
+    energy itself makes (rest → affine → relaxed), so that every strain measure, and the energy of the period, is
+    the same: the new pattern is in equilibrium without fluctuation at rest.
+
+    Raises InputError for a state with shear or curvature: the periods of a pattern are orthogonal and flat.
+    """
+    strain = state.strain
+    if strain.s_a != 0.0 or not strain.is_flat:
+        raise InputError(
+            "only a flat state without shear can become a rest shape",
+            expected="s_a = 0 and II = 0",
+            found=f"s_a = {strain.s_a:g}, II = ({strain.II11:g}, {strain.II12:g}, {strain.II22:g}) 1/m",
+        )
+    if len(state.positions) != len(pattern.edges):
+        raise InputError(
+            "the state belongs to another pattern",
+            expected=f"{len(pattern.edges)} vertices",
+            found=len(state.positions),
+        )
+    stretch = np.array([1.0 + strain.s_x, 1.0 + strain.s_y, 1.0])
+    period = pattern.period * stretch[:2]
+    edge = pattern.edge_vectors()
+    rest, affine = _unit(edge), _unit(edge * stretch)
+    moved = state.positions[pattern.edges[:, 1]] - state.positions
+    moved[:, :2] += pattern.edges[:, 2:] * period
+    tangent = _unit(moved)
+    director = _upright(pattern.reference_director, rest)
+    director = parallel_transport(parallel_transport(director, rest, affine), affine, tangent)
+    director = _upright(director, tangent)
+    return replace(
+        pattern,
+        vertices=state.positions,
+        twist=state.twist,
+        reference_director=director,
+        reference_twist=_continued_twist(pattern, tangent, director),
+        period=period,
+    )
+
+
+def set_as_drawn(pattern: YarnPattern, *, share: float = 1.0, lengths: bool = True) -> YarnPattern:
+    """The pattern whose yarns have taken on the shape they are drawn in (HYLC20 fig. 10, EST22 §7.2).
+
+    Rest curvatures and twists, and rest lengths unless ``lengths`` is false, move by ``share`` of the way from what
+    they are to what the drawing has.
+    """
+    edge = pattern.edge_vectors()
+    length = np.linalg.norm(edge, axis=1)
+    tangent = edge / length[:, None]
+    previous = pattern.previous_vertex
+    director = _upright(pattern.reference_director, tangent)
+    curvature = material_curvature(tangent, director, pattern.twist, previous)
+    twist = pattern.twist - pattern.twist[previous] + pattern.reference_twist
+    rest_length = pattern.rest_length
+    if lengths:
+        rest_length = rest_length + share * (length - rest_length)
+    return replace(
+        pattern,
+        rest_length=rest_length,
+        rest_curvature=pattern.rest_curvature + share * (curvature - pattern.rest_curvature),
+        rest_twist=pattern.rest_twist + share * (twist - pattern.rest_twist),
+    )
+
+
+def _continued_twist(pattern: YarnPattern, tangent: Array, director: Array) -> Array:
+    """Reference twist of moved frames, on the branch of the old one as the rod energy counts it (n,) [rad]."""
+    previous, twist = pattern.previous_vertex, pattern.reference_twist[:, None]
+    carried = parallel_transport(director[previous], tangent[previous], tangent)
+    carried = np.cos(twist) * carried + np.sin(twist) * np.cross(tangent, carried)
+    return pattern.reference_twist + signed_angle(carried, director, tangent)
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def _upright(director: Array, tangent: Array) -> Array:
+    """Unit vectors nearest to directors at right angles to the tangents."""
+    return _unit(director - np.einsum("ij,ij->i", director, tangent)[:, None] * tangent)
