@@ -99,6 +99,7 @@ def test_drape_covers_the_ball_and_hangs() -> None:
     [
         ("satin1.json", "course", 0.213, 1.214, 0.996),
         ("satin1.json", "wale", 0.213, 1.214, 0.996),
+        ("stock1.json", "course", 0.373, 1.379, 0.892),
         ("stock1.json", "wale", 0.373, 1.388, 0.889),
     ],
 )

@@ -20,33 +20,6 @@ FAST = {"cache": True, "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}
 
 
 @numba.njit(**FAST)
-def positive_moduli(moduli: NDArray, out: NDArray) -> int:
-    """Symmetric (36, n) with the eigenvalues of each 6×6 replaced by their magnitudes; how many were
-    indefinite.
-
-    A Cholesky test keeps the definite ones untouched; only the others go through Jacobi rotations.
-    """
-    matrix, vectors, lower = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    indefinite = 0
-    for n in range(moduli.shape[1]):
-        k, trace = 0, 0.0
-        for i in range(6):
-            for j in range(i + 1):
-                scale = (BENDING_SCALE if i > 2 else 1.0) * (BENDING_SCALE if j > 2 else 1.0)
-                matrix[i, j] = matrix[j, i] = moduli[k, n] * scale
-                k += 1
-            trace += abs(matrix[i, i])
-        if not _is_definite(matrix, 1e-9 * trace, lower):
-            indefinite += 1
-            _absolute(matrix, vectors, lower, trace)
-        for i in range(6):
-            for j in range(6):
-                scale = (BENDING_SCALE if i > 2 else 1.0) * (BENDING_SCALE if j > 2 else 1.0)
-                out[6 * i + j, n] = matrix[i, j] / scale
-    return indefinite
-
-
-@numba.njit(**FAST)
 def full_moduli(moduli: NDArray, out: NDArray) -> None:
     """Lower triangles (21, n) to full matrices (36, n), unchanged."""
     k = 0
@@ -56,6 +29,42 @@ def full_moduli(moduli: NDArray, out: NDArray) -> None:
                 out[6 * i + j, n] = moduli[k, n]
                 out[6 * j + i, n] = moduli[k, n]
             k += 1
+
+
+@numba.njit(**FAST)
+def positive_moduli(moduli: NDArray, out: NDArray) -> int:
+    """Symmetric (36, n) from lower triangles (21, n), eigenvalues replaced by magnitudes; how many were indefinite.
+
+    A Cholesky test keeps the definite ones untouched; the others are packed and go through Jacobi rotations together.
+    """
+    count = moduli.shape[1]
+    matrix, lower = np.empty((6, 6)), np.empty((6, 6))
+    packed, places = np.empty((6, 6, count)), np.empty(count, np.int64)
+    full_moduli(moduli, out)
+    indefinite = 0
+    for n in range(count):
+        trace = 0.0
+        for i in range(6):
+            for j in range(6):
+                matrix[i, j] = out[6 * i + j, n] * _scale(i) * _scale(j)
+            trace += abs(matrix[i, i])
+        if not _is_definite(matrix, 1e-9 * trace, lower):
+            packed[:, :, indefinite] = matrix
+            places[indefinite] = n
+            indefinite += 1
+    if indefinite:
+        _absolute(packed, indefinite)
+        for i in range(6):
+            for j in range(6):
+                unscale = 1.0 / (_scale(i) * _scale(j))
+                for k in range(indefinite):
+                    out[6 * i + j, places[k]] = packed[i, j, k] * unscale
+    return indefinite
+
+
+@numba.njit(**FAST)
+def _scale(component: int) -> float:
+    return BENDING_SCALE if component > 2 else 1.0
 
 
 @numba.njit(**FAST)
@@ -77,43 +86,67 @@ def _is_definite(matrix: NDArray, margin: float, lower: NDArray) -> bool:
 
 
 @numba.njit(**FAST)
-def _absolute(matrix: NDArray, vectors: NDArray, work: NDArray, trace: float) -> None:
-    """Replace a symmetric 6×6 matrix by its absolute value, by Jacobi rotations."""
+def _absolute(matrices: NDArray, count: int) -> None:
+    """Replace symmetric matrices (6, 6, count) by their absolute values, by cyclic Jacobi rotations side by side."""
+    vectors = np.zeros((6, 6, count))
+    cosines, sines = np.empty(count), np.empty(count)
     for i in range(6):
-        for j in range(6):
-            vectors[i, j] = 1.0 if i == j else 0.0
+        vectors[i, i, :] = 1.0
     for _ in range(12):
-        off = 0.0
         for p in range(5):
             for q in range(p + 1, 6):
-                off += matrix[p, q] ** 2
-        if off <= 1e-24 * trace * trace:
+                _rotate(matrices, vectors, p, q, cosines, sines, count)
+        if _largest_coupling(matrices, count) <= 1e-10:
             break
-        for p in range(5):
-            for q in range(p + 1, 6):
-                if abs(matrix[p, q]) > 1e-15 * trace:
-                    _rotate(matrix, vectors, p, q)
+    values = np.empty((6, count))
+    for r in range(6):
+        for n in range(count):
+            values[r, n] = abs(matrices[r, r, n])
     for i in range(6):
-        for j in range(6):
-            total = 0.0
-            for r in range(6):
-                total += vectors[i, r] * abs(matrix[r, r]) * vectors[j, r]
-            work[i, j] = total
-    matrix[:] = work
+        for j in range(i + 1):
+            for n in range(count):
+                total = 0.0
+                for r in range(6):
+                    total += vectors[i, r, n] * values[r, n] * vectors[j, r, n]
+                matrices[i, j, n] = total
+                matrices[j, i, n] = total
 
 
 @numba.njit(**FAST)
-def _rotate(matrix: NDArray, vectors: NDArray, p: int, q: int) -> None:
-    """One Jacobi rotation that zeroes entry (p, q)."""
-    ratio = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
-    tangent = (1.0 if ratio >= 0.0 else -1.0) / (abs(ratio) + math.sqrt(ratio * ratio + 1.0))
-    cosine = 1.0 / math.sqrt(tangent * tangent + 1.0)
-    sine = tangent * cosine
+def _largest_coupling(matrices: NDArray, count: int) -> float:
+    """Largest off-diagonal norm over the trace norm of any matrix."""
+    largest = 0.0
+    for n in range(count):
+        off, trace = 0.0, 1e-300
+        for p in range(6):
+            trace += abs(matrices[p, p, n])
+            for q in range(p):
+                off += matrices[p, q, n] ** 2
+        largest = max(largest, off / (trace * trace))
+    return math.sqrt(largest)
+
+
+@numba.njit(**FAST)
+def _rotate(
+    matrices: NDArray, vectors: NDArray, p: int, q: int, cosines: NDArray, sines: NDArray, count: int
+) -> None:
+    """One Jacobi rotation that zeroes entry (p, q) of every matrix."""
+    for n in range(count):
+        coupling, gap = matrices[p, q, n], matrices[q, q, n] - matrices[p, p, n]
+        size = abs(gap) + math.sqrt(gap * gap + 4.0 * coupling * coupling) + 1e-300
+        tangent = math.copysign(2.0, gap) * coupling / size
+        cosines[n] = 1.0 / math.sqrt(tangent * tangent + 1.0)
+        sines[n] = tangent * cosines[n]
     for r in range(6):
-        x, y = matrix[r, p], matrix[r, q]
-        matrix[r, p], matrix[r, q] = cosine * x - sine * y, sine * x + cosine * y
-        x, y = vectors[r, p], vectors[r, q]
-        vectors[r, p], vectors[r, q] = cosine * x - sine * y, sine * x + cosine * y
+        _mix(matrices[r, p], matrices[r, q], cosines, sines, count)
+        _mix(vectors[r, p], vectors[r, q], cosines, sines, count)
     for r in range(6):
-        x, y = matrix[p, r], matrix[q, r]
-        matrix[p, r], matrix[q, r] = cosine * x - sine * y, sine * x + cosine * y
+        _mix(matrices[p, r], matrices[q, r], cosines, sines, count)
+
+
+@numba.njit(**FAST)
+def _mix(first: NDArray, second: NDArray, cosines: NDArray, sines: NDArray, count: int) -> None:
+    for n in range(count):
+        x, y = first[n], second[n]
+        first[n] = cosines[n] * x - sines[n] * y
+        second[n] = sines[n] * x + cosines[n] * y

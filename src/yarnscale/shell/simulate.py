@@ -88,8 +88,12 @@ class ClothSolver:
         strength = float(np.linalg.norm(cloth.gravity)) or STANDARD_GRAVITY
         self.scale = float(np.linalg.norm(self.masses)) * strength
 
-    def step(self, state: ClothState, duration: float, *, inertia: bool = True) -> StepResult:
+    def step(
+        self, state: ClothState, duration: float, *, inertia: bool = True, iterations: int | None = None
+    ) -> StepResult:
         """One implicit step of ``duration`` [s]; without inertia the cloth forgets its velocity first.
+
+        iterations: of Newton, None for those of the options.
 
         ``duration`` may be inf: a static equilibrium. The result is to be kept only if its residual is
         acceptable.
@@ -108,7 +112,7 @@ class ClothSolver:
             bound=self._bound if self.contact is not None else None,
             after_step=lambda x: self._follow(x),
             tolerance=self.options.tolerance,
-            max_iterations=self.options.iterations,
+            max_iterations=self.options.iterations if iterations is None else iterations,
             shift=self.options.shift,
             check_minimum=math.isinf(duration),
         )
@@ -124,13 +128,19 @@ class ClothSolver:
         unrest = float(np.linalg.norm(inertial)) / self.scale
         return StepResult(new, solution.status, solution.iterations, solution.residual, unrest, duration)
 
-    def advance(self, state: ClothState, duration: float, *, inertia: bool = True) -> StepResult:
-        """A step, halved until Newton succeeds; where it never does, the given state with the failure's status."""
+    def advance(
+        self, state: ClothState, duration: float, *, inertia: bool = True, rough: int | None = None
+    ) -> StepResult:
+        """A step, halved until Newton succeeds; where it never does, the given state with the failure's status.
+
+        rough: keep what this many iterations reach, whatever force is left over; it acts in the next step.
+        """
         iterations = 0
         for halving in range(self.options.halvings + 1):
-            result = self.step(state, duration / 2**halving, inertia=inertia)
+            result = self.step(state, duration / 2**halving, inertia=inertia, iterations=rough)
             iterations += result.iterations
-            if result.residual <= self.options.acceptable:
+            unfinished = rough is not None and result.status is Status.ITERATION_LIMIT
+            if unfinished or result.residual <= self.options.acceptable:
                 return replace(result, iterations=iterations)
         return replace(result, state=state, iterations=iterations)
 
@@ -203,7 +213,8 @@ class Schedule:
     duration: [s] of dynamics; time_step: [s]; to_rest: whether steps without inertia follow until the cloth
     rests.
     longest_step: of these [s]; rest_tolerance: unrest (inertial force per weight) that counts as rest.
-    frame_interval: [s] between frames, None for the last only. max_rest_steps: then the cloth is declared
+    frame_interval: [s] between frames, None for the last only. rough_iterations: Newton iterations per step of the
+    dynamics, kept unconverged, where only the rest counts (None: all). max_rest_steps: then the cloth is declared
     restless.
     """
 
@@ -214,6 +225,7 @@ class Schedule:
     rest_tolerance: float = 1e-2
     frame_interval: float | None = None
     max_rest_steps: int = 30
+    rough_iterations: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("duration", "time_step", "longest_step", "rest_tolerance", "frame_interval"):
@@ -293,8 +305,9 @@ class _Runner:
         while end - state.time > 1e-9 * max(end, 1.0):
             remaining = end - state.time
             count = max(1, math.ceil(remaining / schedule.time_step - 1e-9))
-            result = self._advance(state, remaining / count, inertia=True, end=end)
-            if result.residual > self.solver.options.acceptable:
+            rough = schedule.rough_iterations
+            result = self._advance(state, remaining / count, inertia=True, end=end, rough=rough)
+            if result.state is state:
                 return self._finish(state, result.status, result.unrest)
             state = result.state
             self._frame(state)
@@ -305,9 +318,11 @@ class _Runner:
     def _settle(self, state: ClothState, end: float) -> Run:
         duration, unrest, status = self.schedule.time_step, math.inf, Status.ITERATION_LIMIT
         for _ in range(self.schedule.max_rest_steps):
-            result = self._advance(state, duration, inertia=False, end=end)
+            # Every iteration lowers the energy, so there is no reason to go back where a step did not converge.
+            rough = self.solver.options.iterations
+            result = self._advance(state, duration, inertia=False, end=end, rough=rough)
             unrest, status = result.unrest, result.status
-            if result.residual > self.solver.options.acceptable:
+            if result.state is state:
                 break
             state = replace(result.state, velocities=np.zeros_like(state.velocities))
             self._frame(state)
@@ -315,12 +330,18 @@ class _Runner:
             if converged and unrest <= self.schedule.rest_tolerance and duration >= self.schedule.time_step:
                 return self._finish(state, Status.CONVERGED, unrest)
             status = Status.ITERATION_LIMIT
-            easy = converged and result.duration == duration
-            duration = min(2 * duration, self.schedule.longest_step) if easy else max(duration / 2, 1e-3)
+            duration = self._next_rest_step(duration, easy=converged and result.duration == duration)
         return self._finish(state, status, unrest)
 
-    def _advance(self, state: ClothState, duration: float, *, inertia: bool, end: float) -> StepResult:
-        result = self.solver.advance(state, duration, inertia=inertia)
+    def _next_rest_step(self, duration: float, *, easy: bool) -> float:
+        if easy:
+            return min(2.0 * duration, self.schedule.longest_step)
+        return max(0.5 * duration, 0.1 * self.schedule.time_step)
+
+    def _advance(
+        self, state: ClothState, duration: float, *, inertia: bool, end: float, rough: int | None
+    ) -> StepResult:
+        result = self.solver.advance(state, duration, inertia=inertia, rough=rough)
         self.steps += 1
         self.iterations += result.iterations
         self.loose += result.residual > self.solver.options.tolerance
