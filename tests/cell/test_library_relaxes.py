@@ -12,9 +12,8 @@ from yarnscale.yarn.material import YarnMaterial
 @pytest.mark.parametrize("name", library.names())
 def test_rest(name: str) -> None:
     """The solver lets no yarn pass through another; a rest with room between the yarns is that of the drawn fabric."""
-    small = name.endswith("-small")
-    material = library.structure(name).material if small else "hylc2020-stockinette"
-    state = PeriodicCell(library.build(name), YarnMaterial.preset(material)).relax()
+    material = YarnMaterial.preset(library.structure(name).material)
+    state = PeriodicCell(library.build(name), material).relax()
     assert state.converged
     assert state.min_distance_over_diameter > 0.85
     assert state.contacts > 0
