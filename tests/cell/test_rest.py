@@ -147,7 +147,9 @@ def test_estimated_yarns_hold_the_fabric_at_its_periods(name):
         assert np.abs(shape.stress.at_rest[[3, 5]]).max() < 0.1 * np.abs(straight[[3, 5]]).max()
 
 
-SOFT = [(name, "hylc2020-stockinette") for name in ("stockinette", "garter", "twill-2x2", "satin-5")]
+SOFT = [(name, "hylc2020-stockinette") for name in ("stockinette", "garter", "twill-2x2", "satin-5")] + [
+    ("twill-2x1", "cotton")
+]
 
 
 @pytest.mark.parametrize(("name", "material"), [(name, "wool") for name in library.names()] + SOFT)

@@ -68,8 +68,8 @@ def settled(
     The yarns take on most of the shape they are drawn in, as yarn ravelled from a fabric has (HYLC20 fig. 10; the
     rest curvatures published with it are those of the drawings), are shortened, and the periods follow
     (``shrunk_to_rest``): that keeps what is left of their bending, so that stockinette curls, and gives a fabric whose
-    yarns touch. Where shear stress is left, as in twills, the yarns are set further at those periods
-    (``estimated_rest``).
+    yarns touch. Where shear stress is left, as in twills, the yarns are set further (``estimated_rest``), at those
+    periods or, failing that, at the drawn ones; the history then goes on with the rounds of that search.
 
     setting: share of the drawn curvature and twist that the yarns have at rest. 0 leaves straight yarns as they
     are: ribs then draw in to half their width, and loose fabrics are as stiff as their yarns bend.
@@ -82,10 +82,16 @@ def settled(
     shape = shrunk_to_rest(PeriodicCell(start, material), shortening=shortening, progress=progress)
     if shape.status is not RestStatus.SKEWED:
         return shape
-    further = estimated_rest(PeriodicCell(shape.pattern, material), shortening=0.0, progress=progress)
-    seconds = shape.seconds + further.seconds
-    history = shape.history + further.history
-    return described(further.pattern, pattern, further.status, further.stress, history, seconds)
+    attempts = [shape]
+    # At the periods that shrinking found; where that is too tight to lose its shear stress, at those of the drawing.
+    for source, share, rounds in ((shape.pattern, 0.0, 60), (start, 0.1, 200)):
+        cell = PeriodicCell(source, material)
+        attempts.append(estimated_rest(cell, shortening=share, max_rounds=rounds, progress=progress))
+        if attempts[-1].converged:
+            break
+    last, seconds = attempts[-1], sum(attempt.seconds for attempt in attempts)
+    history = tuple(entry for attempt in attempts for entry in attempt.history)
+    return described(last.pattern, pattern, last.status, last.stress, history, seconds)
 
 
 def shrunk_to_rest(
