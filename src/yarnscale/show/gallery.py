@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from yarnscale.cell import Equilibrium, PeriodicCell
+from yarnscale.cell.rest import settled
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show.curves import periodic_curves
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
@@ -41,18 +42,23 @@ def write_gallery(
     *,
     names: Sequence[str] | None = None,
     states: Mapping[str, ShellStrain] = STATES,
+    at_rest: bool = False,
     size: tuple[int, int] = SIZE,
 ) -> list[Exhibit]:
     """Build, relax and draw library patterns (all by default); ``index.html`` and pictures in ``folder``.
 
-    Every state is relaxed from the one before it. Raises InputError for an unknown name or a folder that cannot
-    be written, and PicturesUnavailable where the machine cannot draw.
+    Every state is relaxed from the one before it. at_rest: first give every pattern the rest shape and periods at
+    which it is free of stress (`cell.rest.settled`); takes longer. Raises InputError for an unknown name or a
+    folder that cannot be written, and PicturesUnavailable where the machine cannot draw.
     """
     folder = Path(folder)
     exhibits, sections = [], []
     for name in library.names() if names is None else names:
         structure = library.structure(name)
-        exhibit = relaxed(structure.build(name=name), YarnMaterial.preset(structure.material), states=states)
+        pattern, material = structure.build(name=name), YarnMaterial.preset(structure.material)
+        if at_rest:
+            pattern = settled(pattern, material).pattern
+        exhibit = relaxed(pattern, material, states=states)
         exhibits.append(exhibit)
         sections.append(_section(folder, name, structure, exhibit, size))
     facts = {
