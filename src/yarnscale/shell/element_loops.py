@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.kernel import call_kernel
-from yarnscale.shell.moduli import FAST, full_moduli, positive_moduli
+from yarnscale.shell.moduli import FAST, full_moduli
 
 
 @numba.njit(**FAST)
@@ -53,7 +53,7 @@ def gradient_of_blocks(
 
 
 @numba.njit(**FAST)
-def hessian_of_blocks(
+def exact_hessian_of_blocks(
     positions: NDArray,
     stencils: NDArray,
     geometry: NDArray,
@@ -61,38 +61,45 @@ def hessian_of_blocks(
     jacobian: NDArray,
     stress: NDArray,
     moduli: NDArray,
-    curvature_address: int,
+    address: int,
     slots: NDArray,
     out: NDArray,
-) -> int:
-    """Add element Hessians to matrix entries ``out`` through slots (nb, B, 171); how many moduli were
-    indefinite.
+) -> None:
+    """Add exact element Hessians to matrix entries ``out`` through slots (nb, B, 171).
 
-    curvature_address: kernel (corners, geometry, stress) → Σ stress ∇² forms for the exact Hessian; 0 for the
-    positive
-    model: |moduli| and the tensile membrane term.
+    address: kernel (corners, geometry, stress) → Σ stress ∇² forms.
     """
     lanes = stencils.shape[1]
     corners, full = np.empty((18, lanes)), np.empty((36, lanes))
     work, element, term = np.empty((108, lanes)), np.empty((171, lanes)), np.empty((171, lanes))
     pointers = np.empty(4, np.int64)
-    indefinite = 0
     for b in range(stencils.shape[0]):
-        if curvature_address:
-            full_moduli(moduli[b], full)
-        else:
-            indefinite += positive_moduli(moduli[b], full)
+        full_moduli(moduli[b], full)
         element_hessian(jacobian[b], full, areas[b], work, element)
-        if curvature_address:
-            gather_corners(positions, stencils[b], corners)
-            pointers[0], pointers[1] = corners.ctypes.data, geometry[b].ctypes.data
-            pointers[2], pointers[3] = stress[b].ctypes.data, term.ctypes.data
-            call_kernel(curvature_address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
-            add_scaled(term, areas[b], element)
-        else:
-            add_membrane_term(stress[b], geometry[b], areas[b], element)
+        gather_corners(positions, stencils[b], corners)
+        pointers[0], pointers[1] = corners.ctypes.data, geometry[b].ctypes.data
+        pointers[2], pointers[3] = stress[b].ctypes.data, term.ctypes.data
+        call_kernel(address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
+        add_scaled(term, areas[b], element)
         scatter_hessian(element, slots[b], out)
-    return indefinite
+
+
+@numba.njit(**FAST)
+def add_positive_hessian(
+    geometry: NDArray,
+    areas: NDArray,
+    jacobian: NDArray,
+    stress: NDArray,
+    positive: NDArray,
+    slots: NDArray,
+    out: NDArray,
+) -> None:
+    """Add the positive element Hessians of one block, from positive moduli (36, B), to matrix entries ``out``."""
+    lanes = areas.shape[0]
+    work, element = np.empty((108, lanes)), np.empty((171, lanes))
+    element_hessian(jacobian, positive, areas, work, element)
+    add_membrane_term(stress, geometry, areas, element)
+    scatter_hessian(element, slots, out)
 
 
 @numba.njit(**FAST)

@@ -164,7 +164,7 @@ def drape(
     radius: float = 0.07,
     spacing: float = SPACING,
     duration: float = 1.0,
-    time_step: float = 0.02,
+    time_step: float = 0.025,
     to_rest: bool = False,
     friction: float = 0.3,
     self_contact: bool = True,
@@ -192,7 +192,9 @@ def drape(
             "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
         }
 
-    schedule = Schedule(duration, time_step, to_rest=to_rest, frame_interval=frame_interval)
+    schedule = Schedule(
+        duration, time_step, to_rest=to_rest, frame_interval=frame_interval, rough_iterations=20
+    )
     return Scene("drape", cloth, start, schedule, measure=measure)
 
 
