@@ -20,8 +20,7 @@ from yarnscale.shell.moduli import FAST, full_moduli
 def forms_of_blocks(
     positions: NDArray, stencils: NDArray, geometry: NDArray, address: int, jacobian: NDArray, forms: NDArray
 ) -> None:
-    """Forms (nb, 6, B) and, if ``jacobian`` (nb, 108, B) is not empty, their derivatives at positions (nv,
-    3).
+    """Forms (nb, 6, B) and, if ``jacobian`` (nb, 108, B) is not empty, their derivatives at positions (nv, 3).
 
     address: kernel (corners, geometry) → forms[, jacobian]; stencils: (nb, B, 6); geometry: (nb, 15, B).
     """

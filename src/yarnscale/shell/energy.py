@@ -43,7 +43,8 @@ class ElementKernels(Protocol):
 class ElementMaterial(Protocol):
     """What the cloth solver needs of a material; ``shell.material`` describes it."""
 
-    density: float
+    @property
+    def density(self) -> float: ...
 
     @property
     def parameter_count(self) -> int: ...

@@ -24,8 +24,7 @@ class TriangleMesh:
 
     material: coordinates in the fabric's frame (course, wale) [m], shape (nv, 2).
     triangles: counter-clockwise vertex indices, shape (nt, 3).
-    grain: angle [rad] from the panel's x-axis to the fabric's course direction; ``panel`` is the shape as
-    cut.
+    grain: angle [rad] from the panel's x-axis to the fabric's course direction; ``panel`` is the shape as cut.
 
     Derived: ``stencils`` (nt, 6) = (v0, v1, v2, then the vertices opposite to edges v0v1, v1v2, v2v0 in the
     neighbouring triangles); ``has_neighbour`` (nt, 3). Where there is no neighbour the stencil still holds a

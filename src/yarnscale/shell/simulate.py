@@ -42,8 +42,7 @@ SHELL_SHIFT = ShiftRule(
 class SolverOptions:
     """How exactly steps are solved.
 
-    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: of Newton per
-    step.
+    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: of Newton per step.
     acceptable: residual with which a step is kept though Newton did not get to the tolerance.
     halvings: how often a failed step is halved.
     """
@@ -95,8 +94,7 @@ class ClothSolver:
 
         iterations: of Newton, None for those of the options.
 
-        ``duration`` may be inf: a static equilibrium. The result is to be kept only if its residual is
-        acceptable.
+        ``duration`` may be inf: a static equilibrium. The result is to be kept only if its residual is acceptable.
         """
         if not duration > 0:
             raise InputError("time step", expected="a positive number of seconds", found=duration)
@@ -210,8 +208,7 @@ class ClothSolver:
 class Schedule:
     """How long to simulate.
 
-    duration: [s] of dynamics; time_step: [s]; to_rest: whether steps without inertia follow until the cloth
-    rests.
+    duration: [s] of dynamics; time_step: [s]; to_rest: whether steps without inertia follow until the cloth rests.
     longest_step: of these [s]; rest_tolerance: unrest (inertial force per weight) that counts as rest.
     frame_interval: [s] between frames, None for the last only. rough_iterations: Newton iterations per step of the
     dynamics, kept unconverged, where only the rest counts (None: all). max_rest_steps: then the cloth is declared
@@ -275,8 +272,7 @@ def simulate(
     on_step: Callable[[Progress], None] | None = None,
     on_frame: Callable[[int, ClothState], None] | None = None,
 ) -> Run:
-    """Run a schedule from a state; ``on_frame(number, state)`` gets frames as they finish, the first and last
-    included.
+    """Run a schedule from a state; ``on_frame(number, state)`` gets frames as they finish, the first and last included.
 
     A step that fails even when halved ends the run with its status and the last good state.
     """
