@@ -119,7 +119,7 @@ STRUCTURES: dict[str, Structure] = {
         "Two 1×1 ribs knitted through each other: needles face each other, one course knits odd front and even "
         "back needles, the next the others.",
         ("k-|-p", "-k|p-"),
-        sizes=_sizes(4.5, 3.2),
+        sizes=_sizes(4.5, 3.2, tightness=0.95),
     ),
     "double-pique": Structure(
         "Double piqué: a rib course on all front and every other back needle, then a course on the other back "

@@ -29,6 +29,8 @@ SKIN = 0.5
 STEP_LIMIT = 0.1
 """Largest move of a vertex in one step [r]."""
 GAP_SHARE = 0.4
+AT_REST = 1e-3
+"""Largest force at which the motion ends."""
 NEIGHBOUR_ARC = 3.5
 """Segments of one yarn repel each other when so much length lies between them [r]."""
 
@@ -42,7 +44,7 @@ class Stage:
     steps: int
 
 
-STAGES = (Stage(0.5, 0.8, 60), Stage(0.6, 1.5, 100), Stage(0.85, 2.0, 150), Stage(1.05, 2.03, 250))
+STAGES = (Stage(0.5, 0.8, 60), Stage(0.6, 1.5, 100), Stage(0.85, 2.0, 150), Stage(1.05, 2.03, 700))
 
 
 def swollen(
@@ -78,7 +80,7 @@ def swollen(
 def _stage(
     curves: list[PeriodicCurve], period: Array, wanted: list[float], reached: float, stage: Stage
 ) -> list[PeriodicCurve]:
-    """Run one stage; the diameter grows from `reached` during its first half."""
+    """Run one stage; the diameter grows from `reached` at its beginning."""
     pattern = pattern_from_curves(curves, period, 1.0)
     sizes = np.array([len(curve.points) for curve in curves])
     rest = np.repeat(np.array(wanted) / sizes, sizes)
@@ -101,13 +103,16 @@ def _stage(
     listed_at, first, second = x, np.empty(0, np.int64), np.empty(0, np.int64)
     dt, mixing, uphill_free = 0.1, 0.1, 0
     for step in range(stage.steps):
-        grown = min(1.0, 2.0 * (step + 1) / stage.steps)
+        # In a hundred steps at most: the rest of the last, long stage is for rounding.
+        grown = min(1.0, (step + 1) / min(0.5 * stage.steps, 100.0))
         diameter = reached + grown * (stage.diameter - reached)
         if step == 0 or np.abs(x - listed_at).max() > 0.25 * SKIN:
             listed_at = x.copy()
             first, second = search.find(nodes(x), reach)
         copies = nodes(x)
         _forces(x, edge_end, tile, rest, copies, images.segment_end, first, second, n, diameter, force)
+        if grown == 1.0 and np.abs(force).max() < AT_REST:
+            break
         power = float((force * v).sum())
         if power > 0.0:
             uphill_free += 1
