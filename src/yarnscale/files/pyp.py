@@ -13,7 +13,8 @@ from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn.clearance import check_clearance
-from yarnscale.yarn.pattern import LARGEST_LENGTH, YarnPattern
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.pattern_fields import LARGEST_LENGTH
 
 COLUMNS = {
     "pattern": ("px", "py", "radius", "n"),

@@ -11,18 +11,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from yarnscale.errors import InputError
+from yarnscale.yarn.pattern_fields import (
+    LARGEST_LENGTH,
+    check_length,
+    edge_array,
+    first_true,
+    float_array,
+    material_array,
+)
 
 if TYPE_CHECKING:
     from yarnscale.yarn.curves import PeriodicCurve
 
-LARGEST_LENGTH = 1e3
-"""No length of a pattern exceeds this [m]; larger numbers are a mistaken unit."""
-SMALLEST_LENGTH = 1e-9
-"""No radius, period or rest length is smaller than this [m]."""
 DIRECTOR_TOLERANCE = 1e-3
 """Largest deviation of a reference director from unit length and from a right angle with its edge."""
 LARGEST_RADIUS_OVER_PERIOD = 10.0
-LARGEST_MATERIAL_COUNT = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +90,16 @@ class YarnPattern:
             "period": (2,),
         }
         for field, shape in shapes.items():
-            object.__setattr__(self, field, _float_array(field, getattr(self, field), shape))
-        object.__setattr__(self, "edges", _edge_array(self.edges, n))
+            object.__setattr__(self, field, float_array(field, getattr(self, field), shape))
+        object.__setattr__(self, "edges", edge_array(self.edges, n))
         object.__setattr__(self, "radius", float(self.radius))
-        object.__setattr__(self, "yarn_material", _material_array(self.yarn_material, len(self.yarns)))
+        object.__setattr__(self, "yarn_material", material_array(self.yarn_material, len(self.yarns)))
         self._check_values()
 
     def _check_values(self) -> None:
-        _check_length("radius", np.array([self.radius]))
-        _check_length("period", self.period)
-        _check_length("rest_length", self.rest_length)
+        check_length("radius", np.array([self.radius]))
+        check_length("period", self.period)
+        check_length("rest_length", self.rest_length)
         if np.abs(self.vertices).max() > LARGEST_LENGTH:
             raise InputError("vertices lie too far out", expected=f"metres, below {LARGEST_LENGTH:g}")
         if self.radius > LARGEST_RADIUS_OVER_PERIOD * self.period.min():
@@ -108,22 +111,22 @@ class YarnPattern:
             )
         edge = self.edge_vectors()
         length = np.linalg.norm(edge, axis=1)
-        if (bad := _first(~((length > 0.0) & (length < LARGEST_LENGTH)))) is not None:
+        if (bad := first_true(~((length > 0.0) & (length < LARGEST_LENGTH)))) is not None:
             raise InputError(
                 f"edges[{bad}] has no usable length", expected="two distinct ends", found=f"{length[bad]:g} m"
             )
         director = self.reference_director
-        if (bad := _first(np.abs(director).max(axis=1) > 2.0)) is not None:
+        if (bad := first_true(np.abs(director).max(axis=1) > 2.0)) is not None:
             raise InputError(f"reference_director[{bad}] must be a unit vector", expected="length 1")
         off = np.abs(np.linalg.norm(director, axis=1) - 1.0)
         lean = np.abs(np.einsum("ij,ij->i", director, edge)) / length
-        if (bad := _first(off > DIRECTOR_TOLERANCE)) is not None:
+        if (bad := first_true(off > DIRECTOR_TOLERANCE)) is not None:
             raise InputError(
                 f"reference_director[{bad}] must be a unit vector",
                 expected="length 1",
                 found=f"length {np.linalg.norm(director[bad]):.6g}",
             )
-        if (bad := _first(lean > DIRECTOR_TOLERANCE)) is not None:
+        if (bad := first_true(lean > DIRECTOR_TOLERANCE)) is not None:
             raise InputError(
                 f"reference_director[{bad}] must be perpendicular to its edge",
                 expected="cosine 0",
@@ -339,74 +342,3 @@ class YarnPattern:
             # Patterns of one material keep the hash that they had before there were several.
             digest.update(np.ascontiguousarray(self.yarn_material, dtype="<i8").tobytes())
         return digest.hexdigest()
-
-
-def _first(mask: np.ndarray) -> int | None:
-    """Index of the first true entry."""
-    return int(np.argmax(mask)) if mask.any() else None
-
-
-def _float_array(field: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{field} must hold numbers", expected=f"shape {shape}", found=error) from None
-    if array.shape != shape:
-        raise InputError(f"{field} has the wrong shape", expected=shape, found=array.shape)
-    finite = np.isfinite(array)
-    if not finite.all():
-        index = tuple(int(i) for i in np.argwhere(~finite)[0])
-        place = ", ".join(map(str, index))
-        raise InputError(f"{field}[{place}] must be finite", expected="a finite number", found=array[index])
-    return array
-
-
-def _edge_array(value: object, n: int) -> np.ndarray:
-    array = np.asarray(value)
-    if array.shape != (n, 4):
-        raise InputError("edges has the wrong shape", expected=(n, 4), found=array.shape)
-    if array.dtype.kind not in "iu" and not (array.dtype.kind == "f" and (array == np.rint(array)).all()):
-        raise InputError("edges must hold integers", expected="rows (v0, v1, dx, dy)", found=array.dtype)
-    edges = np.array(array, dtype=np.int64, order="C")
-    if (bad := _first(edges[:, 0] != np.arange(n))) is not None:
-        raise InputError(
-            f"edges[{bad}] must start at vertex {bad}", expected=f"v0 = {bad}", found=f"v0 = {edges[bad, 0]}"
-        )
-    if (bad := _first((edges[:, 1] < 0) | (edges[:, 1] >= n))) is not None:
-        raise InputError(
-            f"edges[{bad}] ends at a vertex that is not there",
-            expected=f"0 ≤ v1 < {n}",
-            found=f"v1 = {edges[bad, 1]}",
-        )
-    incoming = np.bincount(edges[:, 1], minlength=n)
-    if (bad := _first(incoming != 1)) is not None:
-        raise InputError(
-            f"vertex {bad} must have one incoming edge", expected="1 edge", found=f"{incoming[bad]} edges"
-        )
-    if np.abs(edges[:, 2:]).max() > 10_000:
-        raise InputError("edges reach too many tiles away", expected="|dx|, |dy| ≤ 10000")
-    return edges
-
-
-def _material_array(value: object, yarns: int) -> np.ndarray:
-    array = np.zeros(yarns, dtype=np.int64) if value is None else np.asarray(value)
-    if array.shape != (yarns,):
-        raise InputError("yarn_material has the wrong shape", expected=(yarns,), found=array.shape)
-    if array.dtype.kind not in "iu" or (array < 0).any() or (array >= LARGEST_MATERIAL_COUNT).any():
-        expected = f"integers from 0 to {LARGEST_MATERIAL_COUNT - 1}"
-        raise InputError("yarn_material must number materials", expected=expected, found=array.tolist()[:8])
-    return np.array(array, dtype=np.int64)
-
-
-def _check_length(field: str, value: np.ndarray) -> None:
-    """Every length is positive, finite and of a size that metres can mean."""
-    if (bad := _first(~(value > 0.0))) is not None:
-        place = "" if field == "radius" else f"[{bad}]"
-        raise InputError(f"{field}{place} must be positive", expected="> 0 m", found=f"{value[bad]:g}")
-    if (bad := _first(~((value >= SMALLEST_LENGTH) & (value <= LARGEST_LENGTH)))) is not None:
-        place = "" if field == "radius" else f"[{bad}]"
-        raise InputError(
-            f"{field}{place} is no length in metres",
-            expected=f"{SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m",
-            found=f"{value[bad]:g}",
-        )
