@@ -1,4 +1,4 @@
-"""The midsurface of a cell for every macroscopic state: the least-squares surface ∇φ ≈ R S (theory §2; HYLC20 eq. 16–17).
+"""The midsurface of a cell for every macroscopic state: least squares ∇φ ≈ R S (theory §2; HYLC20 eq. 16–17).
 
 R(ξ) = exp [w]×, w = ξ^α ω_α, has R S as a gradient only where det II = 0. Elsewhere φ solves the Poisson problem
 ∇²φ = ∇·R S with natural boundary conditions. Coordinates count from the centre of the tile, where R = 1. Here φ is the
@@ -26,6 +26,7 @@ strain, the limit to which a constant second form with Gaussian curvature has a 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache, cached_property
 
 import casadi as ca
@@ -88,17 +89,17 @@ class Grid:
 
     def least_squares(self, gradients: tuple[Array, Array]) -> Array:
         """Fields (N1, N2, …) whose differences along edges are nearest to the given gradients; zero in the middle."""
-        field = sum(self._divergence(gradients[axis], axis) for axis in (0, 1))
+        field = self._divergence(gradients[0], 0) + self._divergence(gradients[1], 1)
         waves = []
         for axis in (0, 1):
-            field = dct(field, type=1, axis=axis)
+            field = np.asarray(dct(field, type=1, axis=axis))
             count = len(self.nodes[axis])
             waves.append((2 - 2 * np.cos(np.pi * np.arange(count) / (count - 1))) / self.step[axis] ** 2)
         size = waves[0][:, None] + waves[1][None, :]
         size[0, 0] = np.inf  # the constant is free
         field = field / size.reshape(size.shape + (1,) * (field.ndim - 2))
         for axis in (0, 1):
-            field = idct(field, type=1, axis=axis)
+            field = np.asarray(idct(field, type=1, axis=axis))
         return field - field[self.middle]
 
     def _divergence(self, gradient: Array, axis: int) -> Array:
@@ -122,15 +123,16 @@ class Grid:
             field = field + np.multiply.outer(line, self.tile_mean(misfit, axis))
         return field
 
-    def interpolate(self, field: Array, points: Array) -> Array:
-        """A field (N1, N2, …) at points (n, 2) by its C² cubic spline; beyond the grid, at the nearest of its points."""
+    def interpolant(self, field: Array) -> Callable[[Array], Array]:
+        """A field (N1, N2, …) as a function of points (n, 2): its C² cubic spline, beyond the grid its border value."""
         knots = []
         for axis in (0, 1):
             spline = make_interp_spline(self.nodes[axis], field, k=3, axis=axis)
             knots.append(spline.t)
             field = np.moveaxis(spline.c, 0, axis)
+        surface = NdBSpline(tuple(knots), field, 3)
         low, high = ([line[end] for line in self.nodes] for end in (0, -1))
-        return NdBSpline(tuple(knots), field, 3)(np.clip(points, low, high))
+        return lambda points: surface(np.clip(points, low, high))
 
 
 class PoissonMidsurface:
@@ -155,8 +157,8 @@ class PoissonMidsurface:
         """period, centre (2,): of the tile, reference coordinates in the unit ``length`` [m] of all coordinates.
 
         margin (2,): how far beyond the tile points are asked for; one period by default. cells: of the grid over one
-        period, a multiple of four. around_closed_form: solve for the correction of the closed form only; else for all of φ, as
-        published. tile_mean: keep the mean gradient of the tile; else that of the whole domain, as published.
+        period, a multiple of four. around_closed_form: solve for the correction of the closed form only; else for all
+        of φ, as published. tile_mean: keep the mean gradient of the tile; else that of the whole domain.
         """
         self.strain = strain
         self._scale = np.array([1.0, 1.0, 1.0, length, length, length])
@@ -170,8 +172,8 @@ class PoissonMidsurface:
         self._origin_by_state = flat.by_state(self._centre[None], np.zeros((1, 3)))[0]
         self._origin_by_state[:, 3:] = 0.0
 
-    def _solved(self, derivative: bool) -> Array:
-        """ψ (N1, N2, 3) or its derivatives by the scaled state (N1, N2, 3, 6)."""
+    def _solved(self, derivative: bool) -> Callable[[Array], Array]:
+        """ψ (n, 3), or its derivatives by the scaled state (n, 3, 6), as a function of points (n, 2)."""
         kernel, gradients = _target_kernel(self._corrects, derivative), []
         for axis in (0, 1):
             points = self.grid.edge_middles(axis)
@@ -181,14 +183,16 @@ class PoissonMidsurface:
             gradients.append(column.reshape(shape)[:, :, axis])
         both = gradients[0], gradients[1]
         field = self.grid.least_squares(both)
-        return self.grid.keep_tile_mean(field, both) if self._tile_mean else field
+        if self._tile_mean:
+            field = self.grid.keep_tile_mean(field, both)
+        return self.grid.interpolant(field)
 
     @cached_property
-    def _field(self) -> Array:
+    def _correction(self) -> Callable[[Array], Array]:
         return self._solved(False)
 
     @cached_property
-    def _field_by_state(self) -> Array:
+    def _correction_by_state(self) -> Callable[[Array], Array]:
         return self._solved(True)
 
     def at(self, reference: Array) -> tuple[Array, Array]:
@@ -197,7 +201,7 @@ class PoissonMidsurface:
         points, rotations = self._closed.at(local)
         if not self._corrects:
             points = local[:, 2:] * rotations[:, :, 2]
-        return points + self.grid.interpolate(self._field, local[:, :2]) + self._origin, rotations
+        return points + self._correction(local[:, :2]) + self._origin, rotations
 
     def rotation_vectors(self, reference: Array) -> Array:
         """w = ξ^α ω_α at reference coordinates (n, 3), counted from the centre, shape (n, 3) [rad]."""
@@ -210,8 +214,8 @@ class PoissonMidsurface:
         if not self._corrects:
             flat = local * np.array([1.0, 1.0, 0.0])
             slopes -= self._closed.by_state(flat, np.zeros_like(flat))
-        field = self.grid.interpolate(self._field_by_state, local[:, :2])
-        return slopes + field * self._scale + self._origin_by_state
+        slopes += self._correction_by_state(local[:, :2]) * self._scale
+        return slopes + self._origin_by_state
 
 
 def cell_midsurface(pattern: YarnPattern, strain: ShellStrain) -> Midsurface | PoissonMidsurface:
