@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.midsurface import Midsurface
+from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import BlockPattern, StencilSet
@@ -102,7 +103,7 @@ class CellEnergy:
     def __post_init__(self) -> None:
         pattern, radius = self.pattern, self.pattern.radius
         self.unit = self.material.young_modulus * math.pi * radius**3
-        self.surface = Midsurface(self.strain, length=radius)
+        self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
         self._reach = 2.0
         if self.material.contact.kernel == "est2022":
