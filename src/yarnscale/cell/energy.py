@@ -18,7 +18,7 @@ from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import BlockPattern, StencilSet
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.newton import LinearConstraints
+from yarnscale.numerics.kkt import LinearConstraints
 from yarnscale.yarn.contact import contact_energy
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps, safe_fraction
@@ -32,7 +32,7 @@ STEP_LIMIT = 0.3
 """Largest move of a vertex in one step [r]."""
 SKIN = 0.7
 """How much farther than contact pairs are listed [r]; at least twice the step limit, so that none is missed."""
-PATTERN_MARGIN = 0.8
+PATTERN_MARGIN = 0.3
 """How much farther than the list the matrix pattern looks ahead [r]; saves symbolic analyses."""
 TWIST_LIMIT = 1.0
 """Largest change of a twist in one step [rad]."""
@@ -47,6 +47,11 @@ def _unit(vectors: Array) -> Array:
 def _size(vector: Array) -> float:
     """Euclidean norm; BLAS would share these long sums among threads, which takes a thousand times as long."""
     return math.sqrt(float(np.square(vector).sum()))
+
+
+def _norm(values: Array) -> float:
+    """Euclidean norm without BLAS, whose threads cost far more than they save at this size."""
+    return math.sqrt(float(np.square(values).sum()))
 
 
 def _independent(rows: Array) -> Array:

@@ -14,6 +14,7 @@ from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.newton import Solution, Status, minimise
+from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -89,6 +90,7 @@ class PeriodicCell:
         seed = None if start is None else (start.strain, start.fluctuation, start.twist)
         return self.relax_from(strain, seed)
 
+    @on_one_thread
     def relax_from(self, strain: ShellStrain, seed: tuple[ShellStrain, Array, Array] | None) -> Equilibrium:
         """``relax`` from a state's strain, fluctuation (n, 3) [m] and twist (n,); None: from rest."""
         began = time.perf_counter()
@@ -178,6 +180,7 @@ class PeriodicCell:
         flat, _ = surface.at(np.column_stack([grid, np.zeros(len(grid))]) / radius)
         return (flat * radius).reshape(points, points, 3)
 
+    @on_one_thread
     def moduli(self, state: Equilibrium) -> Array:
         """∂²Ψ/∂z² (6, 6) at an equilibrium, z = (s_x, s_a, s_y, II11, II12, II22) (theory §2).
 

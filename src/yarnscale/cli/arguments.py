@@ -128,6 +128,21 @@ def _material_commands(add: _Add) -> None:
     command.add_argument("--curvature", type=_number, metavar="C", help="largest curvature times yarn radius (0.1)")
     _workers(command)
 
+    command = add("sample", "samples", "Relax a pattern under all states of a strain grid, into a store.")
+    command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
+    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument("--grid", type=Path, required=True, metavar="GRID.toml", help="arrays s_x, s_a, s_y, lambda_x, lambda_y")
+    command.add_argument("--out", type=Path, required=True, metavar="STORE", help="zarr store to write")
+    command.add_argument("--positions", action="store_true", help="store the vertices of every state too")
+    command.add_argument("--free-sliding", action="store_true", help="let yarns slide along themselves as a whole")
+    command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+    _workers(command)
+
+    command = add("fit", "samples", "Fit a shell material to a store of samples.")
+    command.add_argument("store", type=Path, metavar="STORE", help="store written by 'sample' or 'homogenize'")
+    command.add_argument("--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write")
+
     command = add("evaluate", "materials", "Energy density and stress of a shell material at a strain.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
     command.add_argument(

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, sparray
 
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.newton import Objective, QuadraticModel
+from yarnscale.numerics.kkt import QuadraticModel
+from yarnscale.numerics.newton import Objective
 
 Array = NDArray[np.float64]
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}

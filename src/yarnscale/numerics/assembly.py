@@ -58,12 +58,6 @@ class StencilSet:
         self._index = _blocked(np.ascontiguousarray(self.variables.T, np.int64))
         self._parameters = _blocked(np.ascontiguousarray(self.parameters.T, np.float64))
 
-    def set_parameter(self, name: str, values: Array) -> None:
-        """Replace one named parameter, (N,) or (N, k)."""
-        rows = self.energy.parameter_rows(name)
-        self.parameters[:, rows] = values.reshape(self.count, -1)
-        self._parameters[:, rows] = _blocked(np.ascontiguousarray(self.parameters[:, rows].T))
-
     def value(self, full: Array) -> float:
         """Energy at the full vector."""
         if self.count == 0:

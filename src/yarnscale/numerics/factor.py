@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Protocol
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,11 +44,21 @@ class SymmetricPattern:
 
     def multiply(self, values: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Product of the symmetric matrix with a vector (n,) or columns (n, k)."""
-        from scipy.sparse import csc_array
+        if x.ndim == 2:
+            return np.column_stack([self.multiply(values, column) for column in x.T])
+        product = np.zeros(self.size)
+        _multiply(self.starts, self.rows, values, np.ascontiguousarray(x), product)
+        return product
 
-        lower = csc_array((values, self.rows, self.starts), shape=(self.size, self.size))
-        diagonal = values[self.diagonal]
-        return lower @ x + lower.T @ x - (diagonal * x.T).T
+
+@numba.njit(cache=True, error_model="numpy")
+def _multiply(starts, rows, values, x, product):
+    for j in range(len(starts) - 1):
+        total = values[starts[j]] * x[j]
+        for k in range(starts[j] + 1, starts[j + 1]):
+            product[rows[k]] += values[k] * x[j]
+            total += values[k] * x[rows[k]]
+        product[j] += total
 
 
 class Factorisation(Protocol):

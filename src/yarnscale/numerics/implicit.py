@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.factor import factorisation
-from yarnscale.numerics.newton import LinearConstraints, QuadraticModel
+from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
 
 Array = NDArray[np.float64]
 
@@ -28,24 +27,15 @@ class ConstrainedInverse:
     ) -> None:
         """shift: smallest regularisation; raised until the factorisation succeeds, and undone by refinement."""
         self._model, self._constraints = model, constraints
-        self._factor = factorisation(model.pattern, backend)
+        self._solver = ConstrainedSolver(constraints, backend)
         self._exact = model.values(0.0)
-        while not self._factor.factor(model.values(shift)):
-            shift = max(10.0 * shift, 1e-12)
+        while not self._solver.factorise(model, shift):
+            shift *= 10.0
             if shift > 1e3:
                 raise ArithmeticError("the Hessian cannot be factored with any reasonable shift")
-        if constraints is not None:
-            self._columns = self._factor.solve(np.ascontiguousarray(constraints.matrix.T))
-            self._schur = constraints.matrix @ self._columns
 
     def _project(self, columns: Array) -> Array:
         return columns if self._constraints is None else self._constraints.project(columns)
-
-    def _precondition(self, columns: Array) -> Array:
-        solved = self._factor.solve(columns)
-        if self._constraints is None:
-            return solved
-        return solved - self._columns @ np.linalg.solve(self._schur, self._constraints.matrix @ solved)
 
     def apply(self, right: Array, *, tolerance: float = 1e-10, max_iterations: int = 200) -> Array:
         """K⁺ right for columns (n, k), by conjugate gradients preconditioned with the shifted factor."""
@@ -61,7 +51,7 @@ class ConstrainedInverse:
         for iteration in range(max_iterations):
             if float(np.linalg.norm(residual)) <= goal:
                 return x
-            preconditioned = self._precondition(residual)
+            preconditioned = self._solver.step(residual, None)
             previous, rho = rho, float(residual @ preconditioned)
             direction = preconditioned + (rho / previous if iteration else 0.0) * direction
             image = self._project(self._model.pattern.multiply(self._exact, direction))
@@ -70,4 +60,6 @@ class ConstrainedInverse:
                 raise ArithmeticError("the Hessian is not positive definite on the constraints: no minimum")
             x = x + rho / curvature * direction
             residual = residual - rho / curvature * image
+        if float(np.linalg.norm(residual)) > 1e3 * goal:
+            raise ArithmeticError(f"the solve stopped short of its tolerance after {max_iterations} iterations")
         return x

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
+from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
 
 Array = NDArray[np.float64]
 
@@ -28,19 +28,6 @@ class Status(enum.Enum):
     STALLED = "stalled: no step lowers the energy"
     ITERATION_LIMIT = "stopped at the iteration limit"
     INVALID = "invalid: the energy of the start is not finite"
-
-
-class QuadraticModel(Protocol):
-    """Second-order model of an objective at a point."""
-
-    @property
-    def pattern(self) -> SymmetricPattern:
-        """Pattern of the Hessian; the same object as long as it did not change."""
-        ...
-
-    def values(self, shift: float) -> Array:
-        """Entries of H + shift·M, with M positive (a diagonal, or positive model − exact Hessian)."""
-        ...
 
 
 class Objective(Protocol):
@@ -64,22 +51,6 @@ class Objective(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class LinearConstraints:
-    """``matrix @ x = right`` with few rows: matrix (m, n), right (m,)."""
-
-    matrix: Array
-    right: Array
-    _basis: Array = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_basis", np.linalg.qr(self.matrix.T)[0])
-
-    def project(self, vector: Array) -> Array:
-        """Part of a gradient that the constraints leave free, (n,)."""
-        return vector - self._basis @ (self._basis.T @ vector)
-
-
 @dataclass(frozen=True)
 class ShiftRule:
     """How the regularisation moves: ``H + shift·M``.
@@ -93,8 +64,8 @@ class ShiftRule:
     lowest: float = 1e-9
     highest: float = math.inf
     growth: float = 5.0
-    least: float = 1e-6
-    decay: float = 0.2
+    least: float = 1e-4
+    decay: float = 0.4
     lowest_is_zero: bool = False
     hold_above: float = math.inf
 
@@ -130,34 +101,8 @@ class Solution:
         return self.status is Status.CONVERGED
 
 
-@dataclass
-class _Linear:
-    """Factor and constraint elimination; the symbolic analysis lives as long as the pattern."""
-
-    constraints: LinearConstraints | None
-    backend: str | None
-    pattern: SymmetricPattern | None = None
-    factor: Factorisation | None = None
-    count: int = 0
-
-    def factorise(self, model: QuadraticModel, shift: float) -> bool:
-        if self.factor is None or model.pattern is not self.pattern:
-            self.pattern = model.pattern
-            self.factor = factorisation(model.pattern, self.backend)
-        self.count += 1
-        return self.factor.factor(model.values(shift))
-
-    def step(self, right: Array, gap: Array | None) -> Array:
-        """Solve K p + Cᵀ λ = right, C p = gap (None: 0)."""
-        assert self.factor is not None
-        if self.constraints is None:
-            return self.factor.solve(right)
-        matrix = self.constraints.matrix
-        solved = self.factor.solve(np.column_stack([right, matrix.T]))
-        free, columns = solved[:, 0], solved[:, 1:]
-        excess = matrix @ free - (0.0 if gap is None else gap)
-        return free - columns @ np.linalg.solve(matrix @ columns, excess)
-
+_MOST_ESCAPES = 5
+"""Saddles that one minimisation may leave."""
 
 Bound = Callable[[Array, Array], float]
 
@@ -185,7 +130,7 @@ def minimise(
     """
     return _Minimisation(
         objective, constraints, bound, after_step, tolerance, max_iterations, shift or ShiftRule(), backtracks,
-        check_minimum, _Linear(constraints, backend),
+        check_minimum, ConstrainedSolver(constraints, backend),
     ).run(np.array(start, dtype=np.float64))  # fmt: skip
 
 
@@ -200,7 +145,7 @@ class _Minimisation:
     rule: ShiftRule
     backtracks: int
     check_minimum: bool
-    linear: _Linear
+    linear: ConstrainedSolver
     shift: float = 0.0
     history: list[tuple[float, float]] = field(default_factory=list)
     escapes: int = 0
@@ -215,11 +160,10 @@ class _Minimisation:
         while True:
             residual = self._residual(gradient)
             self.history.append((value, residual))
-            feasible = self._infeasibility(x) <= 1e-9 * (1.0 + float(np.abs(x).max(initial=0.0)))
-            if residual <= self.tolerance and feasible:
-                moved = self._leave_saddle(x, value, model) if self.check_minimum else None
+            if residual <= self.tolerance and self._feasible(x):
+                minimum, moved = self._leave_saddle(x, value, model) if self.check_minimum else (True, None)
                 if moved is None:
-                    status = Status.CONVERGED
+                    status = Status.CONVERGED if minimum else Status.STALLED
                     break
                 x = moved
             elif iteration >= self.max_iterations:
@@ -235,7 +179,7 @@ class _Minimisation:
             value, gradient, model = self.objective.quadratic(x)
             iteration += 1
         return Solution(
-            x, value, gradient, residual, status, iteration, self.linear.count, tuple(self.history)
+            x, value, gradient, residual, status, iteration, self.linear.factorisations, tuple(self.history)
         )  # fmt: skip
 
     def _project(self, vector: Array) -> Array:
@@ -248,9 +192,9 @@ class _Minimisation:
     def _gap(self, x: Array) -> Array | None:
         return None if self.constraints is None else self.constraints.right - self.constraints.matrix @ x
 
-    def _infeasibility(self, x: Array) -> float:
+    def _feasible(self, x: Array) -> bool:
         gap = self._gap(x)
-        return 0.0 if gap is None else float(np.abs(gap).max(initial=0.0))
+        return gap is None or float(np.abs(gap).max(initial=0.0)) <= 1e-9 * (1.0 + float(np.abs(x).max(initial=0.0)))
 
     def _factorise(self, model: QuadraticModel) -> bool:
         """Factor with the least admissible shift not below the present one; False if none works."""
@@ -293,7 +237,7 @@ class _Minimisation:
         """Fraction of the step that is accepted (0: none) and actual over predicted decrease."""
         # Projected: round-off of C p against large constraint forces would drown a small slope.
         slope = float(self._project(gradient) @ step)
-        infeasible = self._infeasibility(x) > 1e-9
+        infeasible = not self._feasible(x)
         if slope >= 0 and not infeasible:
             return 0.0, 0.0
         fraction = whole
@@ -317,29 +261,29 @@ class _Minimisation:
         value, gradient = self.objective.gradient(trial)
         return math.isfinite(value) and self._residual(gradient) < residual
 
-    def _leave_saddle(self, x: Array, value: float, model: QuadraticModel) -> Array | None:
-        """None at a minimum; at a saddle a point of lower energy along the most negative eigenvector."""
-        if self.linear.factorise(model, self.rule.lowest) or self.escapes >= 5:
-            return None
+    def _leave_saddle(self, x: Array, value: float, model: QuadraticModel) -> tuple[bool, Array | None]:
+        """Whether a stationary point is a minimum; else a point of lower energy along its falling direction, if any."""
+        if self.linear.factorise(model, self.rule.lowest):
+            return True, None
         shift, self.shift = self.shift, self.rule.least
         if not self._factorise(model):
             self.shift = shift
-            return None
+            return False, None
         pattern, exact = model.pattern, model.values(0.0)
-        rng = np.random.default_rng(0)
-        vector = self._project(rng.standard_normal(len(x)))
+        vector = self._project(np.random.default_rng(0).standard_normal(len(x)))
         for _ in range(12):
             vector = self.linear.step(vector, None)
             vector /= np.linalg.norm(vector)
         curvature = float(vector @ pattern.multiply(exact, vector))
-        scale = float(np.abs(exact[pattern.diagonal]).max())
-        if curvature > -1e-7 * scale:
-            return None  # negative only across the constraints
+        if curvature > -1e-7 * float(np.abs(exact[pattern.diagonal]).max()):
+            return True, None  # negative only across the constraints
         self.escapes += 1
+        if self.escapes > _MOST_ESCAPES:
+            return False, None
         whole = self.bound(x, vector) if self.bound is not None else 1.0
         for fraction in (whole, whole / 4, whole / 16, whole / 64):
             for sign in (1.0, -1.0):
                 trial = x + sign * fraction * vector
                 if self.objective.value(trial) < value:
-                    return trial
-        return None
+                    return False, trial
+        return False, None

@@ -1,0 +1,56 @@
+"""Commands about samples: ``sample``, ``fit``."""
+
+from __future__ import annotations
+
+import argparse
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.cli.console import ProgressLine, print_json, writable_file
+from yarnscale.cli.materials import worker_count
+from yarnscale.cli.yarns import material_for
+from yarnscale.files.patterns import read_pattern
+from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.sample import check_resumable, create_store, sample as run_sample
+from yarnscale.homogenize.store import SampleStore
+
+
+def sample(options: argparse.Namespace) -> int:
+    """Sample a grid."""
+    grid = StrainGrid.from_toml(options.grid)
+    pattern = read_pattern(options.pattern)
+    cell = PeriodicCell(pattern, material_for(pattern, options.material), options.free_sliding)
+    if options.resume and options.out.exists():
+        store = SampleStore(options.out)
+        check_resumable(store, cell, grid.axes)
+    else:
+        store = create_store(options.out, cell, grid.axes, scattered=False, positions=options.positions)
+    line = ProgressLine(f"sampling {pattern.name}")
+    summary = run_sample(
+        cell, store, workers=worker_count(options), dask=options.dask,
+        progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
+    )  # fmt: skip
+    if options.json:
+        print_json(
+            {
+                "states": summary.states,
+                "converged": summary.converged,
+                "seconds": summary.seconds,
+                "workers": summary.workers,
+                "peak_worker_megabytes": summary.peak_worker_megabytes,
+            }
+        )
+    else:
+        print(f"{options.out}: {summary.converged} of {summary.states} states converged in {summary.seconds:.1f} s")
+    return 0 if summary.converged == summary.states else 1
+
+
+def fit(options: argparse.Namespace) -> int:
+    """Fit a material."""
+    from yarnscale.files.material_json import write_material
+    from yarnscale.homogenize.homogenize import fit as fit_store
+
+    writable_file(options.out, ".json")
+    material = fit_store(SampleStore(options.store))
+    write_material(options.out, material)
+    print(f"{options.out}: fitted to {options.store}")
+    return 0
