@@ -30,7 +30,7 @@ class ConstrainedInverse:
         self._solver = ConstrainedSolver(constraints, backend)
         self._exact = model.values(0.0)
         while not self._solver.factorise(model, shift):
-            shift *= 10.0
+            shift = max(10.0 * shift, 1e-12)
             if shift > 1e3:
                 raise ArithmeticError("the Hessian cannot be factored with any reasonable shift")
 

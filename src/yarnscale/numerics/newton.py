@@ -64,8 +64,8 @@ class ShiftRule:
     lowest: float = 1e-9
     highest: float = math.inf
     growth: float = 5.0
-    least: float = 1e-4
-    decay: float = 0.4
+    least: float = 1e-5
+    decay: float = 0.3
     lowest_is_zero: bool = False
     hold_above: float = math.inf
 
