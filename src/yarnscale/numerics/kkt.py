@@ -55,6 +55,8 @@ class ConstrainedSolver:
     factorisations: int = 0
     _pattern: SymmetricPattern | None = None
     _factor: Factorisation | None = None
+    _columns: Array | None = None  # K⁻¹ Cᵀ of the present factor
+    _schur: Array | None = None
 
     def factorise(self, model: QuadraticModel, shift: float) -> bool:
         """Factor the model's matrix with this shift; False where it is not positive definite."""
@@ -62,6 +64,7 @@ class ConstrainedSolver:
             self._pattern = model.pattern
             self._factor = factorisation(model.pattern, self.backend)
         self.factorisations += 1
+        self._columns = None
         return self._factor.factor(model.values(shift))
 
     def step(self, right: Array, gap: Array | None) -> Array:
@@ -70,9 +73,12 @@ class ConstrainedSolver:
         if self.constraints is None:
             return self._factor.solve(right)
         matrix = self.constraints.matrix
-        solved = self._factor.solve(np.column_stack([right, matrix.T]))
-        count = len(matrix)
-        free, columns = solved[:, :-count], solved[:, -count:]
+        if self._columns is None:
+            solved = self._factor.solve(np.column_stack([right, matrix.T]))
+            free, self._columns = solved[:, : -len(matrix)], solved[:, -len(matrix) :]
+            self._schur = matrix @ self._columns
+        else:
+            free = self._factor.solve(right).reshape(len(right), -1)
         excess = matrix @ free - (0.0 if gap is None else gap[:, None])
-        step = free - columns @ np.linalg.solve(matrix @ columns, excess)
+        step = free - self._columns @ np.linalg.solve(self._schur, excess)
         return step if right.ndim == 2 else step[:, 0]
