@@ -44,3 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader of our output went away; nothing more to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except ChildProcessError as error:
+        print(f"yarnscale: error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        # A full disk, a folder that went away: nothing that a traceback would explain better.
+        print(f"yarnscale: error: {error}", file=sys.stderr)
+        return 2

@@ -10,7 +10,8 @@ from yarnscale.cli.materials import worker_count
 from yarnscale.cli.yarns import material_for
 from yarnscale.files.patterns import read_pattern
 from yarnscale.homogenize.plan import StrainGrid
-from yarnscale.homogenize.sample import check_resumable, create_store, sample as run_sample
+from yarnscale.homogenize.sample import check_resumable, create_store, reach_scheduler
+from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
 
 
@@ -19,9 +20,11 @@ def sample(options: argparse.Namespace) -> int:
     grid = StrainGrid.from_toml(options.grid)
     pattern = read_pattern(options.pattern)
     cell = PeriodicCell(pattern, material_for(pattern, options.material), options.free_sliding)
+    if options.dask is not None:
+        reach_scheduler(options.dask)
     if options.resume and options.out.exists():
         store = SampleStore(options.out)
-        check_resumable(store, cell, grid.axes)
+        check_resumable(store, cell, grid.axes, positions=options.positions)
     else:
         store = create_store(options.out, cell, grid.axes, scattered=False, positions=options.positions)
     line = ProgressLine(f"sampling {pattern.name}")
@@ -40,7 +43,9 @@ def sample(options: argparse.Namespace) -> int:
             }
         )
     else:
-        print(f"{options.out}: {summary.converged} of {summary.states} states converged in {summary.seconds:.1f} s")
+        print(
+            f"{options.out}: {summary.converged} of {summary.states} states converged in {summary.seconds:.1f} s"
+        )
     return 0 if summary.converged == summary.states else 1
 
 

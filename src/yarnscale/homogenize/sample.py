@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import platform
+import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -21,11 +22,13 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogenize.plan import bends_twice, solve_order
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.homogenize.worker import CODE_OF, STRAINS, Start, solve
+from yarnscale.homogenize.worker import CODE_OF, STRAINS, Start, prepare, solve
 
 Array = NDArray[np.float64]
 ATTEMPTS = 3
-"""How often a state whose worker died is given to another before the run gives up."""
+"""How often a state whose worker died is tried before it is left pending."""
+LOSSES = 6
+"""How often all workers may be lost in a row, with nothing finished in between, before the run gives up."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
@@ -81,8 +84,10 @@ def create_store(
     )
 
 
-def check_resumable(store: SampleStore, cell: PeriodicCell, axes: Mapping[str, Array]) -> None:
-    """InputError unless the store was made for this cell and these states."""
+def check_resumable(
+    store: SampleStore, cell: PeriodicCell, axes: Mapping[str, Array], *, positions: bool = False
+) -> None:
+    """InputError unless the store was made for this cell and these states, and for positions if they are asked."""
     stored, now = store.attributes["provenance"], provenance(cell)
     for field in ("pattern_hash", "material", "sliding", "tolerance"):
         if stored.get(field) != _plain(now[field]):
@@ -97,6 +102,10 @@ def check_resumable(store: SampleStore, cell: PeriodicCell, axes: Mapping[str, A
         )
     if fresh.shape != store.states.shape or not np.allclose(fresh, store.states, atol=1e-12):
         raise InputError("cannot resume: other states", where=store.path, expected="the states of the store")
+    if positions and not store.has_positions:
+        raise InputError(
+            "cannot resume: the store has no positions", where=store.path, expected="no --positions"
+        )
 
 
 def _plain(value: object) -> object:
@@ -111,7 +120,7 @@ def local_workers(count: int) -> Iterator[Executor]:
     kept = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=prepare) as pool:
             try:
                 yield pool
             except BaseException:
@@ -136,12 +145,40 @@ def dask_workers(address: str) -> Iterator[Executor]:
         ) from None
     try:
         client = Client(address, timeout="10s")
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:
         raise InputError(
             "no Dask scheduler", where=address, expected="host:port of a scheduler", found=error
         ) from None
     with client:
         yield client.get_executor(pure=False, retries=ATTEMPTS)
+
+
+def reach_scheduler(address: str) -> None:
+    """InputError where no Dask scheduler answers; ask before anything is written."""
+    with dask_workers(address):
+        pass
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back: processes started within get none either, until they ask for it (``prepare``)."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _is_loss(error: BaseException) -> bool:
+    """Whether a solve failed because its worker, or the connection to it, is gone."""
+    return isinstance(error, (BrokenProcessPool, CancelledError)) or type(error).__name__ in (
+        "KilledWorker",  # of distributed, which need not be there
+        "CommClosedError",
+        "FutureCancelledError",
+    )
 
 
 class _Run:
@@ -161,6 +198,7 @@ class _Run:
         self.done = set(np.flatnonzero(self.status != 0).tolist())
         self.running: dict[Future, int] = {}
         self.attempts: dict[int, int] = {}
+        self.losses = 0
         self.peak = 0.0
 
     def _start(self, index: int) -> Start | None:
@@ -179,44 +217,59 @@ class _Run:
         parent = int(self.parents[index])
         return parent < 0 or parent in self.done
 
-    def submit(self, executor: Executor, room: int) -> None:
-        """Give out ready states until ``room`` are under way."""
+    def submit(self, executor: Executor, room: int) -> bool:
+        """Give out ready states until ``room`` are under way; False where the workers are gone."""
         while len(self.running) < room:
             index = next((i for i in self.pending if self._ready(i)), None)
             if index is None:
-                return
+                return True
+            # A state whose worker died runs alone: if it kills the next one too, it takes no other state with it.
+            if self.running and (index in self.attempts or self.attempts.keys() & self.running.values()):
+                return True
+            start = self._start(index)
+            try:
+                with _interrupts_held():
+                    future = executor.submit(solve, self.cell, self.store.states[index], start)
+            except BrokenProcessPool:
+                self._lost()
+                return False
             self.pending.remove(index)
-            future = executor.submit(solve, self.cell, self.store.states[index], self._start(index))
             self.running[future] = index
+        return True
 
     def collect(self) -> bool:
-        """Store what is finished; False where the pool broke and its states went back to the queue."""
+        """Store what is finished; False where workers died and their states went back to the queue."""
         finished, _ = wait(self.running, return_when=FIRST_COMPLETED)
-        whole = True
+        lost = False
         for future in finished:
-            index = self.running.pop(future)
-            try:
-                result, megabytes = future.result()
-            except BrokenProcessPool:
-                whole = False
-                self._again(index)
+            error = CancelledError() if future.cancelled() else future.exception()
+            if error is not None and _is_loss(error):
+                lost = True
                 continue
+            result, megabytes = future.result()
+            index = self.running.pop(future)
             self.peak = max(self.peak, megabytes)
             self.store.write(index, result)
-            self.status[index] = result["status"]  # type: ignore[assignment]
+            self.status[index] = result["status"]
             self.done.add(index)
-        if not whole:
-            for index in self.running.values():
-                self._again(index)
-            self.running.clear()
+            self.losses = 0
+        if lost:
+            self._lost()
         self._tell()
-        return whole
+        return not lost
 
-    def _again(self, index: int) -> None:
-        self.attempts[index] = self.attempts.get(index, 0) + 1
-        if self.attempts[index] >= ATTEMPTS:
-            raise RuntimeError(f"the worker died {ATTEMPTS} times on state {self.store.states[index]}")
-        self.pending.insert(0, index)
+    def _lost(self) -> None:
+        """Put states that are under way back into the queue; those that were tried too often stay pending."""
+        self.losses += 1
+        if self.losses >= LOSSES:
+            raise ChildProcessError(f"all workers died {LOSSES} times in a row; what was finished is kept")
+        for index in self.running.values():
+            self.attempts[index] = self.attempts.get(index, 0) + 1
+            if self.attempts[index] < ATTEMPTS:
+                self.pending.insert(0, index)
+            else:
+                self.done.add(index)
+        self.running.clear()
 
     def _tell(self) -> None:
         if self.report is None:
@@ -243,17 +296,16 @@ def sample(
     """
     if workers < 1:
         raise InputError("workers", expected="at least 1", found=workers)
+    store.discard_unfinished()
     run = _Run(store, cell, progress)
     for index in np.flatnonzero(bends_twice(store.states) & (run.status == 0)):
         _exclude(store, int(index))
     room = workers if dask is None else 64
     while run.pending or run.running:
         with dask_workers(dask) if dask is not None else local_workers(workers) as executor:
-            run.submit(executor, room + 1)
-            while run.running:
-                if not run.collect():
-                    break
-                run.submit(executor, room + 1)
+            whole = run.submit(executor, room + 1)
+            while whole and run.running:
+                whole = run.collect() and run.submit(executor, room + 1)
     seconds = time.perf_counter() - run.began
     converged = int((run.status == CODE_OF["converged"]).sum())
     return SampleSummary(run.total, converged, seconds, workers, run.peak)

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
@@ -77,7 +77,7 @@ class SampleStore:
             raise InputError(
                 "no sample store", where=path, expected="a folder written by 'sample'", found=error
             ) from None
-        self.attributes = dict(group.attrs)
+        self.attributes: dict[str, Any] = dict(group.attrs)
         if self.attributes.get("format") != _FORMAT["format"]:
             raise InputError(
                 "not a sample store", where=path, expected=_FORMAT, found=self.attributes.get("format")
@@ -87,13 +87,22 @@ class SampleStore:
             raise InputError(
                 "sample store of another version", where=path, expected=_FORMAT["version"], found=found
             )
+        try:
+            self._describe(group)
+        except (KeyError, TypeError, ValueError, OSError) as error:
+            raise InputError(
+                "damaged sample store", where=path, expected=_FORMAT, found=repr(error)
+            ) from None
+
+    def _describe(self, group: zarr.Group) -> None:
+        """Learn dimensions, states and fields from the metadata."""
         self.dims: tuple[str, ...] = tuple(self.attributes["state_dimensions"])
-        status = group["status"]
-        assert isinstance(status, zarr.Array)
-        self.shape: tuple[int, ...] = status.shape
+        self.attributes["provenance"]["area_density"]
+        self.shape: tuple[int, ...] = tuple(group["status"].shape)  # type: ignore[union-attr]
         axes = {name: np.asarray(group[name][...]) for name in STRAINS}  # type: ignore[index]
         self.states = _states(self.dims, axes)
-        self._fields = _fields(int(self.attributes["vertices"]), "positions" in group)
+        self.has_positions = "positions" in group
+        self._fields = _fields(int(self.attributes["vertices"]), self.has_positions)
 
     @classmethod
     def create(
@@ -159,6 +168,12 @@ class SampleStore:
             building = target.with_name(f"{target.name}.{os.getpid()}.building")
             building.write_bytes(array.tobytes())
             os.replace(building, target)
+
+    def discard_unfinished(self) -> None:
+        """Remove what a killed run was writing; nothing of it counts."""
+        for name in self._fields:
+            for leftover in (self.path / name).rglob("*.building"):
+                leftover.unlink(missing_ok=True)
 
     def read(self, index: int, name: str) -> NDArray:
         """One array of one finished state."""

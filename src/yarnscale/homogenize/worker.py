@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from dataclasses import dataclass
+from multiprocessing import parent_process
+from multiprocessing.connection import wait
+from threading import Thread
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +53,22 @@ def record(state: Equilibrium) -> dict[str, object]:
         "positions": state.positions,
         "status": CODE_OF[state.status.name.lower()],
     }
+
+
+def prepare() -> None:
+    """Make this process a worker that ends with the process that started it, and silently on Ctrl-C."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+
+
+def _follow(sentinel: int) -> None:
+    """End with the parent: a worker would wait for work for ever, since its siblings hold the queue open."""
+    wait([sentinel])
+    os._exit(1)
 
 
 @dataclass(frozen=True, eq=False)
