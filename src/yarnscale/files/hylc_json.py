@@ -40,7 +40,7 @@ def hylc_material(content: Mapping[str, object], path: str | Path) -> SplineMate
     density = fields.number("density", positive=True)
     terms = fields.fields("coeffs")
     axes = _axes(terms, scale)
-    provenance = {"source": "HYLC JSON", "file": Path(path).name}
+    provenance = {"source": "HYLC JSON", "file": Path(path).name, "strain_scale": scale.tolist()}
     return SplineMaterial(terms.number("const"), axes, _planes(terms, scale), density, provenance=provenance)
 
 
