@@ -67,7 +67,10 @@ def test_stretch_opens_the_gap_by_the_amount(direction) -> None:
     assert result.converged
     first, second = scene.cloth.handles
     axis = 0 if direction == "course" else 1
-    travel = result.state.positions[second.vertices, axis].mean() - result.state.positions[first.vertices, axis].mean()
+    travel = (
+        result.state.positions[second.vertices, axis].mean()
+        - result.state.positions[first.vertices, axis].mean()
+    )
     rest = second.rest[:, axis].mean() - first.rest[:, axis].mean()
     assert travel - rest == pytest.approx(0.1 * BAR_GAP, rel=1e-4)
     summary = result.summary()
@@ -103,7 +106,9 @@ def test_drape_covers_the_ball_and_hangs() -> None:
         ("stock1.json", "wale", 0.373, 1.388, 0.889),
     ],
 )
-def test_published_stretch_shapes(shared: Path, material: str, direction, amount: float, along: float, across: float):
+def test_published_stretch_shapes(
+    shared: Path, material: str, direction, amount: float, along: float, across: float
+):
     """Centre of the published sheets of HYLC20 within 3 %; see the README of the reference data."""
     path = shared / "reference" / material
     result = run_scene(stretch(read_material(path), direction=direction, amount=amount))
@@ -173,16 +178,26 @@ position = [0, 0, -3]
         ("width = 0.1", "width = -0.1", r"scene.toml: \[mesh\] width; expected a positive length"),
         ("width = 0.1", "width = nan", "field 'mesh.width'; expected finite numbers"),
         ("spacing = 0.02", "spacing = 0.02\nradius = 1", "unknown key 'mesh.radius'"),
-        ("spacing = 0.02", 'spacing = 0.02\nshape = "star"', "field 'mesh.shape'; expected rectangle or disk"),
+        (
+            "spacing = 0.02",
+            'spacing = 0.02\nshape = "star"',
+            "field 'mesh.shape'; expected rectangle or disk",
+        ),
         ("[0.0, 0.0, 0.3]", "[0.0, 0.3]", "field 'mesh.position'; expected 3 numbers; found 2 numbers"),
         ("time_step = 0.02", "time_step = 0", r"\[schedule\] time_step; expected a positive number"),
         ("[[-0.05, 0.045], [0.05, 0.05]]", "[[1.0, 1.0], [2.0, 2.0]]", "handle 'bar'; expected vertices"),
         ("vertex = [0.0, 0.0]", "", "'box' or 'vertex'"),
-        ("vertex = [0.0, 0.0]", "[[obstacles]]\nshape = 'cube'", "expected sphere or plane or mesh; found 'cube'"),
+        (
+            "vertex = [0.0, 0.0]",
+            "[[obstacles]]\nshape = 'cube'",
+            "expected sphere or plane or mesh; found 'cube'",
+        ),
         ("vertex = [0.0, 0.0]", "vertex = [0.0, 0.0]\n[contact]\nself_contact = 1", "expected true or false"),
     ],
 )
-def test_bad_scene_files_are_told_with_file_and_field(scene_file: Path, old: str, new: str, message: str) -> None:
+def test_bad_scene_files_are_told_with_file_and_field(
+    scene_file: Path, old: str, new: str, message: str
+) -> None:
     assert old in SCENE
     scene_file.write_text(SCENE.replace(old, new))
     with pytest.raises(InputError, match=message) as caught:

@@ -347,8 +347,8 @@ class CellEnergy:
     def _summed(self, value: float, forces: list[Array]) -> tuple[float, Array]:
         """Energy and gradient from the forces of each term on all copies; sets ``residual_scale``."""
         gradients = [self.nodes.pull_gradient(force) for force in forces]
-        # A residual of 1e-6 means: forces cancel to six digits of what the terms pull against each other. A taut straight
-        # yarn pulls on no vertex; there its tension, which is felt where the tile ends, and round-off set the scale.
+        # A residual of 1e-6 means: forces cancel to six digits of what the terms pull against each other. A taut
+        # straight yarn pulls on no vertex; there its tension, felt where the tile ends, and round-off set the scale.
         pull = sum(_size(g[: 3 * self.count]) for g in gradients)
         tension = sum(_size(self._positions(force)) for force in forces)
         self.residual_scale = pull + 1e-3 * tension + 1e-6

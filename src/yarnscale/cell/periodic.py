@@ -1,4 +1,4 @@
-"""A periodic cell of yarn and its equilibria under macroscopic states (HYLC20 §5; exact stress and moduli beyond it)."""
+"""A periodic cell of yarn and its equilibria under macroscopic states (HYLC20 §5), with exact stress and moduli."""
 
 from __future__ import annotations
 
@@ -174,7 +174,10 @@ class PeriodicCell:
         """Points of the midsurface over the tile and ``rings`` rings of copies, (points, points, 3) [m]."""
         radius = self.pattern.radius
         centre = 0.5 * (self.pattern.vertices.min(axis=0) + self.pattern.vertices.max(axis=0))[:2]
-        sides = (np.linspace(-rings - 0.5, rings + 0.5, points) * p + c for p, c in zip(self.pattern.period, centre, strict=True))
+        sides = (
+            np.linspace(-rings - 0.5, rings + 0.5, points) * p + c
+            for p, c in zip(self.pattern.period, centre, strict=True)
+        )
         grid = np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 2)
         surface = cell_midsurface(self.pattern, state.strain)
         flat, _ = surface.at(np.column_stack([grid, np.zeros(len(grid))]) / radius)

@@ -79,9 +79,9 @@ def parser() -> argparse.ArgumentParser:
 
 
 _Add = Callable[[str, str, str], argparse.ArgumentParser]
-_PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp or .json file"
+_PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json or .chart file"
 _MATERIAL = (
-    "yarn material: a preset or a TOML file (default: the published preset named like the pattern, "
+    "yarn material: a preset or a TOML file (default: the one that suits the built-in pattern of that name, "
     "else hylc2020-stockinette)"
 )
 
@@ -90,11 +90,14 @@ def _yarn_commands(add: _Add) -> None:
     command = add("patterns", "yarns", "List the built-in patterns and yarn materials.")
     command.add_argument("--json", action="store_true", help="print one JSON object")
 
-    command = add("pattern", "yarns", "Write a built-in pattern to a file.")
+    command = add("pattern", "yarns", "Write a built-in pattern, relaxed to its rest shape, to a file.")
     command.add_argument("name", metavar="NAME", help="name of a built-in pattern")
-    command.add_argument("--out", type=Path, required=True, metavar="FILE.pyp", help=".pyp or .json file to write")
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="FILE.pyp", help=".pyp or .json file to write"
+    )
     command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw it too")
     command.add_argument("--material", help=f"{_MATERIAL}; the pattern is relaxed with it")
+    command.add_argument("--as-drawn", action="store_true", help="write the drawing as it is, not relaxed")
     command.add_argument("--radius", type=_number, help="yarn radius [m]")
 
     command = add("relax", "yarns", "Relax a periodic cell under a macroscopic strain.")
@@ -105,43 +108,67 @@ def _yarn_commands(add: _Add) -> None:
         help="stretch along x, shear, stretch along y [-], curvature along x, along y [1/m]",
     )  # fmt: skip
     command.add_argument("--out", type=Path, metavar="STATE.npz", help="write positions, twist and edges")
-    command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the relaxed cell with its copies")
-    command.add_argument("--free-sliding", action="store_true", help="let yarns slide along themselves as a whole")
+    command.add_argument(
+        "--picture", type=Path, metavar="FILE.png", help="draw the relaxed cell with its copies"
+    )
+    command.add_argument(
+        "--free-sliding", action="store_true", help="let yarns slide along themselves as a whole"
+    )
     command.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def _workers(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--workers", type=_positive_integer, metavar="N", help="processes (default: one per core)")
+    command.add_argument(
+        "--workers", type=_positive_integer, metavar="N", help="processes (default: one per core)"
+    )
     command.add_argument("--resume", action="store_true", help="go on where an interrupted run stopped")
 
 
 def _material_commands(add: _Add) -> None:
-    command = add("homogenize", "materials", "From a yarn pattern to a shell material, with pictures and a page.")
+    command = add(
+        "homogenize", "materials", "From a yarn pattern to a shell material, with pictures and a page."
+    )
     command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     command.add_argument("--material", help=_MATERIAL)
-    command.add_argument("--solves", type=_positive_integer, default=400, metavar="N", help="states to sample (400)")
+    command.add_argument(
+        "--solves", type=_positive_integer, default=400, metavar="N", help="states to sample (400)"
+    )
     command.add_argument(
         "--stretch", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help="range of stretch (-0.2,0.7)"
     )
     command.add_argument("--shear", type=_number, metavar="S", help="largest shear (0.6)")
-    command.add_argument("--curvature", type=_number, metavar="C", help="largest curvature times yarn radius (0.1)")
+    command.add_argument(
+        "--curvature", type=_number, metavar="C", help="largest curvature times yarn radius (0.1)"
+    )
     _workers(command)
 
     command = add("sample", "samples", "Relax a pattern under all states of a strain grid, into a store.")
     command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
     command.add_argument("--material", help=_MATERIAL)
-    command.add_argument("--grid", type=Path, required=True, metavar="GRID.toml", help="arrays s_x, s_a, s_y, lambda_x, lambda_y")
+    command.add_argument(
+        "--grid",
+        type=Path,
+        required=True,
+        metavar="GRID.toml",
+        help="arrays s_x, s_a, s_y, lambda_x, lambda_y",
+    )
     command.add_argument("--out", type=Path, required=True, metavar="STORE", help="zarr store to write")
     command.add_argument("--positions", action="store_true", help="store the vertices of every state too")
-    command.add_argument("--free-sliding", action="store_true", help="let yarns slide along themselves as a whole")
+    command.add_argument(
+        "--free-sliding", action="store_true", help="let yarns slide along themselves as a whole"
+    )
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
     command.add_argument("--json", action="store_true", help="print one JSON object")
     _workers(command)
 
     command = add("fit", "samples", "Fit a shell material to a store of samples.")
-    command.add_argument("store", type=Path, metavar="STORE", help="store written by 'sample' or 'homogenize'")
-    command.add_argument("--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write")
+    command.add_argument(
+        "store", type=Path, metavar="STORE", help="store written by 'sample' or 'homogenize'"
+    )
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write"
+    )
 
     command = add("evaluate", "materials", "Energy density and stress of a shell material at a strain.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
@@ -155,8 +182,12 @@ def _material_commands(add: _Add) -> None:
 def _cloth_commands(add: _Add) -> None:
     command = add("stretch", "cloth", "Stretch a 30 × 30 cm sheet between two bars.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="shell material")
-    command.add_argument("--direction", choices=("course", "wale"), required=True, help="direction of the pull")
-    command.add_argument("--amount", type=_number, required=True, help="growth of the bars' distance, e.g. 0.373")
+    command.add_argument(
+        "--direction", choices=("course", "wale"), required=True, help="direction of the pull"
+    )
+    command.add_argument(
+        "--amount", type=_number, required=True, help="growth of the bars' distance, e.g. 0.373"
+    )
     _cloth_output(command)
 
     command = add("drape", "cloth", "Drape a 30 × 30 cm sheet over a sphere.")
@@ -164,13 +195,19 @@ def _cloth_commands(add: _Add) -> None:
     _cloth_output(command)
 
     command = add("simulate", "cloth", "Simulate a scene file.")
-    command.add_argument("scene", type=Path, metavar="SCENE.toml", help="scene file, see docs/scene_format.md")
+    command.add_argument(
+        "scene", type=Path, metavar="SCENE.toml", help="scene file, see docs/scene_format.md"
+    )
     _cloth_output(command)
 
     command = add("demo", "demo", "Run the whole first job on a built-in pattern, with pictures and a page.")
-    command.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)")
+    command.add_argument(
+        "--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)"
+    )
 
 
 def _cloth_output(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for frames and pictures")
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for frames and pictures"
+    )
     command.add_argument("--json", action="store_true", help="print one JSON object")

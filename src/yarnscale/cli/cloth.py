@@ -11,7 +11,9 @@ import numpy as np
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
 from yarnscale.files.atomic import write_bytes, write_text
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.scene import Scene, SceneResult, drape as drape_scene, run_scene, stretch as stretch_scene
+from yarnscale.shell.scene import Scene, SceneResult, run_scene
+from yarnscale.shell.scene import drape as drape_scene
+from yarnscale.shell.scene import stretch as stretch_scene
 from yarnscale.shell.simulate import Progress
 from yarnscale.shell.state import ClothState
 
@@ -92,8 +94,8 @@ class _Clock:
 
 def draw_cloth(scene: Scene, states: list[ClothState], folder: Path) -> list[Path]:
     """A contact sheet of moments and a large picture of the last one."""
-    from yarnscale.show.cloth import ClothFrame, Solid, cloth_picture, contact_sheet
     from yarnscale.shell.obstacles import Sphere
+    from yarnscale.show.cloth import ClothFrame, Solid, cloth_picture, contact_sheet
 
     solids = [
         Solid.sphere(obstacle.centre, obstacle.radius)

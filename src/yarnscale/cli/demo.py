@@ -41,7 +41,12 @@ def demo(options: argparse.Namespace) -> int:
     write_pattern(rest.pattern, folder / "stockinette.pyp")
     yarns, all_converged = _yarn_section(cell, folder / "yarns")
     outcome = homogenize_into(
-        cell, writable_folder(folder / "homogenized"), solves=SOLVES, box=StrainRange(), workers=WORKERS, resume=False
+        cell,
+        writable_folder(folder / "homogenized"),
+        solves=SOLVES,
+        box=StrainRange(),
+        workers=WORKERS,
+        resume=False,
     )
     material_section = material_sections(outcome, _embedded(folder / "homogenized" / "pictures"))
     cloth, measures, cloth_converged = _cloth_section(outcome.material, folder)
@@ -59,7 +64,9 @@ def demo(options: argparse.Namespace) -> int:
         },
     )
     print_json({"page": str(folder / "index.html"), "seconds": seconds, **measures})
-    return 0 if all_converged and cloth_converged and outcome.summary.states == outcome.summary.converged else 1
+    return (
+        0 if all_converged and cloth_converged and outcome.summary.states == outcome.summary.converged else 1
+    )
 
 
 def _yarn_section(cell: PeriodicCell, folder: Path) -> tuple[Section, bool]:
@@ -92,7 +99,9 @@ def _embedded(folder: Path) -> list[Picture]:
 
 
 def _cloth_section(material, folder: Path) -> tuple[Section, dict[str, float | int], bool]:  # type: ignore[no-untyped-def]
-    pulled = simulate_into(stretch(material, direction="course", amount=AMOUNT, frame_interval=0.1), folder / "stretch")
+    pulled = simulate_into(
+        stretch(material, direction="course", amount=AMOUNT, frame_interval=0.1), folder / "stretch"
+    )
     draped = simulate_into(drape(material, frame_interval=0.1), folder / "drape")
     rows = [
         [result.scene.name, result.status.value, result.steps, result.newton_iterations, result.seconds]
@@ -113,5 +122,7 @@ def _cloth_section(material, folder: Path) -> tuple[Section, dict[str, float | i
     ]
     measures = {f"stretch_{k}": float(v) for k, v in pulled.measures.items() if np.isfinite(v)}
     measures["vertices"] = pulled.scene.cloth.mesh.vertex_count
-    text = ["Simulated as a thin shell with the material above, implicit time steps, self-contact in the drape."]
+    text = [
+        "Simulated as a thin shell with the material above, implicit time steps, self-contact in the drape."
+    ]
     return Section("Cloth", text, tables, pictures), measures, pulled.converged and draped.converged

@@ -15,7 +15,8 @@ from yarnscale.cli.yarns import material_for
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import read_pattern
-from yarnscale.homogenize.homogenize import Homogenization, SampledStates, homogenize as run_homogenize, strains6
+from yarnscale.homogenize.homogenize import Homogenization, SampledStates, strains6
+from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.plan import StrainRange
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.show.report import Picture, Section, Table, write_report
@@ -62,7 +63,9 @@ def homogenize(options: argparse.Namespace) -> int:
         cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume
     )
     failed = outcome.summary.states - outcome.summary.converged
-    print(f"{folder / 'material.json'}: {outcome.summary.converged} of {outcome.summary.states} states converged")
+    print(
+        f"{folder / 'material.json'}: {outcome.summary.converged} of {outcome.summary.states} states converged"
+    )
     print(f"{folder / 'index.html'}: pictures and numbers")
     return 1 if failed else 0
 
@@ -112,7 +115,9 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
             )
         )  # fmt: skip
     axis_plots(folder / "axes.png", axes, material.energy_density, material.stress)
-    pictures = [Picture(folder / "axes.png", "Energy and stress along each axis: samples and fit.", wide=True)]
+    pictures = [
+        Picture(folder / "axes.png", "Energy and stress along each axis: samples and fit.", wide=True)
+    ]
     for i, j in combinations(range(5), 2):
         others = np.delete(acting, [i, j], axis=1).any(axis=1)
         if (i, j) == (3, 4) or (~others & acting[:, i] & acting[:, j]).sum() < 4:
@@ -122,7 +127,9 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
             folder / name, (SAMPLED[i], SAMPLED[j]), samples.strains[on][:, [i, j]], samples.energies[on],
             material.energy_density, converged=samples.converged[on], scale="log",
         )  # fmt: skip
-        pictures.append(Picture(folder / name, f"Energy over {SAMPLED[i]} and {SAMPLED[j]}: fit and samples."))
+        pictures.append(
+            Picture(folder / name, f"Energy over {SAMPLED[i]} and {SAMPLED[j]}: fit and samples.")
+        )
     errors = {"unseen states": _errors(outcome, outcome.unseen), "fitted states": _errors(outcome, samples)}
     error_histogram(folder / "errors.png", errors, label="error of Ψ over the largest Ψ − Ψ(0) [%]")
     pictures.append(Picture(folder / "errors.png", "Error of the fitted energy."))
@@ -133,7 +140,9 @@ def _errors(outcome: Homogenization, states: SampledStates) -> np.ndarray:
     good = states.converged
     fitted = outcome.material.energy_density(strains6(states.strains[good]))
     rest = float(outcome.material.energy_density(np.zeros((1, 6)))[0])
-    return np.abs(fitted - states.energies[good]) / max(float(np.abs(states.energies[good] - rest).max()), 1e-300)
+    return np.abs(fitted - states.energies[good]) / max(
+        float(np.abs(states.energies[good] - rest).max()), 1e-300
+    )
 
 
 def material_sections(outcome: Homogenization, pictures: list[Picture]) -> list[Section]:

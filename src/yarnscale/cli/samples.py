@@ -8,8 +8,8 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, print_json, writable_file
 from yarnscale.cli.materials import worker_count
 from yarnscale.cli.yarns import material_for
+from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.patterns import read_pattern
-from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.sample import check_resumable, create_store, reach_scheduler
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
@@ -17,7 +17,7 @@ from yarnscale.homogenize.store import SampleStore
 
 def sample(options: argparse.Namespace) -> int:
     """Sample a grid."""
-    grid = StrainGrid.from_toml(options.grid)
+    grid = read_grid(options.grid)
     pattern = read_pattern(options.pattern)
     cell = PeriodicCell(pattern, material_for(pattern, options.material), options.free_sliding)
     if options.dask is not None:

@@ -58,5 +58,5 @@ def read_frame(path: str | os.PathLike[str]) -> ClothState:
 
 def _write(path: Path, **arrays: NDArray) -> None:
     buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
+    np.savez(buffer, allow_pickle=False, **arrays)
     write_bytes(path, buffer.getvalue())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ def read_obj_surface(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64],
             corners = [_index(word, len(vertices), where) for word in words[1:]]
             if len(corners) < 3:
                 raise InputError("face", where=where, expected="three or more vertices", found=len(corners))
-            triangles += [[corners[0], b, c] for b, c in zip(corners[1:], corners[2:], strict=False)]
+            triangles += [[corners[0], b, c] for b, c in pairwise(corners[1:])]
     if not triangles:
         raise InputError("file has no faces", where=path, expected="lines 'v x y z' and 'f a b c'")
     return np.array(vertices), np.array(triangles, dtype=np.int64)
@@ -40,7 +41,9 @@ def _coordinates(words: list[str], where: str) -> list[float]:
     try:
         values = [float(word) for word in words]
     except ValueError:
-        raise InputError("vertex", where=where, expected="three numbers", found=" ".join(words)[:60]) from None
+        raise InputError(
+            "vertex", where=where, expected="three numbers", found=" ".join(words)[:60]
+        ) from None
     if len(values) != 3 or not all(math.isfinite(v) for v in values):
         raise InputError("vertex", where=where, expected="three finite numbers", found=" ".join(words)[:60])
     return values

@@ -125,7 +125,9 @@ def _mesh(section: _Section) -> TriangleMesh:
     if section.choice_or("shape", "rectangle", ("rectangle", "disk")) == "disk":
         section.known("shape", "radius", "spacing", "grain", "position", "tilt")
         radius, spacing = section.number("radius"), section.number("spacing")
-        return section.build(lambda: disk(radius, spacing, grain=math.radians(section.number_or("grain", 0.0))))
+        return section.build(
+            lambda: disk(radius, spacing, grain=math.radians(section.number_or("grain", 0.0)))
+        )
     section.known("shape", "width", "height", "spacing", "grain", "irregularity", "seed", "position", "tilt")
     width, height, spacing = (section.number(key) for key in ("width", "height", "spacing"))
     return section.build(
@@ -221,6 +223,8 @@ def _schedule(section: _Section) -> tuple[Schedule, SolverOptions]:
     return schedule, section.build(
         lambda: SolverOptions(
             tolerance=section.number_or("tolerance", default.tolerance),
-            iterations=section.integer("iterations") if "iterations" in section.content else default.iterations,
+            iterations=section.integer("iterations")
+            if "iterations" in section.content
+            else default.iterations,
         )
     )

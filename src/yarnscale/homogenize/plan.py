@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +35,9 @@ class StrainRange:
         if not 0.0 < self.shear < 1.0:
             raise InputError("range of shear", expected="between 0 and 1", found=self.shear)
         if not 0.0 < self.curvature < 1.0:
-            raise InputError("range of curvature times radius", expected="between 0 and 1", found=self.curvature)
+            raise InputError(
+                "range of curvature times radius", expected="between 0 and 1", found=self.curvature
+            )
 
     def bounds(self, radius: float) -> Array:
         """Least and largest value of (s_x, s_a, s_y, λ_x, λ_y) for a yarn radius [m], shape (5, 2)."""
@@ -62,7 +62,7 @@ class StrainGrid:
             if len(values) == 0:
                 raise InputError(f"grid axis {name}", expected="at least one value", found="none")
             if len(set(values)) != len(values):
-                raise InputError(f"grid axis {name}", expected="distinct values", found=values)
+                raise InputError(f"grid axis {name}", expected="distinct values", found=f"{values!s:.60}")
             count *= len(values)
             for value in values:
                 if name.startswith("s_"):
@@ -71,28 +71,6 @@ class StrainGrid:
                     ShellStrain(II11=value)
         if count > LARGEST_GRID:
             raise InputError("grid", expected=f"at most {LARGEST_GRID} states", found=count)
-
-    @classmethod
-    def from_toml(cls, path: Path) -> StrainGrid:
-        """Read a grid file: arrays named ``s_x``, ``s_a``, ``s_y``, ``lambda_x``, ``lambda_y``; missing means [0]."""
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError("cannot read the grid", where=path, expected="a TOML file", found=error.strerror) from None
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError("not a TOML file", where=path, expected="arrays of strains", found=error) from None
-        for name, values in content.items():
-            if name not in STRAINS:
-                raise InputError(f"unknown field '{name}'", where=path, expected=", ".join(STRAINS))
-            numbers = isinstance(values, list) and all(
-                isinstance(v, (int, float)) and not isinstance(v, bool) for v in values
-            )
-            if not numbers:
-                raise InputError(f"field '{name}'", where=path, expected="an array of numbers", found=values)
-        try:
-            return cls(**{name: tuple(float(v) for v in values) for name, values in content.items()})
-        except InputError as error:
-            raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
 
     @property
     def axes(self) -> dict[str, Array]:

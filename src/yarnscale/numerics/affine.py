@@ -7,11 +7,12 @@ free node: periodic images, pinned vertices. Its pull-back happens stencil by st
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array, sparray
+from scipy.sparse import csc_array, csr_array
 
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
@@ -25,12 +26,12 @@ _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "cont
 class AffineMap:
     """q = matrix @ y + offset: matrix (n_full, n_free) sparse, offset (n_full,)."""
 
-    matrix: sparray
+    matrix: csr_array
     offset: Array
 
     @classmethod
     def pinning(cls, values: Array, pinned: NDArray[np.bool_]) -> AffineMap:
-        """Map whose pinned entries keep ``values`` (n,) and whose free entries are y, counted from ``values``' zeros."""
+        """Map whose pinned entries keep ``values`` (n,) and whose free entries are y."""
         free = np.flatnonzero(~pinned)
         matrix = csr_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(len(values), len(free)))
         return cls(matrix, np.where(pinned, values, 0.0))
@@ -45,7 +46,7 @@ class AffineMap:
 
 
 class _PulledModel:
-    def __init__(self, model: QuadraticModel, matrix: sparray, pattern: SymmetricPattern | None) -> None:
+    def __init__(self, model: QuadraticModel, matrix: csr_array, pattern: SymmetricPattern | None) -> None:
         self._model, self._matrix = model, matrix
         self.pattern = pattern if pattern is not None else self._pattern()
 
@@ -56,7 +57,7 @@ class _PulledModel:
         return csc_array(self._matrix.T @ (lower + lower.T - diagonal) @ self._matrix)
 
     def _pattern(self) -> SymmetricPattern:
-        size = self._matrix.shape[1]
+        _, size = cast("tuple[int, int]", self._matrix.shape)
         ones = abs(self._matrix)
         inner = self._model.pattern
         lower = csc_array((np.ones(inner.entries), inner.rows, inner.starts), shape=(inner.size, inner.size))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Protocol
 
@@ -78,8 +79,8 @@ class CholmodFactorisation:
 
     def __init__(self, pattern: SymmetricPattern) -> None:
         import cvxopt
-        from cvxopt import cholmod
 
+        cholmod = import_module("cvxopt.cholmod")  # compiled, without types
         # Chosen by itself, CHOLMOD takes its simplicial method on these matrices, five times slower.
         cholmod.options["supernodal"] = 2
         self._matrix, self._cholmod = cvxopt.matrix, cholmod

@@ -61,5 +61,7 @@ class ConstrainedInverse:
             x = x + rho / curvature * direction
             residual = residual - rho / curvature * image
         if float(np.linalg.norm(residual)) > 1e3 * goal:
-            raise ArithmeticError(f"the solve stopped short of its tolerance after {max_iterations} iterations")
+            raise ArithmeticError(
+                f"the solve stopped short of its tolerance after {max_iterations} iterations"
+            )
         return x

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import cast
 
 import casadi as ca
 import llvmlite.binding as llvm
@@ -309,8 +310,7 @@ def run_columns(kernel: Kernel, *inputs: NDArray[np.float64]) -> list[NDArray[np
 
 
 @intrinsic
-def call_kernel(typingctx, address, count, stride, pointers):  # type: ignore[no-untyped-def]
-    """Inside ``@njit``: call a kernel's ``address`` with an int64 array of data addresses, inputs then outputs."""
+def _call_kernel(typingctx, address, count, stride, pointers):  # type: ignore[no-untyped-def]
     signature = types.void(types.int64, types.int64, types.int64, pointers)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
@@ -321,3 +321,8 @@ def call_kernel(typingctx, address, count, stride, pointers):  # type: ignore[no
         return context.get_dummy_value()
 
     return signature, generate
+
+
+call_kernel = cast("Callable[[int, int, int, NDArray[np.int64]], None]", _call_kernel)
+"""Inside ``@njit``: call a kernel's ``address``, for a count and a stride, with an int64 array of data addresses,
+inputs then outputs. (An intrinsic's own first argument is numba's.)"""

@@ -73,7 +73,7 @@ class ConstrainedSolver:
         if self.constraints is None:
             return self._factor.solve(right)
         matrix = self.constraints.matrix
-        if self._columns is None:
+        if self._columns is None or self._schur is None:
             solved = self._factor.solve(np.column_stack([right, matrix.T]))
             free, self._columns = solved[:, : -len(matrix)], solved[:, -len(matrix) :]
             self._schur = matrix @ self._columns

@@ -101,6 +101,10 @@ class Solution:
         return self.status is Status.CONVERGED
 
 
+_WORTH_MORE = 1.1
+"""Actual over predicted decrease from which a longer step is tried."""
+_LONGEST = 16.0
+"""Largest multiple of a step."""
 _MOST_ESCAPES = 5
 """Saddles that one minimisation may leave."""
 
@@ -194,7 +198,9 @@ class _Minimisation:
 
     def _feasible(self, x: Array) -> bool:
         gap = self._gap(x)
-        return gap is None or float(np.abs(gap).max(initial=0.0)) <= 1e-9 * (1.0 + float(np.abs(x).max(initial=0.0)))
+        return gap is None or float(np.abs(gap).max(initial=0.0)) <= 1e-9 * (
+            1.0 + float(np.abs(x).max(initial=0.0))
+        )
 
     def _factorise(self, model: QuadraticModel) -> bool:
         """Factor with the least admissible shift not below the present one; False if none works."""
@@ -222,7 +228,7 @@ class _Minimisation:
             fraction, ratio = self._search(x, value, gradient, step, whole, residual)
             if fraction > 0:
                 if not failed and ratio > 0.75:
-                    self.shift = self.rule.decayed(self.shift, 0.3 if fraction == 1.0 else 1.0)
+                    self.shift = self.rule.decayed(self.shift, 0.3 if fraction >= 1.0 else 1.0)
                 elif ratio < 0.25:
                     self.shift = self.rule.raised(self.shift)
                 return x + fraction * step
@@ -248,7 +254,10 @@ class _Minimisation:
             if math.isfinite(reached):
                 decrease = value - reached
                 if decrease > 1e-4 * predicted and not infeasible:
-                    return fraction, decrease / predicted
+                    ratio = decrease / predicted
+                    if fraction == 1.0 and ratio > _WORTH_MORE:
+                        fraction = self._lengthened(x, step, reached)
+                    return fraction, ratio
                 if infeasible:
                     return fraction, 1.0
                 if predicted < 1e-11 * abs(value) and self._calms(trial, residual):
@@ -256,6 +265,19 @@ class _Minimisation:
                     return fraction, 1.0
             fraction *= 0.5
         return 0.0, 0.0
+
+    def _lengthened(self, x: Array, step: Array, reached: float) -> float:
+        """Multiple of a step, 1 or more, to which the energy keeps falling: a shifted Hessian makes steps too short."""
+        fraction = 1.0
+        while fraction < _LONGEST:
+            longer = 2.0 * fraction
+            if self.bound is not None and self.bound(x, longer * step) < 1.0:
+                break
+            value = self.objective.value(x + longer * step)
+            if not value < reached:
+                break
+            fraction, reached = longer, value
+        return fraction
 
     def _calms(self, trial: Array, residual: float) -> bool:
         value, gradient = self.objective.gradient(trial)
