@@ -116,7 +116,13 @@ class SampleStore:
         provenance: Mapping[str, object],
     ) -> SampleStore:
         """A new store for a grid (five axes) or for scattered states (five columns of equal length)."""
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        try:
+            taken = path.exists() and (not path.is_dir() or any(path.iterdir()))
+        except OSError as error:
+            raise InputError(
+                "cannot write the store", where=f"{path!s:.200}", expected="a folder", found=error.strerror
+            ) from None
+        if taken:
             raise InputError(
                 "output exists", where=path, expected="a new folder, or --resume", found="files in it"
             )

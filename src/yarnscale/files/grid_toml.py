@@ -1,0 +1,44 @@
+"""Strain grids as TOML files: arrays named ``s_x``, ``s_a``, ``s_y``, ``lambda_x``, ``lambda_y``; missing means [0]."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tomllib
+
+from yarnscale.errors import InputError
+from yarnscale.files.source_text import read_source
+from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.worker import STRAINS
+
+
+def read_grid(path: str | os.PathLike[str]) -> StrainGrid:
+    """The grid of a file; InputError naming file, field (or line), expected and found for anything else."""
+    text = read_source(path)
+    try:
+        content = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        line = re.search(r"at line (\d+)", str(error))
+        number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
+        raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None
+    for name in content:
+        if name not in STRAINS:
+            raise InputError(f"unknown field {name!r:.60}", where=path, expected=", ".join(STRAINS))
+    try:
+        return StrainGrid(**{name: _numbers(path, name, values) for name, values in content.items()})
+    except InputError as error:
+        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
+
+
+def _numbers(path: str | os.PathLike[str], name: str, values: object) -> tuple[float, ...]:
+    fault = InputError(f"field '{name}'", where=path, expected="an array of numbers", found=f"{values!r:.60}")
+    if not isinstance(values, list):
+        raise fault
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise fault
+    try:
+        return tuple(float(value) for value in values)
+    except OverflowError:
+        return (math.inf,)  # a whole number beyond all floats, which the grid refuses by its name
