@@ -9,35 +9,8 @@ import pytest
 
 from yarnscale.files.hylc_export import hylc_content, lost_in_hylc, write_hylc_json
 from yarnscale.files.hylc_json import read_hylc_json
-from yarnscale.shell.spline_material import PLANES, SplineMaterial
-from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
 
 REACH = np.array([0.7, 0.6, 0.5, 90.0, 110.0])
-
-
-def material() -> SplineMaterial:
-    """Growing axes and nine planes with random nodal data."""
-    rng = np.random.default_rng(5)
-    axes, planes = [], {}
-    for k, reach in enumerate(REACH):
-        knots = np.linspace(-1, 1, 7 + k) * reach
-        values, slopes = (knots / reach) ** 2, 2 * knots / reach**2
-        axes.append(CubicSpline(knots, values + 0.05 * rng.normal(size=len(knots)), slopes, Tail.GROWING))
-    for i, j in PLANES:
-        u, v = np.linspace(-1, 1, 4 + i) * REACH[i], np.linspace(-1, 1, 3 + j) * REACH[j]
-        data = 0.1 * rng.normal(size=(4, len(u), len(v)))
-        data[1] /= REACH[i]
-        data[2] /= REACH[j]
-        data[3] /= REACH[i] * REACH[j]
-        planes[i, j] = BicubicSpline(u, v, *data)
-    return SplineMaterial(0.2, tuple(axes), planes, density=0.3)
-
-
-def states(reach: float, count: int = 500) -> np.ndarray:
-    strains = np.random.default_rng(6).uniform(-reach, reach, (count, 6))
-    strains[:, :3] *= REACH[:3]
-    strains[:, 3:] *= 0.5 * REACH[3]
-    return strains
 
 
 @pytest.mark.parametrize("name", ["stock1", "satin1"])
@@ -57,8 +30,8 @@ def test_published_files_come_back(shared, tmp_path, name):
 
 
 @pytest.mark.parametrize("reach", [1.0, 1.4])
-def test_out_and_in_again_agrees(tmp_path, reach):
-    ours = material()
+def test_out_and_in_again_agrees(tmp_path, material, states, reach):
+    ours = material
     write_hylc_json(tmp_path / "out.json", ours)
     again = read_hylc_json(tmp_path / "out.json")
     strains = states(reach)
@@ -69,13 +42,13 @@ def test_out_and_in_again_agrees(tmp_path, reach):
     assert again.density == ours.density
 
 
-def test_strains_are_normalised_by_the_range():
-    content = hylc_content(material())
+def test_strains_are_normalised_by_the_range(material):
+    content = hylc_content(material)
     assert content["strain scale"] == pytest.approx(REACH.tolist())
     assert content["coeffs"]["1D"][4]["t"] == pytest.approx([-3, *np.linspace(-1, 1, 11), 3])  # type: ignore[index]
 
 
-def test_what_is_lost_is_named():
-    words = " ".join(lost_in_hylc(material()))
+def test_what_is_lost_is_named(material):
+    words = " ".join(lost_in_hylc(material))
     assert "provenance" in words
     assert "s_x, s_a, s_y, lambda_x, lambda_y" in words

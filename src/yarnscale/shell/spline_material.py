@@ -54,7 +54,7 @@ PARAMETER_COUNT = 248
 
 # Below this fraction of the knots' span, eigenvalues count as equal (the difference to the exact function is
 # of second order in it, and zero away from knots).
-_MEETING = 1e-8
+MEETING = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,13 +164,18 @@ def _pack(material: SplineMaterial) -> PackedSplines:
 def spline_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
     """ψ [J/m²] of the forms (6) with the polynomial patches of one element as parameters (eq. 31–32)."""
     root_x, root_y = ca.sqrt(forms[0]), ca.sqrt(forms[2])
-    strains = (root_x - 1, forms[1] / (root_x * root_y), root_y - 1)
-    u = [strain - parameters[_ORIGIN_S + k] for k, strain in enumerate(strains)]
+    strains = ca.vertcat(root_x - 1, forms[1] / (root_x * root_y), root_y - 1, forms[3:])
+    return energy_of_strains(strains, parameters)
+
+
+def energy_of_strains(strains: ca.SX, parameters: ca.SX) -> ca.SX:
+    """ψ [J/m²] of the six strains with the polynomial patches of one element as parameters."""
+    u = [strain - parameters[_ORIGIN_S + k] for k, strain in enumerate(ca.vertsplit(strains[:3]))]
     energy = ca.SX(0)
     for k, (i, j) in enumerate(PLANES[:3]):
         patch = _by_first(parameters[_PLANE + 16 * k : _PLANE + 16 * (k + 1)], u[i])
         energy += _horner(patch, u[j])
-    b11, b12, b22 = forms[3], forms[4], forms[5]
+    b11, b12, b22 = strains[3], strains[4], strains[5]
     half = 0.5 * (b11 - b22)
     radius = ca.sqrt(half * half + b12 * b12 + parameters[_GUARD])
     largest = 0.5 * (b11 + b22) + radius
@@ -229,7 +234,7 @@ def gather_parameters(packed, forms, count, parameters):
             place[2, lane] = find_interval(packed.knots_y, root_y - 1.0)
             middle, half = 0.5 * (forms[3, n] + forms[5, n]), 0.5 * (forms[3, n] - forms[5, n])
             radius = np.sqrt(half * half + forms[4, n] * forms[4, n])
-            meet = radius < _MEETING * (packed.origins_bend_x[-1] - packed.origins_bend_x[0])
+            meet = radius < MEETING * (packed.origins_bend_x[-1] - packed.origins_bend_x[0])
             reach = 0.0 if meet else radius
             place[3, lane] = find_interval(packed.knots_bend_x, middle + reach)
             place[4, lane] = find_interval(packed.knots_bend_x, middle - reach)

@@ -1,0 +1,48 @@
+"""The command ``export``: both formats, notes about what is lost, errors of the user."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yarnscale.cli import main
+from yarnscale.files.hylc_json import read_hylc_json
+from yarnscale.files.material_json import write_material
+from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.tables import CubicSpline, Tail
+
+
+@pytest.fixture
+def source(tmp_path):
+    knots = np.array([-1.0, 0.0, 1.0])
+    axes = [CubicSpline(knots * k, knots**2, 2 * knots / k, Tail.GROWING) for k in (0.5, 0.6, 0.7, 80.0, 90.0)]
+    write_material(tmp_path / "material.json", SplineMaterial(0.1, tuple(axes), {}, density=0.2))
+    return tmp_path / "material.json"
+
+
+def test_hylc_json_gives_the_same_energy_and_says_what_is_lost(source, tmp_path, capsys):
+    assert main(["export", str(source), "--format", "hylc", "--out", str(tmp_path / "out.json")]) == 0
+    again = read_hylc_json(tmp_path / "out.json")
+    strain = np.array([0.2, 0.1, -0.3, 20.0, 5.0, -30.0])
+    x = strain[:3] / [0.5, 0.6, 0.7]
+    bend = np.array([[20.0, 5.0], [5.0, -30.0]])
+    bend = (bend @ bend)[[0, 1], [0, 1]] / np.array([80.0, 90.0]) ** 2
+    assert float(again.energy_density(strain)) == pytest.approx(0.1 + np.sum(x**2) + np.sum(bend), rel=1e-12)
+    assert "provenance" in capsys.readouterr().err
+
+
+def test_c_source_is_written(source, tmp_path, capsys):
+    assert main(["export", str(source), "--format", "c", "--out", str(tmp_path / "out.c")]) == 0
+    assert "int yarnscale_energy(const double strain[6]" in (tmp_path / "out.c").read_text()
+    assert capsys.readouterr().err == ""
+
+
+def test_wrong_suffixes_and_other_kinds_are_refused(source, tmp_path, capsys):
+    assert main(["export", str(source), "--format", "c", "--out", str(tmp_path / "out.json")]) == 2
+    constants = dict.fromkeys(("stretch_weft", "stretch_warp", "shear", "bend_weft", "bend_warp", "bend_bias"), 1.0)
+    constants |= {"stretch_coupling": 0.1, "area": 0.1, "log_area": 0.1}
+    write_material(tmp_path / "plain.json", OrthotropicMaterial(**constants, density=0.2))
+    assert main(["export", str(tmp_path / "plain.json"), "--format", "c", "--out", str(tmp_path / "out.c")]) == 2
+    assert "spline" in capsys.readouterr().err
+    assert not (tmp_path / "out.c").exists()
