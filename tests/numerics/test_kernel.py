@@ -209,3 +209,22 @@ def test_a_kernel_runs_from_compiled_code() -> None:
     values, out = np.random.default_rng(0).normal(size=(2, 3 * LANES)), np.zeros((1, 3 * LANES))
     _call_from_compiled_code(kernel.address, values, out)
     np.testing.assert_allclose(out[0], values[0] - 3 * values[1], rtol=1e-14)
+
+
+def test_logarithm_is_exact_to_the_last_place() -> None:
+    x = ca.SX.sym("x", 1)
+    kernel = compile_kernel(ca.Function("log", [x], [ca.log(x)]), "log")
+    rng = np.random.default_rng(0)
+    drawn = [
+        10 ** rng.uniform(-300, 300, 2000),
+        1 + rng.normal(scale=1e-3, size=2000),
+        rng.uniform(0.1, 3, 1992),
+    ]
+    special = np.array([0.0, -1.0, np.inf, np.nan, 1.0, 2.0, 0.5, np.sqrt(2)])
+    values = np.concatenate([*drawn, special])[None]
+    found = np.empty_like(values)
+    kernel(values.size, values.size, values, found)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        expected = np.log(values)
+    np.testing.assert_array_max_ulp(found[:, :-8], expected[:, :-8], maxulp=2)
+    np.testing.assert_allclose(found[:, -8:], expected[:, -8:], rtol=1e-15)
