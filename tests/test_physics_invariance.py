@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
+from yarnscale.cell.rest import settled
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
@@ -24,6 +26,12 @@ TURNS = {
     "turned over about x": np.diag([1.0, -1.0, -1.0]),
     "turned over about y": np.diag([-1.0, 1.0, -1.0]),
 }
+
+
+@cache
+def fabric(name: str) -> YarnPattern:
+    """A built-in pattern at rest. As drawn, stockinette has yarns to spare: it buckles to one of several images."""
+    return settled(library.build(name), MATERIAL).pattern
 
 
 def relaxed(pattern: YarnPattern, strain: ShellStrain) -> Equilibrium:
@@ -56,7 +64,7 @@ def turned_strain(strain: ShellStrain, turn: np.ndarray) -> ShellStrain:
 @STATES
 @pytest.mark.parametrize("name", ["stockinette", "plain"])
 def test_translation_and_stored_copies(name: str, strain: ShellStrain) -> None:
-    pattern = library.build(name)
+    pattern = fabric(name)
     reference = relaxed(pattern, strain)
     raised = replace(pattern, vertices=pattern.vertices + np.array([0.0, 0.0, 0.3 * pattern.radius]))
     rng = np.random.default_rng(0)
@@ -89,7 +97,7 @@ def test_translation_and_stored_copies(name: str, strain: ShellStrain) -> None:
 @pytest.mark.parametrize("turn", TURNS)
 def test_rotation(turn: str, strain: ShellStrain) -> None:
     """Turn the fabric and the state together; stress turns along."""
-    pattern = library.build("stockinette")
+    pattern = fabric("stockinette")
     matrix = TURNS[turn]
     reference = relaxed(pattern, strain)
     state = relaxed(turned(pattern, matrix), turned_strain(strain, matrix))
@@ -105,12 +113,34 @@ def test_rotation(turn: str, strain: ShellStrain) -> None:
 @pytest.mark.parametrize("name", ["stockinette", "plain"])
 @pytest.mark.parametrize("strain", [REST, TENSION], ids=["rest", "mild tension"])
 def test_a_two_by_two_supercell(name: str, strain: ShellStrain) -> None:
-    pattern = library.build(name)
+    pattern = fabric(name)
     reference = relaxed(pattern, strain)
     state = relaxed(pattern.repeated(2, 2), strain)
     assert state.energy_density == pytest.approx(reference.energy_density, rel=1e-6)
     np.testing.assert_allclose(
         state.stress, reference.stress, rtol=1e-4, atol=1e-5 * np.abs(reference.stress).max()
+    )
+
+
+@STATES
+@pytest.mark.parametrize("name", ["stockinette", "plain"])
+def test_copies_of_an_equilibrium_fill_a_supercell(name: str, strain: ShellStrain) -> None:
+    """Any equilibrium, buckled or not, is one of the larger tile, which may only lower the energy further."""
+    pattern = library.build(name)
+    state = relaxed(pattern, strain)
+    energy = PeriodicCell(pattern.repeated(2, 2), MATERIAL).energy(strain)
+    copies = energy.start(np.tile(state.fluctuation, (4, 1)) / pattern.radius, np.tile(state.twist, 4))
+    value, gradient = energy.gradient(copies)
+    density = value * energy.unit / (4 * pattern.area)
+    assert density == pytest.approx(state.energy_density, rel=1e-9)
+    free = energy.constraints.project(gradient)
+    assert np.linalg.norm(free) < 1e-6 * energy.residual_scale
+
+
+def test_a_supercell_buckles_no_stiffer_than_its_tile() -> None:
+    pattern = library.build("stockinette")
+    assert relaxed(pattern.repeated(2, 2), REST).energy_density <= relaxed(pattern, REST).energy_density * (
+        1 + 1e-6
     )
 
 
