@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.poisson import cell_midsurface
+from yarnscale.cell.starts import perturbed
+from yarnscale.cell.topology import crossed, jump_is_safe
+from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.newton import Solution, Status, minimise
@@ -22,6 +26,8 @@ Array = NDArray[np.float64]
 
 LARGEST_HALVING = 4
 """How often the way from rest to a state is halved when the direct solve does not converge."""
+FEWEST_STEPS = 4
+"""Steps from rest to a state where the direct way was no good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +39,7 @@ class Equilibrium:
     energy_parts: its terms [J/m²]. stress: ∂Ψ/∂(s_x, s_a, s_y) [J/m²], ∂Ψ/∂(II11, II12, II22) [J/m].
     residual: force norm over the summed norms of the terms. contacts: pairs of segments that touch.
     min_distance_over_diameter: closest approach of two yarns' centre lines; inf where nothing is near.
+    crossed: whether yarns passed through each other since the rest shape: a state of another fabric, not to be used.
     """
 
     strain: ShellStrain
@@ -49,11 +56,17 @@ class Equilibrium:
     seconds: float
     contacts: int
     min_distance_over_diameter: float
+    crossed: bool = False
 
     @property
     def converged(self) -> bool:
         """Whether the cell is at rest, at a minimum."""
         return self.status is Status.CONVERGED
+
+    @property
+    def outcome(self) -> str:
+        """``crossed``, or the name of the status in lower case."""
+        return "crossed" if self.crossed else self.status.name.lower()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +74,8 @@ class PeriodicCell:
     """One period of a pattern made of a yarn material.
 
     sliding: whether each yarn may slide along itself as a whole; fixed by default, as published (EST22 §7.1).
-    tolerance, max_iterations: of the equilibrium solves.
+    tolerance, max_iterations: of the equilibrium solves. starts: how many starts compete for the lowest energy, the
+    others being random perturbations of the first equilibrium, drawn with ``seed``.
     """
 
     pattern: YarnPattern
@@ -70,6 +84,12 @@ class PeriodicCell:
     tolerance: float = 1e-6
     max_iterations: int = 400
     backend: str | None = field(default=None, kw_only=True)
+    starts: int = field(default=1, kw_only=True)
+    seed: int = field(default=0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.starts < 1:
+            raise InputError("number of starts", expected="at least 1", found=self.starts)
 
     @property
     def area_density(self) -> float:
@@ -84,7 +104,8 @@ class PeriodicCell:
     def relax(self, strain: ShellStrain | None = None, *, start: Equilibrium | None = None) -> Equilibrium:
         """The equilibrium under a macroscopic state, from rest or from a neighbouring equilibrium.
 
-        Where the direct way does not converge, intermediate states are relaxed first. Look at ``status``.
+        Where the direct way does not converge or would take yarns through each other, intermediate states are
+        relaxed first. Look at ``status`` and ``crossed``.
         """
         strain = ShellStrain() if strain is None else strain
         seed = None if start is None else (start.strain, start.fluctuation, start.twist)
@@ -94,41 +115,96 @@ class PeriodicCell:
     def relax_from(self, strain: ShellStrain, seed: tuple[ShellStrain, Array, Array] | None) -> Equilibrium:
         """``relax`` from a state's strain, fluctuation (n, 3) [m] and twist (n,); None: from rest."""
         began = time.perf_counter()
-        energy, solution = None, None
+        ways: list[Callable[[], tuple[CellEnergy, Solution]]] = []
+        rest, target = np.zeros(6), strain.vector
         if seed is not None:
             scaled = seed[1] / self.pattern.radius, seed[2]
-            energy, solution = self._continued(seed[0].vector, strain.vector, scaled, LARGEST_HALVING)
-        if energy is None or solution is None or not solution.converged:
-            energy, solution = self._continued(np.zeros(6), strain.vector, None, LARGEST_HALVING)
+            ways.append(lambda: self._continued(seed[0].vector, target, scaled, LARGEST_HALVING))
+        ways.append(lambda: self._continued(rest, target, None, LARGEST_HALVING))
+        if target.any():
+            ways.append(lambda: self._stepwise(target))
+        energy, solution = self._first_good(ways)
+        if self.starts > 1:
+            solution = self._lowest(energy, solution)
         return self._equilibrium(energy, solution, time.perf_counter() - began)
 
-    def _solve(self, strain: Array, seed: tuple[Array, Array] | None) -> tuple[CellEnergy, Solution]:
-        energy = self.energy(ShellStrain.from_vector(strain))
-        solution = minimise(
+    def _first_good(
+        self, ways: list[Callable[[], tuple[CellEnergy, Solution]]]
+    ) -> tuple[CellEnergy, Solution]:
+        """The first way to an equilibrium that converges and is not crossed; else the best outcome of all."""
+        best, rank = None, -1
+        for way in ways:
+            energy, solution = way()
+            intact = math.isfinite(solution.value) and not crossed(energy, solution.x)
+            if solution.converged and intact:
+                return energy, solution
+            # Not converged is better than crossed: it is the right fabric.
+            here = 2 * intact + solution.converged
+            if here > rank:
+                best, rank = (energy, solution), here
+        assert best is not None
+        return best
+
+    def _stepwise(self, strain: Array) -> tuple[CellEnergy, Solution]:
+        """From rest in equal steps, each from the equilibrium before."""
+        n, seed = len(self.pattern.edges), None
+        spent = np.zeros(2, int)
+        for step in range(1, FEWEST_STEPS):
+            before, here = (step - 1) / FEWEST_STEPS * strain, step / FEWEST_STEPS * strain
+            _, solution = self._continued(before, here, seed, LARGEST_HALVING)
+            spent += solution.iterations, solution.factorisations
+            seed = solution.x[: 3 * n].reshape(n, 3), solution.x[3 * n :]
+        energy, solution = self._continued((1 - 1 / FEWEST_STEPS) * strain, strain, seed, LARGEST_HALVING)
+        spent += solution.iterations, solution.factorisations
+        return energy, replace(solution, iterations=int(spent[0]), factorisations=int(spent[1]))
+
+    def _lowest(self, energy: CellEnergy, solution: Solution) -> Solution:
+        """The lowest equilibrium found from perturbed starts about a first one."""
+        best, generator = solution, np.random.default_rng(self.seed)
+        spent = np.array([solution.iterations, solution.factorisations])
+        for _ in range(self.starts - 1):
+            other = self._minimised(energy, perturbed(energy, solution.x, generator))
+            spent += other.iterations, other.factorisations
+            better = other.converged and (not best.converged or other.value < best.value)
+            if better and not crossed(energy, other.x):
+                best = other
+        return replace(best, iterations=int(spent[0]), factorisations=int(spent[1]))
+
+    def _minimised(self, energy: CellEnergy, start: Array) -> Solution:
+        return minimise(
             energy,
-            energy.start(*(seed or (None, None))),
+            start,
             constraints=energy.constraints,
             bound=energy.bound,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
             backend=self.backend,
         )
-        return energy, solution
 
     def _continued(
         self, origin: Array, strain: Array, seed: tuple[Array, Array] | None, halvings: int
     ) -> tuple[CellEnergy, Solution]:
-        """Solve at ``strain`` from a seed at ``origin``; where that fails, by way of the state half-way."""
-        energy, solution = self._solve(strain, seed)
-        if solution.converged or halvings == 0 or np.array_equal(origin, strain):
-            return energy, solution
+        """Solve at ``strain`` from a seed at ``origin``; where that fails, by way of the state half-way.
+
+        A seed that yarns would have to pass each other for, were the state changed at once, fails without a try.
+        """
+        energy = self.energy(ShellStrain.from_vector(strain))
+        start = energy.start(*(seed or (None, None)))
+        last = halvings == 0 or np.array_equal(origin, strain)
+        if seed is None or last or jump_is_safe(energy, start, ShellStrain.from_vector(origin)):
+            solution = self._minimised(energy, start)
+            if solution.converged or last:
+                return energy, solution
+        else:
+            solution = None
         middle = 0.5 * (origin + strain)
         _, half = self._continued(origin, middle, seed, halvings - 1)
         if not half.converged:
-            return energy, solution
+            return energy, solution or self._minimised(energy, start)
         n = len(self.pattern.edges)
         seed = half.x[: 3 * n].reshape(n, 3), half.x[3 * n :]
-        spent = solution.iterations + half.iterations, solution.factorisations + half.factorisations
+        tried = (0, 0) if solution is None else (solution.iterations, solution.factorisations)
+        spent = tried[0] + half.iterations, tried[1] + half.factorisations
         energy, solution = self._continued(middle, strain, seed, halvings - 1)
         return energy, replace(
             solution,
@@ -154,6 +230,7 @@ class PeriodicCell:
             seconds=seconds,
             contacts=int((gaps < 1.0).sum()),
             min_distance_over_diameter=float(gaps.min(initial=np.inf)),
+            crossed=math.isfinite(solution.value) and crossed(energy, solution.x),
         )
 
     def placement(self, state: Equilibrium | None) -> Callable[[NDArray[np.int64], NDArray[np.int64]], Array]:

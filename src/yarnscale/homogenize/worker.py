@@ -51,7 +51,7 @@ def record(state: Equilibrium) -> dict[str, object]:
         "fluctuation": state.fluctuation,
         "twist": state.twist,
         "positions": state.positions,
-        "status": CODE_OF[state.status.name.lower()],
+        "status": CODE_OF[state.outcome],
     }
 
 

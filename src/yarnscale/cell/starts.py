@@ -1,0 +1,37 @@
+"""Perturbed starts for cells that can buckle in more than one way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.energy import CellEnergy
+from yarnscale.cell.topology import safe_move
+
+Array = NDArray[np.float64]
+
+NOISE = 0.1
+"""Standard deviation of the noise of every coordinate [r]."""
+WAVE = 0.6
+"""Largest height of each of the waves across the cell, out of and in the plane [r]."""
+_WAVES = ((1, 0), (0, 1), (1, 1), (1, -1))
+
+
+def perturbed(energy: CellEnergy, x: Array, generator: np.random.Generator) -> Array:
+    """A free vector near ``x``: noise on every vertex and waves of the cell's own period, the ones of buckling.
+
+    The perturbation is shortened until no yarn passes another on the way and the energy is finite.
+    """
+    n, pattern = energy.count, energy.pattern
+    moves = NOISE * generator.standard_normal((n, 3))
+    place = pattern.vertices[:, :2] / pattern.period
+    for wave in _WAVES:
+        phase, height = generator.uniform(0.0, 2.0 * np.pi), generator.uniform(-WAVE, WAVE, 3)
+        moves += np.cos(2.0 * np.pi * (place @ np.array(wave)) + phase)[:, None] * height * (0.5, 0.5, 1.0)
+    step = np.concatenate([moves.ravel(), np.zeros(n)])
+    step = energy.constraints.project(step)
+    for _ in range(6):
+        if safe_move(energy, x, x + step) and np.isfinite(energy.value(x + step)):
+            return x + step
+        step = 0.5 * step
+    return x
