@@ -13,12 +13,16 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+    from yarnscale.cell.rest import RestShape, settled
     from yarnscale.errors import InputError
+    from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
     from yarnscale.files.material_toml import read_material as read_yarn_material
     from yarnscale.files.material_toml import write_material as write_yarn_material
     from yarnscale.files.patterns import read_pattern, write_pattern
     from yarnscale.homogenize.fit import fit_spline_material
+    from yarnscale.homogenize.homogenize import Homogenization, fit
+    from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
     from yarnscale.homogenize.plan import StrainGrid, StrainRange, axes_and_planes
     from yarnscale.homogenize.sample import create_store, sample
     from yarnscale.homogenize.store import SampleStore
@@ -43,9 +47,11 @@ _HOME = {
     "Cloth": "shell.cloth",
     "ContactRule": "yarn.material",
     "Equilibrium": "cell.periodic",
+    "Homogenization": "homogenize.homogenize",
     "InputError": "errors",
     "OrthotropicMaterial": "shell.orthotropic",
     "PeriodicCell": "cell.periodic",
+    "RestShape": "cell.rest",
     "SampleStore": "homogenize.store",
     "Scene": "shell.scene",
     "ShellMaterial": "shell.material",
@@ -59,15 +65,19 @@ _HOME = {
     "YarnPattern": "yarn.pattern",
     "axes_and_planes": "homogenize.plan",
     "create_store": "homogenize.sample",
+    "fit": "homogenize.homogenize",
     "fit_spline_material": "homogenize.fit",
+    "homogenize_cell": "homogenize.homogenize:homogenize",
     "knit": "yarn.knit",
     "patterns": "yarn.library:",
+    "read_grid": "files.grid_toml",
     "read_material": "files.material_json",
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
     "run_scene": "shell.scene",
     "sample": "homogenize.sample",
     "scenes": "shell.scene:",
+    "settled": "cell.rest",
     "simulate": "shell.simulate",
     "weave": "yarn.weave",
     "write_material": "files.material_json",
@@ -82,9 +92,11 @@ __all__ = [
     "Cloth",
     "ContactRule",
     "Equilibrium",
+    "Homogenization",
     "InputError",
     "OrthotropicMaterial",
     "PeriodicCell",
+    "RestShape",
     "SampleStore",
     "Scene",
     "ShellMaterial",
@@ -99,15 +111,19 @@ __all__ = [
     "__version__",
     "axes_and_planes",
     "create_store",
+    "fit",
     "fit_spline_material",
+    "homogenize_cell",
     "knit",
     "patterns",
+    "read_grid",
     "read_material",
     "read_pattern",
     "read_yarn_material",
     "run_scene",
     "sample",
     "scenes",
+    "settled",
     "simulate",
     "weave",
     "write_material",
