@@ -125,6 +125,8 @@ def draw_cell(path: Path, cell: PeriodicCell, state: Equilibrium | None) -> None
     from yarnscale.show.tubes import yarn_picture
 
     place = cell.placement(state)
-    curves = periodic_curves(cell.pattern.edges, place, rings=1)
-    surface = None if state is None or state.strain.is_flat else cell.midsurface_grid(state)
+    # Of a small cell more copies, so that the fabric shows.
+    rings = 1 if cell.pattern.period.min() > 12.0 * cell.pattern.radius else 2
+    curves = periodic_curves(cell.pattern.edges, place, rings=rings)
+    surface = None if state is None or state.strain.is_flat else cell.midsurface_grid(state, rings=rings)
     yarn_picture(path, curves, cell.pattern.radius, surface=surface, camera="oblique")

@@ -1,7 +1,8 @@
 """Affine parametrisation q = B y + d of full degrees of freedom by free ones (theory §7).
 
-``AffineMap`` has any sparse B. ``CopiedNodes`` is the case where every full node is a turned and shifted copy of one
-free node: periodic images, pinned vertices. Its pull-back happens stencil by stencil (``assembly``).
+``AffineMap`` has any sparse B: pinned vertices, a bounding volume. ``CopiedNodes`` is the case where every full node is
+a turned and shifted copy of one free node, as periodic images are; its pull-back happens stencil by stencil
+(``assembly``).
 """
 
 from __future__ import annotations

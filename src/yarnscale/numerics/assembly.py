@@ -144,11 +144,13 @@ class BlockPattern:
         """Where a stencil's Hessian entries go: (blocks, n(n+1)/2, BLOCK).
 
         −1: skipped. s ≤ −2: entry −s−2 on the diagonal, added twice (two variables of the stencil are one unknown).
+        Raises ValueError where two of them do not meet in the pattern.
         """
         count, k = unknowns.shape
         blocks = -(-count // BLOCK)
         slots = np.full((blocks, k * (k + 1) // 2, BLOCK), _SKIPPED, np.int32)
-        _fill_slots(self.offsets, self.group, self.first, self.pattern.starts, unknowns, slots)
+        if not _fill_slots(self.offsets, self.group, self.first, self.pattern.starts, unknowns, slots):
+            raise ValueError("the pattern does not cover these stencils")
         return slots
 
 
@@ -220,9 +222,12 @@ def _fill_slots(offsets, group, first, starts, unknowns, slots):
                     if i < j:
                         i, j = j, i
                     c, r = group[j], group[i]
+                    if offsets[c, r] < 0:
+                        return False
                     s = starts[j] + offsets[c, r] + (i - first[r]) - (j - first[c])
                     slots[block, k, lane] = -s - 2 if (a != b and i == j) else s
                 k += 1
+    return True
 
 
 @numba.njit(**_JIT)
