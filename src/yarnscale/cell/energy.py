@@ -61,6 +61,38 @@ def _independent(rows: Array) -> Array:
     return (vectors[:, kept] / np.sqrt(sizes[kept])).T @ rows
 
 
+def vertex_tangents(pattern: YarnPattern) -> Array:
+    """Mean direction of the yarn at each vertex at rest (n, 3)."""
+    edge = _unit(pattern.edge_vectors())
+    return _unit(edge + edge[pattern.previous_vertex])
+
+
+def constraint_rows(pattern: YarnPattern, sliding: bool) -> Array:
+    """Rows of HYLC20 eq. 18 and 27 and of EST22 §7.1 on [û, θ] (m, 4n), weighted by rest lengths [r].
+
+    Three of translation, then of each yarn its twist and, unless ``sliding``, its motion along itself. That is along
+    the rest shape, not the deformed one: a constraint that moved with the macroscopic state would do work, and stress
+    would no longer be ∂Ψ/∂z at fixed û.
+    """
+    n = len(pattern.edges)
+    weight, length = pattern.voronoi_length / pattern.radius, pattern.rest_length / pattern.radius
+    moves = weight[:, None] * vertex_tangents(pattern)
+    rows = []
+    for axis in range(3):
+        row = np.zeros(4 * n)
+        row[axis : 3 * n : 3] = weight
+        rows.append(row)
+    for yarn in pattern.yarns:
+        twist = np.zeros(4 * n)
+        twist[3 * n + yarn] = length[yarn]
+        rows.append(twist)
+        if not sliding:
+            slide = np.zeros((n, 3))
+            slide[yarn] = moves[yarn]
+            rows.append(np.concatenate([slide.ravel(), np.zeros(n)]))
+    return np.array(rows)
+
+
 @dataclass(eq=False)
 class CellModel:
     """H + shift·D of a cell, D scaled separately for positions and twists."""
@@ -214,34 +246,10 @@ class CellEnergy:
         return tangent, carried, slope @ np.concatenate(inputs, axis=1)
 
     def _constraints(self) -> LinearConstraints:
-        """Rows of HYLC20 eq. 18 and 27 and of EST22 §7.1, made independent of each other."""
-        pattern, n = self.pattern, self.count
-        weight = pattern.voronoi_length / pattern.voronoi_length.sum()
-        rows = []
-        for axis in range(3):
-            row = np.zeros(4 * n)
-            row[axis : 3 * n : 3] = weight
-            rows.append(row)
-        tangents = self._vertex_tangents()
-        for yarn in pattern.yarns:
-            twist = np.zeros(4 * n)
-            twist[3 * n + yarn] = pattern.rest_length[yarn] / pattern.rest_length[yarn].sum()
-            rows.append(twist)
-            if not self.sliding:
-                slide = np.zeros((n, 3))
-                slide[yarn] = (weight[:, None] * tangents)[yarn] / weight[yarn].sum()
-                rows.append(np.concatenate([slide.ravel(), np.zeros(n)]))
-        matrix = _independent(np.array(rows))
+        """Rows of ``constraint_rows``, made independent of each other."""
+        rows = constraint_rows(self.pattern, self.sliding)
+        matrix = _independent(rows / np.linalg.norm(rows, axis=1)[:, None])
         return LinearConstraints(matrix, np.zeros(len(matrix)))
-
-    def _vertex_tangents(self) -> Array:
-        """Mean direction of the yarn at each vertex at rest (n, 3).
-
-        The rest shape, not the deformed one: a constraint that moved with the macroscopic state would do work, and
-        stress would no longer be ∂Ψ/∂z at fixed û.
-        """
-        edge = _unit(self.pattern.edge_vectors())
-        return _unit(edge + edge[self.pattern.previous_vertex])
 
     # --- contact list ---------------------------------------------------------------------------------
 
@@ -298,15 +306,16 @@ class CellEnergy:
         return self._contacts
 
     def _block_pattern(self, contacts: _Contacts, full: Array) -> BlockPattern:
-        if self._pattern is None or not self._pattern.covers(contacts.unknowns):
-            ahead = self._pairs_within(full, self._reach + SKIN + PATTERN_MARGIN)
-            wide = self.nodes.unknowns(self._pair_variables(*ahead))
-            groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
-            self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, contacts.unknowns, wide])
-            self._rod_slots = [self._pattern.slots(u) for u in self._rod_unknowns]
-            contacts.slots = None
+        """The matrix pattern, made anew only where a new contact list does not fit into it."""
         if contacts.slots is None:
+            if self._pattern is None or not self._pattern.covers(contacts.unknowns):
+                ahead = self._pairs_within(full, self._reach + SKIN + PATTERN_MARGIN)
+                wide = self.nodes.unknowns(self._pair_variables(*ahead))
+                groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
+                self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, contacts.unknowns, wide])
+                self._rod_slots = [self._pattern.slots(u) for u in self._rod_unknowns]
             contacts.slots = self._pattern.slots(contacts.unknowns)
+        assert self._pattern is not None
         return self._pattern
 
     # --- objective ------------------------------------------------------------------------------------
