@@ -1,0 +1,76 @@
+"""The commands about yarns: what they write, print and return."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from yarnscale.cell import PeriodicCell, rest
+from yarnscale.cell.energy import CellEnergy
+from yarnscale.cell.rest import rest_stress_ratio
+from yarnscale.cli import main, yarns
+from yarnscale.cli.yarns import material_for
+from yarnscale.files.patterns import read_pattern
+from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn import library
+from yarnscale.yarn.material import YarnMaterial
+
+
+def test_a_written_pattern_is_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "fabric.json"
+    assert main(["pattern", "plain", "--out", str(out)]) == 0
+    assert "at rest" in capsys.readouterr().out
+    written = read_pattern(out)
+    assert rest_stress_ratio(PeriodicCell(written, YarnMaterial.preset("hylc2020-basket"))).largest < 0.01
+
+
+def test_a_pattern_can_be_written_as_drawn(tmp_path: Path) -> None:
+    out = tmp_path / "drawing.json"
+    assert main(["pattern", "rib-2x2", "--out", str(out), "--as-drawn"]) == 0
+    assert read_pattern(out).content_hash() == library.build("rib-2x2").content_hash()
+
+
+def test_an_unsettled_pattern_is_status_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stalls(pattern, material):  # type: ignore[no-untyped-def]
+        return replace(rest.settled(pattern, material), status=rest.RestStatus.STALLED)
+
+    monkeypatch.setattr(yarns, "settled", stalls)
+    assert main(["pattern", "plain", "--out", str(tmp_path / "fabric.pyp")]) == 1
+
+
+def test_unknown_pattern_is_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["pattern", "tweed", "--out", str(tmp_path / "fabric.pyp")]) == 2
+    assert "tweed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", library.names())
+def test_patterns_come_with_a_material_that_suits_them(name: str) -> None:
+    pattern = replace(library.build("plain"), name=name)
+    assert material_for(pattern, None).name == library.structure(name).material
+    assert material_for(pattern, "wool").name == "wool"
+
+
+def test_relax_reports_an_equilibrium_of_a_chart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chart = tmp_path / "seed.chart"
+    chart.write_text("kind = knit\nrows:\nkp\npk\n")
+    arguments = ["relax", str(chart), "--material", "wool", "--strain", "-0.02,0,0.1,0,0", "--json"]
+    assert main(arguments) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["status"] == "converged" and found["material"] == "wool"
+    assert found["energy_density"] > 0.0 and len(found["stress"]) == 6
+    state = PeriodicCell(read_pattern(chart), YarnMaterial.preset("wool")).relax(ShellStrain(-0.02, 0.0, 0.1))
+    assert found["energy_density"] == pytest.approx(state.energy_density, rel=1e-6)
+
+
+def test_the_clock_of_relax_starts_when_all_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    relax, quadratic = PeriodicCell.relax, CellEnergy.quadratic
+    monkeypatch.setattr(PeriodicCell, "relax", lambda *given: (seen.append("relax"), relax(*given))[1])
+    monkeypatch.setattr(
+        CellEnergy, "quadratic", lambda *given: (seen.append("quadratic"), quadratic(*given))[1]
+    )
+    assert main(["relax", "plain"]) == 0
+    assert seen[:2] == ["quadratic", "relax"]
