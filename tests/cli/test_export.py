@@ -16,7 +16,9 @@ from yarnscale.shell.tables import CubicSpline, Tail
 @pytest.fixture
 def source(tmp_path):
     knots = np.array([-1.0, 0.0, 1.0])
-    axes = [CubicSpline(knots * k, knots**2, 2 * knots / k, Tail.GROWING) for k in (0.5, 0.6, 0.7, 80.0, 90.0)]
+    axes = [
+        CubicSpline(knots * k, knots**2, 2 * knots / k, Tail.GROWING) for k in (0.5, 0.6, 0.7, 80.0, 90.0)
+    ]
     write_material(tmp_path / "material.json", SplineMaterial(0.1, tuple(axes), {}, density=0.2))
     return tmp_path / "material.json"
 
@@ -40,9 +42,13 @@ def test_c_source_is_written(source, tmp_path, capsys):
 
 def test_wrong_suffixes_and_other_kinds_are_refused(source, tmp_path, capsys):
     assert main(["export", str(source), "--format", "c", "--out", str(tmp_path / "out.json")]) == 2
-    constants = dict.fromkeys(("stretch_weft", "stretch_warp", "shear", "bend_weft", "bend_warp", "bend_bias"), 1.0)
+    constants = dict.fromkeys(
+        ("stretch_weft", "stretch_warp", "shear", "bend_weft", "bend_warp", "bend_bias"), 1.0
+    )
     constants |= {"stretch_coupling": 0.1, "area": 0.1, "log_area": 0.1}
     write_material(tmp_path / "plain.json", OrthotropicMaterial(**constants, density=0.2))
-    assert main(["export", str(tmp_path / "plain.json"), "--format", "c", "--out", str(tmp_path / "out.c")]) == 2
+    assert (
+        main(["export", str(tmp_path / "plain.json"), "--format", "c", "--out", str(tmp_path / "out.c")]) == 2
+    )
     assert "spline" in capsys.readouterr().err
     assert not (tmp_path / "out.c").exists()

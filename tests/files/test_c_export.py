@@ -24,7 +24,10 @@ def compiled(folder, ours: SplineMaterial):
     write_c_source(source, ours)
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]
     outcome = subprocess.run(
-        [COMPILER, *flags, str(source), "-o", str(library), "-lm"], capture_output=True, text=True, check=False
+        [COMPILER, *flags, str(source), "-o", str(library), "-lm"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert outcome.returncode == 0, outcome.stderr[:2000]
     return ctypes.CDLL(str(library)).yarnscale_energy
@@ -46,7 +49,9 @@ def check(function, ours: SplineMaterial, strains: np.ndarray) -> None:
         assert np.max(np.abs(ours_now - expected) / size) < 1e-12
 
 
-def test_the_compiled_source_agrees(tmp_path, material, states):
+@pytest.mark.parametrize("kind", ["material", "inside_material"])
+def test_the_compiled_source_agrees(tmp_path, request, states, kind):
+    material = request.getfixturevalue(kind)
     function = compiled(tmp_path, material)
     strains = states(1.4, 300)
     strains[100:200, 3:] *= 0.1

@@ -149,7 +149,9 @@ def wait_for(store: Path, count: int) -> None:
 def same_outcome(store: SampleStore, other: SampleStore) -> None:
     for name, tolerance in (("energy_density", 1e-9), ("stress", 1e-6)):
         for index in range(store.count):
-            assert np.allclose(store.read(index, name), other.read(index, name), rtol=tolerance, atol=tolerance)
+            assert np.allclose(
+                store.read(index, name), other.read(index, name), rtol=tolerance, atol=tolerance
+            )
 
 
 def group_goes(group: int) -> bool:
@@ -244,9 +246,13 @@ def test_ctrl_c_keeps_what_is_finished(runner: Runner, grid: Path, quiet: Sample
     same_outcome(SampleStore(path), quiet)
 
 
-def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(grid: Path, tmp_path: Path, quiet: SampleStore) -> None:
+def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(
+    grid: Path, tmp_path: Path, quiet: SampleStore
+) -> None:
     line = [sys.executable, "-m", "yarnscale", *command(grid, tmp_path / "store")]
-    with subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True, env=ENVIRONMENT) as run:
+    with subprocess.Popen(
+        line, stderr=subprocess.PIPE, text=True, start_new_session=True, env=ENVIRONMENT
+    ) as run:
         wait_for(tmp_path / "store", 2)
         os.killpg(run.pid, signal.SIGINT)
         _, errors = run.communicate(timeout=30)
@@ -254,7 +260,9 @@ def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(grid: Path, tmp_path: Pat
     said = [text for text in errors.splitlines() if not text.startswith("sampling plain:")]
     assert said == ["yarnscale: interrupted; what was finished is kept"]
     kept = finished(SampleStore(tmp_path / "store"))
-    again = subprocess.run([*line, "--resume", "--json"], capture_output=True, text=True, check=False, env=ENVIRONMENT)
+    again = subprocess.run(
+        [*line, "--resume", "--json"], capture_output=True, text=True, check=False, env=ENVIRONMENT
+    )
     assert again.returncode == 0
     assert json.loads(again.stdout)["converged"] == STATES
     now = finished(SampleStore(tmp_path / "store"))

@@ -172,7 +172,9 @@ def _material_commands(add: _Add) -> None:
 
     command = add("export", "export", "Write a shell material for other programs: HYLC JSON or C source.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
-    command.add_argument("--format", choices=("hylc", "c"), required=True, help="published layout, or one C file")
+    command.add_argument(
+        "--format", choices=("hylc", "c"), required=True, help="published layout, or one C file"
+    )
     command.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write, .json or .c")
 
     command = add("evaluate", "materials", "Energy density and stress of a shell material at a strain.")
