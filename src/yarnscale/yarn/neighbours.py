@@ -89,22 +89,28 @@ class PairSearch:
 
 
 @numba.njit(**_JIT)
-def segment_gap(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz):
-    """Squared distance of the segments a–b and c–d."""
+def closest_points(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz):
+    """Places s, t in [0, 1] on the segments a–b and c–d that are closest, and their squared distance."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     vx, vy, vz = dx - cx, dy - cy, dz - cz
     wx, wy, wz = ax - cx, ay - cy, az - cz
     uu, vv, uv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
     uw, vw = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
     skew = uu * vv - uv * uv
-    s = min(max((uv * vw - uw * vv) / skew, 0.0), 1.0) if skew > 1e-12 * uu * vv else 0.0
+    s = min(max((uv * vw - uw * vv) / skew, 0.0), 1.0) if skew > 1e-12 * uu * vv else 0.5
     t = (uv * s + vw) / vv
     if t < 0.0:
         t, s = 0.0, min(max(-uw / uu, 0.0), 1.0)
     elif t > 1.0:
         t, s = 1.0, min(max((uv - uw) / uu, 0.0), 1.0)
     x, y, z = wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz
-    return x * x + y * y + z * z
+    return s, t, x * x + y * y + z * z
+
+
+@numba.njit(**_JIT)
+def segment_gap(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz):
+    """Squared distance of the segments a–b and c–d."""
+    return closest_points(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz)[2]
 
 
 @numba.njit(**_JIT)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.neighbours import Images, PairSearch, safe_fraction
+from yarnscale.yarn.neighbours import Images, PairSearch, closest_points, safe_fraction
 
 Array = NDArray[np.float64]
 _JIT = {"cache": True, "error_model": "numpy"}
@@ -166,31 +166,12 @@ def _forces(x, end, tile, rest, copies, ends, first, second, n, diameter, force)
         a, g = first[m], second[m]
         b, h = ends[a] % n, g % n
         k = ends[g] % n
-        uu = vv = uv = uw = vw = 0.0
-        for c in range(3):
-            u, w = copies[ends[a], c] - copies[a, c], copies[a, c] - copies[g, c]
-            e = copies[ends[g], c] - copies[g, c]
-            uu += u * u
-            vv += e * e
-            uv += u * e
-            uw += u * w
-            vw += e * w
-        skew = uu * vv - uv * uv
-        s = min(max((uv * vw - uw * vv) / skew, 0.0), 1.0) if skew > 1e-12 * uu * vv else 0.5
-        t = (uv * s + vw) / vv
-        if t < 0.0:
-            t, s = 0.0, min(max(-uw / uu, 0.0), 1.0)
-        elif t > 1.0:
-            t, s = 1.0, min(max((uv - uw) / uu, 0.0), 1.0)
-        gap = 0.0
-        for c in range(3):
-            d = (1.0 - s) * copies[a, c] + s * copies[ends[a], c]
-            d -= (1.0 - t) * copies[g, c] + t * copies[ends[g], c]
-            gap += d * d
+        p, q, o, w = copies[a], copies[ends[a]], copies[g], copies[ends[g]]
+        s, t, gap = closest_points(p[0], p[1], p[2], q[0], q[1], q[2], o[0], o[1], o[2], w[0], w[1], w[2])
         gap = np.sqrt(gap)
         if gap >= diameter:
             continue
-        push = REPULSION * np.sqrt(uu * vv) * (diameter / gap - 1.0) / gap
+        push = REPULSION * np.sqrt(((q - p) ** 2).sum() * ((w - o) ** 2).sum()) * (diameter / gap - 1.0) / gap
         for c in range(3):
             d = (1.0 - s) * copies[a, c] + s * copies[ends[a], c]
             d -= (1.0 - t) * copies[g, c] + t * copies[ends[g], c]
