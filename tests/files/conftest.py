@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
 from yarnscale.shell.spline_material import PLANES, SplineMaterial
 from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
 
@@ -30,6 +32,19 @@ def material() -> SplineMaterial:
         data[3] /= REACH[i] * REACH[j]
         planes[i, j] = BicubicSpline(u, v, *data)
     return SplineMaterial(0.2, tuple(axes), planes, density=0.3)
+
+
+@pytest.fixture
+def inside_material(material) -> SplineMaterial:
+    """The same with terms of all three in-plane strains."""
+    rng = np.random.default_rng(8)
+    knots = tuple(np.linspace(-0.8, 0.9, n) * reach for n, reach in zip((4, 3, 5), REACH, strict=False))
+    nodal = 0.1 * rng.normal(size=(SOLIDS, 2, 2, 2, *(len(k) for k in knots)))
+    shapes = []
+    for reach in REACH[3:]:
+        places = np.array([-1.3, -0.6, 0.2, 1.0]) * reach
+        shapes.append([CubicSpline(places, rng.normal(size=4), rng.normal(size=4) / reach) for _ in range(SHAPES)])
+    return replace(material, inside=InsideTerms(knots, nodal, *shapes))
 
 
 @pytest.fixture

@@ -49,7 +49,9 @@ def check(function, ours: SplineMaterial, strains: np.ndarray) -> None:
         assert np.max(np.abs(ours_now - expected) / size) < 1e-12
 
 
-def test_the_compiled_source_agrees(tmp_path, material, states):
+@pytest.mark.parametrize("kind", ["material", "inside_material"])
+def test_the_compiled_source_agrees(tmp_path, request, states, kind):
+    material = request.getfixturevalue(kind)
     function = compiled(tmp_path, material)
     strains = states(1.4, 300)
     strains[100:200, 3:] *= 0.1

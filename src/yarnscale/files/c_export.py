@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 _KNOTS = ("x", "a", "y", "bend_x", "bend_y")
 _IN_PLANE = (("plane_xa", 0, 1), ("plane_xy", 0, 2), ("plane_ay", 1, 2))
+_INSIDE = ("x", "a", "y")
 _FAMILIES = (("bend_xx", "bend_ax", "bend_yx"), ("bend_xy", "bend_ay", "bend_yy"))
 
 
@@ -41,7 +42,14 @@ def write_c_source(path: str | Path, material: SplineMaterial) -> None:
 def c_source(material: SplineMaterial) -> str:
     """One C file with the function ``yarnscale_energy`` and a comment that says how to use it."""
     packed = material.packed
-    parts = [_header(material), "#include <math.h>\n", _tables(packed), _SEARCH, _element(), _gather(packed)]
+    parts = [
+        _header(material),
+        "#include <math.h>\n",
+        _tables(packed),
+        _SEARCH,
+        _element(material.parameter_count),
+    ]
+    parts.append(_gather(packed, material.parameter_count))
     return "\n".join(parts)
 
 
@@ -88,6 +96,10 @@ def _tables(packed: PackedSplines) -> str:
     knots = [_array(f"knots_{name}", getattr(packed, f"origins_{name}")[1:]) for name in _KNOTS]
     origins = [_array(f"origins_{name}", getattr(packed, f"origins_{name}")) for name in _KNOTS]
     names = [name for name, _, _ in _IN_PLANE] + [name for family in _FAMILIES for name in family]
+    if packed.has_inside:
+        own = [f"inside_origins_{name}" for name in _INSIDE]
+        knots += [_array(name.replace("origins", "knots"), getattr(packed, name)[1:]) for name in own]
+        names += [*own, "solids", "shapes_x", "shapes_y"]
     return "\n".join(knots + origins + [_array(name, getattr(packed, name)) for name in names])
 
 
@@ -107,8 +119,8 @@ static void copy_patch(const double *patch, double *out) {
 }
 
 /* Patch p less patch q, about the left knot of p, `offset` after that of q; `far` unless they are neighbours. */
-static void difference(const double *p, const double *q, double offset, int far, double *out) {
-  for (int k = 0; k < 16; k += 4) {
+static void difference(const double *p, const double *q, int size, double offset, int far, double *out) {
+  for (int k = 0; k < size; k += 4) {
     const double q1 = q[k + 1], q2 = q[k + 2], q3 = q[k + 3];
     out[k] = far ? p[k] - (q[k] + offset * (q1 + offset * (q2 + offset * q3))) : 0.0;
     out[k + 1] = far ? p[k + 1] - (q1 + offset * (2.0 * q2 + 3.0 * offset * q3)) : 0.0;
@@ -120,9 +132,9 @@ static void difference(const double *p, const double *q, double offset, int far,
 
 
 @cache
-def _element() -> str:
+def _element(parameter_count: int) -> str:
     """The C function of energy, gradient and Hessian of one element from its strain and patches."""
-    strain, parameters = ca.SX.sym("strain", 6), ca.SX.sym("p", PARAMETER_COUNT)
+    strain, parameters = ca.SX.sym("strain", 6), ca.SX.sym("p", parameter_count)
     energy = energy_of_strains(strain, parameters)
     hessian, gradient = ca.hessian(energy, strain)
     outputs = [energy, ca.densify(gradient), ca.densify(hessian)]
@@ -144,11 +156,11 @@ def _element() -> str:
     )
 
 
-def _gather(packed: PackedSplines) -> str:
+def _gather(packed: PackedSplines, parameter_count: int) -> str:
     counts = {name: len(getattr(packed, f"origins_{name}")) - 1 for name in _KNOTS}
     lines = [
         "int yarnscale_energy(const double strain[6], double *energy, double gradient[6], double hessian[36]) {",
-        f"  double p[{PARAMETER_COUNT}], value[1], first[6], second[36];",
+        f"  double p[{parameter_count}], value[1], first[6], second[36];",
         "  if (!(strain[0] > -1.0 && strain[2] > -1.0 && fabs(strain[1]) < 1.0)) return 1;",
         "  for (int k = 3; k < 6; ++k) if (!isfinite(strain[k])) return 1;",
         "  if (!isfinite(strain[0]) || !isfinite(strain[2])) return 1;",
@@ -179,6 +191,8 @@ def _gather(packed: PackedSplines) -> str:
         )
     for row, axis, family in ((56, "bend_x", _FAMILIES[0]), (152, "bend_y", _FAMILIES[1])):
         lines += _family_lines(row, axis, family, counts[axis] + 1)
+    if packed.has_inside:
+        lines += _inside_lines(packed)
     lines += [
         "  element(strain, p, value, first, second);",
         "  if (energy) *energy = value[0];",
@@ -188,6 +202,35 @@ def _gather(packed: PackedSplines) -> str:
         "}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _inside_lines(packed: PackedSplines) -> list[str]:
+    """Copy the patches of the splines of three strains, and the pieces of their shapes."""
+    counts = [len(getattr(packed, f"inside_origins_{name}")) - 1 for name in _INSIDE]
+    size, shapes, row = packed.solids.shape[-1], packed.shapes_x.shape[-1], PARAMETER_COUNT
+    lines = [
+        f"  const int t{k} = interval(inside_knots_{name}, {count}, strain[{k}]);"
+        for k, (name, count) in enumerate(zip(_INSIDE, counts, strict=True))
+    ]
+    lines += [f"  p[{row + k}] = inside_origins_{name}[t{k}];" for k, name in enumerate(_INSIDE)]
+    place = f"(t0 * {counts[1] + 1} + t1) * {counts[2] + 1} + t2"
+    lines.append(f"  for (int k = 0; k < {size}; ++k) p[{row + 3} + k] = solids[{size} * ({place}) + k];")
+    row += 3 + size
+    for name in ("x", "y"):
+        axis = f"bend_{name}"
+        lines.append(
+            f"  for (int k = 0; k < {shapes}; ++k) {{\n"
+            f"    p[{row} + k] = shapes_{name}[{shapes} * lower_{axis} + k];\n"
+            f"    p[{row + shapes} + k] = 0.0;\n"
+            "  }\n"
+            f"  if (upper_{axis} != lower_{axis})\n"
+            f"    difference(shapes_{name} + {shapes} * upper_{axis},\n"
+            f"               shapes_{name} + {shapes} * lower_{axis}, {shapes},\n"
+            f"               origins_{axis}[upper_{axis}] - origins_{axis}[lower_{axis}],\n"
+            f"               upper_{axis} > lower_{axis} + 1, p + {row + shapes});"
+        )
+        row += 2 * shapes
+    return lines
 
 
 def _family_lines(row: int, axis: str, family: tuple[str, str, str], columns: int) -> list[str]:
@@ -207,6 +250,6 @@ def _family_lines(row: int, axis: str, family: tuple[str, str, str], columns: in
     for j, name in enumerate(family):
         base = f"{name} + 16 * (s{j} * {columns} + "
         lines.append(
-            f"      difference({base}upper_{axis}), {base}lower_{axis}), offset, far, p + {row + 48 + 16 * j});"
+            f"      difference({base}upper_{axis}), {base}lower_{axis}), 16, offset, far, p + {row + 48 + 16 * j});"
         )
     return ["  {", *lines, "    }", "  }"]

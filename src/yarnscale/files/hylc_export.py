@@ -32,6 +32,8 @@ def write_hylc_json(path: str | Path, material: SplineMaterial) -> None:
 def lost_in_hylc(material: SplineMaterial) -> list[str]:
     """What a HYLC JSON file of this material does not say, a phrase each."""
     lost = ["the sampled range and the provenance"]
+    if material.inside is not None:
+        lost.append("what three in-plane strains do together (the sum over pairs is kept)")
     growing = [AXES[k] for k, f in enumerate(material.axes) if f.tail is Tail.GROWING]
     if growing:
         lost.append(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.hylc_json import hylc_material, is_hylc
+from yarnscale.files.inside_json import inside_content, read_inside
 from yarnscale.files.json_fields import Fields, read_json
 from yarnscale.shell.material import ShellMaterial
 from yarnscale.shell.orthotropic import CONSTANTS, OrthotropicMaterial
@@ -115,6 +116,7 @@ def _spline_content(material: SplineMaterial) -> dict[str, object]:
         }
         for axis, f in enumerate(material.axes)
     ]
+    inside = {} if material.inside is None else {"inside": inside_content(material.inside)}
     planes = [
         {
             "strains": [AXES[i], AXES[j]],
@@ -132,7 +134,7 @@ def _spline_content(material: SplineMaterial) -> dict[str, object]:
         "density": material.density,
         "range": {name: box.tolist() for name, box in zip(AXES, material.range, strict=True)},
         "provenance": dict(material.provenance),
-        "terms": {"constant": material.constant, "axes": axes, "planes": planes},
+        "terms": {"constant": material.constant, "axes": axes, "planes": planes, **inside},
     }
 
 
@@ -150,6 +152,7 @@ def _read_spline(fields: Fields) -> SplineMaterial:
             density=fields.number("density", positive=True),
             range=limits,
             provenance=fields.fields("provenance").content,
+            inside=read_inside(terms.fields("inside")) if "inside" in terms.content else None,
         ),
     )
 

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.homogenize.axis_fit import AxisTerm, fit_axis
+from yarnscale.homogenize.inside_fit import InsideFit
 from yarnscale.homogenize.observations import SHEAR, FitOptions, Observations, observations, side_energies
 from yarnscale.homogenize.plane_fit import PlaneFit
 from yarnscale.shell.material import ShellMaterial
@@ -65,7 +66,8 @@ def fit_spline_material(
     constant = float(np.average(data.energies[data.resting], weights=data.weights[data.resting]))
     sides = side_energies(data, constant)
     axes = [fit_axis(data, axis, constant, sides, options) for axis in range(5)]
-    planes = PlaneFit(data, axes, constant, sides, options)
+    full = options.in_plane == "full" and bool(np.any(data.off_planes))
+    planes = (InsideFit if full else PlaneFit)(data, axes, constant, sides, options)
     planes.solve()
 
     def material(record: Mapping[str, object]) -> SplineMaterial:
@@ -76,6 +78,7 @@ def fit_spline_material(
             density=density,
             range=_sampled_box(data, options),
             provenance={**(provenance or {}), "fit": dict(record)},
+            inside=planes.inside() if isinstance(planes, InsideFit) else None,
         )
 
     record: dict[str, object] = {"states": len(data.energies), "options": asdict(options)}
@@ -99,6 +102,8 @@ def _search_box(planes: PlaneFit, axes: list[AxisTerm]) -> Array:
         reaches = [term.spline.knots] if term.sampled else []
         for pair, bases in planes.bases.items():
             reaches += [basis.breaks for k, basis in zip(pair, bases, strict=True) if k == axis]
+        if isinstance(planes, InsideFit):
+            reaches += [planes.lines[axis].breaks] if axis < 3 else [shape.knots for shape in planes.shapes[axis - 3]]
         if reaches:
             low, high = _SHEAR_LIMITS if axis == SHEAR else _STRETCH_LIMITS if axis < 3 else (-np.inf, np.inf)
             box[axis] = max(min(r[0] for r in reaches), low), min(max(r[-1] for r in reaches), high)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from yarnscale.shell.spline_material import AXES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+InPlane = Literal["pairwise", "full"]
 
 SHEAR = 1
 """Index of s_a."""
@@ -32,6 +34,8 @@ class FitOptions:
     reach: distance, as a fraction of the range, over which an error in stress counts as one in energy.
     symmetric_shear: make the energy even in s_a. quasi_convex: of the one-dimensional terms.
     floor: lift states that lie below all samples. grading: concentration of bending knots around zero.
+    in_plane: "pairwise" as HYLC20, or "full" with terms of all three in-plane strains, for which states inside the
+    range must be sampled. inside_knots: most knots an axis has in those.
     """
 
     axis_knots: int = 25
@@ -44,6 +48,8 @@ class FitOptions:
     quasi_convex: bool = True
     floor: bool = True
     grading: float = 2.0
+    in_plane: InPlane = "pairwise"
+    inside_knots: int = 7
 
 
 @dataclass(frozen=True)

@@ -63,12 +63,12 @@ class PlaneFit:
         terms = [axis.spline(x) for axis, x in zip(self.axes, strains.T, strict=True)]
         return self.constant + np.sum(terms, axis=0)
 
-    def _basis(self, axis: int, inside: Mask) -> LineBasis:
+    def _basis(self, axis: int, inside: Mask, limit: int | None = None) -> LineBasis:
         options = self.options
         even = axis == SHEAR and options.symmetric_shear
         knots = knots_for(
             self.data.strains[inside, axis],
-            limit=options.plane_knots,
+            limit=limit or options.plane_knots,
             even=even,
             grading=options.grading if axis > 2 else 0.0,
             slopes=bool(np.any(np.isfinite(self.data.stresses[inside, axis]))),

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.numerics.kernel import LANES
+from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
 from yarnscale.shell.material import MaterialKernels, ShellMaterial, compile_material
 from yarnscale.shell.tables import (
     BicubicSpline,
@@ -51,6 +52,12 @@ PLANES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3), (0, 4), (1, 4), (2, 4)
 # and three of d.
 _ORIGIN_S, _ORIGIN_X, _ORIGIN_Y, _GUARD, _PLANE, _FAMILY_X, _FAMILY_Y = 0, 3, 5, 7, 8, 56, 152
 PARAMETER_COUNT = 248
+# More rows where three in-plane strains act together: origins, coefficients of the splines of three strains, and
+# for each family the coefficients of its shapes in q and in d.
+_ORIGIN_INSIDE, _SOLIDS = 248, 251
+_SHAPES_X = _SOLIDS + 64 * SOLIDS
+_SHAPES_Y = _SHAPES_X + 8 * SHAPES
+INSIDE_PARAMETER_COUNT = _SHAPES_Y + 8 * SHAPES
 
 # Below this fraction of the knots' span, eigenvalues count as equal (the difference to the exact function is
 # of second order in it, and zero away from knots).
@@ -65,7 +72,8 @@ class SplineMaterial(ShellMaterial):
     s_y [-], lambda_x, lambda_y [1/m]. planes: f_ij by pair of axes, of which ``PLANES`` are possible; missing
     ones are zero. density: mass per area [kg/m²]. range: sampled box, (5, 2) lowest and highest of each axis
     (default: ends of the knots of the one-dimensional terms). provenance: where it comes from, as plain JSON
-    values. Raises InputError on a wrong number of terms, unknown planes or values that are not finite.
+    values. inside: terms of all three in-plane strains, if any. Raises InputError on a wrong number of terms,
+    unknown planes or values that are not finite.
     """
 
     constant: float
@@ -74,6 +82,7 @@ class SplineMaterial(ShellMaterial):
     density: float
     range: Array = None  # type: ignore[assignment]
     provenance: Mapping[str, object] = field(default_factory=dict)
+    inside: InsideTerms | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", tuple(self.axes))
@@ -96,13 +105,13 @@ class SplineMaterial(ShellMaterial):
 
     @property
     def parameter_count(self) -> int:
-        return PARAMETER_COUNT
+        return PARAMETER_COUNT if self.inside is None else INSIDE_PARAMETER_COUNT
 
     def gather(self, forms: Array, count: int, parameters: Array) -> None:
         _gather(self.packed, forms, count, parameters)
 
     def kernels(self) -> MaterialKernels:
-        return _kernels()
+        return _kernels() if self.inside is None else _inside_kernels()
 
     @cached_property
     def packed(self) -> PackedSplines:
@@ -115,6 +124,8 @@ class PackedSplines(NamedTuple):
     intervals.
 
     Two-dimensional tables have shape (intervals, intervals, 16); one-dimensional terms are folded into them.
+    Where there are terms of three strains, they have knots of their own, solids (intervals, intervals, intervals,
+    SOLIDS · 64), and shapes (intervals, SHAPES · 4) on the shared bending knots.
     """
 
     knots_x: Array
@@ -136,12 +147,23 @@ class PackedSplines(NamedTuple):
     bend_xy: Array
     bend_ay: Array
     bend_yy: Array
+    has_inside: bool
+    inside_knots_x: Array
+    inside_knots_a: Array
+    inside_knots_y: Array
+    inside_origins_x: Array
+    inside_origins_a: Array
+    inside_origins_y: Array
+    solids: Array
+    shapes_x: Array
+    shapes_y: Array
 
 
 def _pack(material: SplineMaterial) -> PackedSplines:
-    knots = []
+    knots, inside = [], material.inside
+    shapes = ((), (), (), inside.shapes_x, inside.shapes_y) if inside is not None else ((),) * 5
     for axis in range(5):
-        found = [material.axes[axis].knots]
+        found = [material.axes[axis].knots, *(shape.knots for shape in shapes[axis])]
         found += [term.knots_u for (u, _), term in material.planes.items() if u == axis]
         found += [term.knots_v for (_, v), term in material.planes.items() if v == axis]
         knots.append(union_knots(*found))
@@ -158,7 +180,18 @@ def _pack(material: SplineMaterial) -> PackedSplines:
         elif (u, v) in ((0, 2), (0, 3), (0, 4)):
             table[..., 0, :] += single[v][None]
         tables.append(np.ascontiguousarray(table.reshape(*shape[:2], 16)))
-    return PackedSplines(*(padded_knots(k) for k in knots), *(origins(k) for k in knots), *tables)
+    own, solids = (np.zeros(1),) * 3, np.zeros((1, 1, 1, 64 * SOLIDS))
+    bending = [np.zeros((1, 4 * SHAPES))] * 2
+    if inside is not None:
+        own, solids = inside.knots, inside.table.reshape(*inside.table.shape[:3], -1)
+        bending = [
+            np.ascontiguousarray(np.concatenate([shape.refined_table(knots[k]) for shape in shapes[k]], axis=1))
+            for k in (3, 4)
+        ]
+    return PackedSplines(
+        *(padded_knots(k) for k in knots), *(origins(k) for k in knots), *tables, inside is not None,
+        *(padded_knots(k) for k in own), *(origins(k) for k in own), solids, *bending,
+    )  # fmt: skip
 
 
 def spline_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
@@ -169,23 +202,37 @@ def spline_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
 
 
 def energy_of_strains(strains: ca.SX, parameters: ca.SX) -> ca.SX:
-    """ψ [J/m²] of the six strains with the polynomial patches of one element as parameters."""
+    """ψ [J/m²] of the six strains with the polynomial patches of one element as parameters.
+
+    Parameters beyond ``PARAMETER_COUNT`` are those of the terms of three in-plane strains.
+    """
     u = [strain - parameters[_ORIGIN_S + k] for k, strain in enumerate(ca.vertsplit(strains[:3]))]
     energy = ca.SX(0)
     for k, (i, j) in enumerate(PLANES[:3]):
         patch = _by_first(parameters[_PLANE + 16 * k : _PLANE + 16 * (k + 1)], u[i])
         energy += _horner(patch, u[j])
+    products = [[], []]
+    if parameters.numel() > PARAMETER_COUNT:
+        u3 = [strains[k] - parameters[_ORIGIN_INSIDE + k] for k in range(3)]
+        solids = [_solid(parameters[_SOLIDS + 64 * k : _SOLIDS + 64 * (k + 1)], u3) for k in range(SOLIDS)]
+        energy += solids[0]
+        for family in range(2):
+            products[family] = solids[1 + family * SHAPES : 1 + (family + 1) * SHAPES]
     b11, b12, b22 = strains[3], strains[4], strains[5]
     half = 0.5 * (b11 - b22)
     radius = ca.sqrt(half * half + b12 * b12 + parameters[_GUARD])
     largest = 0.5 * (b11 + b22) + radius
     share = 0.5 * (1 + half / radius)  # c², entry 11 of the projector onto the first eigenvector
-    for family, origin, diagonal, part in (
-        (_FAMILY_X, _ORIGIN_X, (b11, b12, b22), share),
-        (_FAMILY_Y, _ORIGIN_Y, (b22, b12, b11), 1 - share),
+    for family, origin, shapes, factors, diagonal, part in (
+        (_FAMILY_X, _ORIGIN_X, _SHAPES_X, products[0], (b11, b12, b22), share),
+        (_FAMILY_Y, _ORIGIN_Y, _SHAPES_Y, products[1], (b22, b12, b11), 1 - share),
     ):
         base = _family(parameters[family : family + 48], u)
         difference = _family(parameters[family + 48 : family + 96], u)
+        for m, factor in enumerate(factors):
+            for b in range(4):
+                base[b] += factor * parameters[shapes + 4 * m + b]
+                difference[b] += factor * parameters[shapes + 4 * (SHAPES + m) + b]
         energy += _first_entry(base, diagonal, parameters[origin])
         energy += part * _horner(difference, largest - parameters[origin + 1])
     return energy
@@ -195,6 +242,12 @@ def _family(patches: ca.SX, u: list[ca.SX]) -> list[ca.SX]:
     """Coefficients by power of λ of a bending family at in-plane strains u (about their origins)."""
     rows = [_by_first(patches[16 * j : 16 * (j + 1)], u[j]) for j in range(3)]
     return [rows[0][b] + rows[1][b] + rows[2][b] for b in range(4)]
+
+
+def _solid(coefficients: ca.SX, u: list[ca.SX]) -> ca.SX:
+    """Value of a tricubic patch (64, powers of the last strain fastest)."""
+    rows = [_horner([coefficients[4 * k + c] for c in range(4)], u[2]) for k in range(16)]
+    return _horner([_horner(rows[4 * a : 4 * a + 4], u[1]) for a in range(4)], u[0])
 
 
 def _by_first(patch: ca.SX, u: ca.SX) -> list[ca.SX]:
@@ -218,9 +271,14 @@ def _kernels() -> MaterialKernels:
     return compile_material(spline_energy, PARAMETER_COUNT, "spline_material")
 
 
+@cache
+def _inside_kernels() -> MaterialKernels:
+    return compile_material(spline_energy, INSIDE_PARAMETER_COUNT, "inside_material")
+
+
 @numba.njit(cache=True, fastmath={"contract"}, error_model="numpy")
 def gather_parameters(packed, forms, count, parameters):
-    """Fill parameters (248, stride) for ``count`` columns of forms (6, stride); callable inside ``@njit``.
+    """Fill parameters (P, stride) for ``count`` columns of forms (6, stride); callable inside ``@njit``.
 
     Works on LANES elements at a time so that every row of ``parameters`` is written by whole cache lines.
     """
@@ -256,6 +314,54 @@ def gather_parameters(packed, forms, count, parameters):
         _copy_family(family, place, 3, packed.origins_bend_x, parameters, _FAMILY_X, start)
         family = (packed.bend_xy, packed.bend_ay, packed.bend_yy)
         _copy_family(family, place, 5, packed.origins_bend_y, parameters, _FAMILY_Y, start)
+        if packed.has_inside:
+            _copy_inside(packed, forms, place, parameters, start)
+
+
+@numba.njit(cache=True)
+def _copy_inside(packed, forms, place, parameters, start):
+    """Origins, patches and shapes of the terms of three strains."""
+    for lane in range(LANES):
+        n = start + lane
+        root_x, root_y = np.sqrt(forms[0, n]), np.sqrt(forms[2, n])
+        i = find_interval(packed.inside_knots_x, root_x - 1.0)
+        j = find_interval(packed.inside_knots_a, forms[1, n] / (root_x * root_y))
+        k = find_interval(packed.inside_knots_y, root_y - 1.0)
+        parameters[_ORIGIN_INSIDE, n] = packed.inside_origins_x[i]
+        parameters[_ORIGIN_INSIDE + 1, n] = packed.inside_origins_a[j]
+        parameters[_ORIGIN_INSIDE + 2, n] = packed.inside_origins_y[k]
+        patch = packed.solids[i, j, k]
+        for c in range(64 * SOLIDS):
+            parameters[_SOLIDS + c, n] = patch[c]
+    _copy_shapes(packed.shapes_x, place, 3, packed.origins_bend_x, parameters, _SHAPES_X, start)
+    _copy_shapes(packed.shapes_y, place, 5, packed.origins_bend_y, parameters, _SHAPES_Y, start)
+
+
+@numba.njit(cache=True)
+def _copy_shapes(table, place, axis, origin, parameters, row, start):
+    for lane in range(LANES):
+        upper, lower, n = place[axis, lane], place[axis + 1, lane], start + lane
+        for c in range(4 * SHAPES):
+            parameters[row + c, n] = table[lower, c]
+            parameters[row + 4 * SHAPES + c, n] = 0.0
+        if upper != lower:
+            offset = origin[upper] - origin[lower]
+            far = upper > lower + 1
+            for c in range(0, 4 * SHAPES, 4):
+                p, q = table[upper, c : c + 4], table[lower, c : c + 4]
+                _difference(p, q, offset, far, parameters, row + 4 * SHAPES + c, n)
+
+
+@numba.njit(cache=True, inline="always")
+def _difference(p, q, offset, far, parameters, row, n):
+    """Cubic p less cubic q, about the left knot of p; values and slopes agree at a shared knot unless ``far``."""
+    parameters[row, n] = 0.0
+    parameters[row + 1, n] = 0.0
+    if far:
+        parameters[row, n] = p[0] - (q[0] + offset * (q[1] + offset * (q[2] + offset * q[3])))
+        parameters[row + 1, n] = p[1] - (q[1] + offset * (2.0 * q[2] + 3.0 * offset * q[3]))
+    parameters[row + 2, n] = p[2] - (q[2] + 3.0 * offset * q[3])
+    parameters[row + 3, n] = p[3] - q[3]
 
 
 @numba.njit(cache=True, inline="always")
@@ -301,6 +407,7 @@ def _copy_differences(table, first, upper, lower, origin, parameters, row, start
 
 
 def _gather(packed: PackedSplines, forms: Array, count: int, parameters: Array) -> None:
-    if count % LANES or count > forms.shape[1] or parameters.shape != (PARAMETER_COUNT, forms.shape[1]):
+    size = INSIDE_PARAMETER_COUNT if packed.has_inside else PARAMETER_COUNT
+    if count % LANES or count > forms.shape[1] or parameters.shape != (size, forms.shape[1]):
         raise ValueError(f"gather: count {count}, forms {forms.shape}, parameters {parameters.shape}")
     gather_parameters(packed, forms, count, parameters)
