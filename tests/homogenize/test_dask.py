@@ -1,0 +1,118 @@
+"""Sampling on a Dask cluster: a scheduler and two workers on this machine, one of them killed in mid-run."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import yarnscale
+from yarnscale.cell import PeriodicCell
+from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.sample import create_store, sample
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.yarn import library
+from yarnscale.yarn.material import PRESETS
+
+distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+pytestmark = pytest.mark.slow
+
+GRID = StrainGrid(s_x=(-0.05, 0.0, 0.05, 0.1, 0.2), s_a=(-0.1, 0.1), s_y=(-0.05, 0.0, 0.1, 0.2))
+STATES = 40
+ENVIRONMENT = os.environ | {
+    "OPENBLAS_NUM_THREADS": "1",
+    "PYTHONPATH": str(Path(yarnscale.__file__).parents[1]),
+}
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[tuple[str, list[int]]]:
+    """Address of a scheduler and the processes of its two workers; the nannies start no others in time."""
+    os.environ["PYTHONPATH"], before = ENVIRONMENT["PYTHONPATH"], os.environ.get("PYTHONPATH")
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        scheduler_port=0,
+        dashboard_address=None,
+        silence_logs="CRITICAL",
+    ) as started:
+        with distributed.Client(started.scheduler_address) as client:
+            processes = sorted(client.run(os.getpid).values())
+        yield started.scheduler_address, processes
+    if before is None:
+        del os.environ["PYTHONPATH"]
+    else:
+        os.environ["PYTHONPATH"] = before
+
+
+@pytest.fixture(scope="module")
+def cell() -> PeriodicCell:
+    return PeriodicCell(library.build("plain"), PRESETS["hylc2020-stockinette"])
+
+
+def write_grid(path: Path) -> Path:
+    path.write_text("\n".join(f"{name} = {values.tolist()}" for name, values in GRID.axes.items()))
+    return path
+
+
+def test_a_killed_worker_loses_nothing(
+    cluster: tuple[str, list[int]], cell: PeriodicCell, tmp_path: Path
+) -> None:
+    address, processes = cluster
+    quiet = create_store(tmp_path / "quiet", cell, GRID.axes, scattered=False)
+    summary = sample(cell, quiet, dask=address)
+    assert (summary.states, summary.converged) == (STATES, STATES)
+    assert 50 < summary.peak_worker_megabytes < 300
+    store = create_store(tmp_path / "store", cell, GRID.axes, scattered=False)
+    kept: dict[int, bytes] = {}
+
+    def disturb(progress) -> None:
+        if progress.done >= 5 and not kept:
+            done = np.flatnonzero(store.status())
+            kept.update({int(i): store.read(int(i), "fluctuation").tobytes() for i in done})
+            os.kill(processes[0], signal.SIGKILL)
+
+    assert sample(cell, store, dask=address, progress=disturb).converged == STATES
+    assert len(kept) >= 5
+    assert {index: store.read(index, "fluctuation").tobytes() for index in kept} == kept
+    for index in range(STATES):
+        assert abs(store.read(index, "energy_density") - quiet.read(index, "energy_density")) < 1e-9
+
+
+def test_the_command_samples_on_a_cluster(cluster: tuple[str, list[int]], tmp_path: Path) -> None:
+    grid = write_grid(tmp_path / "grid.toml")
+    run = subprocess.run(
+        [sys.executable, "-m", "yarnscale", "sample", "plain", "--grid", grid, "--out", tmp_path / "store",
+         "--dask", cluster[0], "--json"],
+        capture_output=True, text=True, check=False, timeout=120, env=ENVIRONMENT,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert set(found) == {"states", "converged", "seconds", "workers", "peak_worker_megabytes"}
+    assert found["workers"] == 2
+    assert (SampleStore(tmp_path / "store").status() == 1).all()
+
+
+def test_a_wrong_address_is_told_in_time_and_writes_nothing(tmp_path: Path) -> None:
+    grid = write_grid(tmp_path / "grid.toml")
+    began = time.monotonic()
+    run = subprocess.run(
+        [sys.executable, "-m", "yarnscale", "sample", "plain", "--grid", grid, "--out", tmp_path / "store",
+         "--dask", "127.0.0.1:9"],
+        capture_output=True, text=True, check=False, timeout=60, env=ENVIRONMENT,
+    )  # fmt: skip
+    assert run.returncode == 2
+    assert run.stderr.startswith("yarnscale: error: 127.0.0.1:9: no Dask scheduler; expected host:port")
+    assert run.stderr.count("\n") == 1
+    assert time.monotonic() - began < 40  # ten seconds of waiting and a slow start
+    assert [path.name for path in tmp_path.iterdir()] == ["grid.toml"]
