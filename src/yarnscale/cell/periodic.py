@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.poisson import cell_midsurface
+from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
 from yarnscale.cell.topology import crossed, jump_is_safe
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.newton import Solution, Status, minimise
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
@@ -264,30 +264,10 @@ class PeriodicCell:
     def moduli(self, state: Equilibrium) -> Array:
         """∂²Ψ/∂z² (6, 6) at an equilibrium, z = (s_x, s_a, s_y, II11, II12, II22) (theory §2).
 
-        One solve per component with one factorisation; the explicit parts E,zz and E,uz are central differences of
-        exact gradients at fixed fluctuation. Units follow ``stress``. Holds at flat, bent and doubly curved states.
+        One solve per component with one factorisation. Units follow ``stress``; holds at every equilibrium.
         """
-        energy = self.energy(state.strain)
-        x = energy.start(state.fluctuation / self.pattern.radius, state.twist)
-        _, _, model = energy.quadratic(x)
-        unit = energy.unit / self.pattern.area
-        steps = np.array([1e-5] * 3 + [1e-5 / self.pattern.radius] * 3)
-        mixed, explicit = np.empty((len(x), 6)), np.empty((6, 6))
-        for k, step in enumerate(steps):
-            sides = []
-            for sign in (1.0, -1.0):
-                vector = state.strain.vector.copy()
-                vector[k] += sign * step
-                moved = CellEnergy(
-                    self.pattern,
-                    self.material,
-                    ShellStrain.from_vector(vector),
-                    self.sliding,
-                    True,  # a step from a flat state may bend it both ways
-                )
-                sides.append((moved.gradient(x)[1], moved.stress(x)))
-            mixed[:, k] = (sides[0][0] - sides[1][0]) / (2 * step)
-            explicit[k] = (sides[0][1] - sides[1][1]) / (2 * step)
-        inverse = ConstrainedInverse(model, energy.constraints, backend=self.backend)
-        moduli = explicit - unit * mixed.T @ inverse.apply(mixed)
-        return 0.5 * (moduli + moduli.T)
+        return response(self, state).moduli
+
+    def sensitivities(self, state: Equilibrium) -> Sensitivities:
+        """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium."""
+        return sensitivities(self, state)

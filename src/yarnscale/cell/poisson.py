@@ -228,8 +228,10 @@ def cell_midsurface(pattern: YarnPattern, strain: ShellStrain) -> Midsurface | P
     if strain.is_flat:
         return Midsurface(strain, length=radius)
     place = pattern.vertices[:, :2]
-    centre = np.average(place, axis=0, weights=pattern.voronoi_length)
-    reach = 4 * radius + np.linalg.norm(pattern.edge_vectors(), axis=1).max()
+    length = np.linalg.norm(pattern.edge_vectors(), axis=1)
+    # Weights as drawn, not rest lengths, which then leave the surface alone.
+    centre = np.average(place, axis=0, weights=length + length[pattern.previous_vertex])
+    reach = 4 * radius + length.max()
     margin = np.abs(place - centre).max(axis=0) + reach - 0.5 * pattern.period
     return PoissonMidsurface(
         strain,
