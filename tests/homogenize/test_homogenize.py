@@ -26,8 +26,8 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
         raise InputError("cannot draw pictures")
 
     patch.setattr("yarnscale.cli.materials.draw_material", unavailable)
-    command = ["homogenize", "plain", "--out", str(folder), "--solves", "40", "--stretch", "-0.05,0.2", "--shear", "0.15",
-               "--curvature", "0.03", "--workers", "2"]  # fmt: skip
+    box = ["--stretch", "-0.05,0.2", "--shear", "0.15", "--curvature", "0.03"]
+    command = ["homogenize", "plain", "--out", str(folder), "--solves", "40", *box, "--workers", "2"]
     assert main(command) == 2
     assert read_material(folder / "material.json").density > 0
     assert SampleStore(folder / "samples").status().all()
