@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -49,6 +50,17 @@ def _positive_integer(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError(f"expected a positive whole number; found {text!r}")
     return value
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", text.strip())
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected numbers of tiles such as 2x1; found {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def _sizes(text: str) -> list[tuple[int, int]]:
+    return [_size(part) for part in text.split(",")]
 
 
 def _number(text: str) -> float:
@@ -111,6 +123,35 @@ def _yarn_commands(add: _Add) -> None:
     command.add_argument(
         "--picture", type=Path, metavar="FILE.png", help="draw the relaxed cell with its copies"
     )
+    command.add_argument(
+        "--size", type=_size, default=(1, 1), metavar="NxM", help="relax N by M tiles as one cell (1x1)"
+    )
+    command.add_argument(
+        "--starts", type=_positive_integer, default=1, metavar="N",
+        help="starts, all but one perturbed; the lowest energy counts (1)",
+    )  # fmt: skip
+    command.add_argument(
+        "--free-sliding", action="store_true", help="let yarns slide along themselves as a whole"
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+
+    command = add(
+        "study", "study", "Compare cells of several sizes under one strain: energy, buckling, cost."
+    )
+    command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
+    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument(
+        "--strain", type=numbers(5, "sx,sa,sy,lx,ly"), default=(0.0,) * 5, metavar="sx,sa,sy,lx,ly",
+        help="stretch along x, shear, stretch along y [-], curvature along x, along y [1/m]",
+    )  # fmt: skip
+    command.add_argument(
+        "--sizes", type=_sizes, default=[(1, 1), (2, 1), (1, 2), (2, 2)], metavar="1x1,2x1,2x2",
+        help="numbers of tiles along x and y (1x1,2x1,1x2,2x2)",
+    )  # fmt: skip
+    command.add_argument(
+        "--starts", type=_positive_integer, default=3, metavar="N",
+        help="starts of each size, all but one perturbed; the lowest energy counts (3)",
+    )  # fmt: skip
     command.add_argument(
         "--free-sliding", action="store_true", help="let yarns slide along themselves as a whole"
     )

@@ -69,10 +69,11 @@ def relax(options: argparse.Namespace) -> int:
     """Relax a cell and report."""
     writable_file(options.out, ".npz")
     writable_file(options.picture, ".png")
-    source = read_pattern(options.pattern)
+    tile = read_pattern(options.pattern)
     sx, sa, sy, lx, ly = options.strain
     strain = ShellStrain(sx, sa, sy, lx, 0.0, ly)
-    cell = PeriodicCell(source, material_for(source, options.material), options.free_sliding)
+    material, source = material_for(tile, options.material), tile.repeated(*options.size)
+    cell = PeriodicCell(source, material, options.free_sliding, starts=options.starts)
     _warm_up(cell, strain)
     state = cell.relax(strain)
     if options.out is not None:
@@ -82,7 +83,7 @@ def relax(options: argparse.Namespace) -> int:
     if options.picture is not None:
         draw_cell(options.picture, cell, state)
     _report(state, cell, as_json=options.json)
-    return 0 if state.converged else 1
+    return 0 if state.outcome == "converged" else 1
 
 
 def _warm_up(cell: PeriodicCell, strain: ShellStrain) -> None:
@@ -97,7 +98,7 @@ def _report(state: Equilibrium, cell: PeriodicCell, *, as_json: bool) -> None:
     if as_json:
         print_json(
             {
-                "status": state.status.name.lower(),
+                "status": state.outcome,
                 "energy_density": state.energy_density,
                 "stress": state.stress,
                 "iterations": state.iterations,
@@ -111,7 +112,8 @@ def _report(state: Equilibrium, cell: PeriodicCell, *, as_json: bool) -> None:
             }
         )
         return
-    print(f"{cell.pattern.name} of {cell.material.name}: {state.status.value}")
+    ended = "crossed: yarns went through each other" if state.crossed else state.status.value
+    print(f"{cell.pattern.name} of {cell.material.name}: {ended}")
     print(f"  energy density   {state.energy_density:.6g} J/m²")
     for name, value in zip(COMPONENTS, state.stress, strict=True):
         print(f"  d/d{name:<5}         {value:.6g} {'J/m²' if name.startswith('s') else 'J/m'}")

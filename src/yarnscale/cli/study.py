@@ -1,0 +1,59 @@
+"""Command ``study``: what the size of the cell changes."""
+
+from __future__ import annotations
+
+import argparse
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.cell.supercell import SizeResult
+from yarnscale.cell.supercell import study as run_study
+from yarnscale.cli.console import print_json
+from yarnscale.cli.yarns import material_for
+from yarnscale.files.patterns import read_pattern
+from yarnscale.kinematics import ShellStrain
+
+
+def study(options: argparse.Namespace) -> int:
+    """Relax cells of several sizes and compare."""
+    pattern = read_pattern(options.pattern)
+    sx, sa, sy, lx, ly = options.strain
+    cell = PeriodicCell(pattern, material_for(pattern, options.material), options.free_sliding)
+    results = run_study(cell, ShellStrain(sx, sa, sy, lx, 0.0, ly), options.sizes, starts=options.starts)
+    if options.json:
+        print_json(
+            {
+                "pattern": pattern.name,
+                "material": cell.material.name,
+                "strain": list(options.strain),
+                "starts": options.starts,
+                "sizes": [_entry(result) for result in results],
+            }
+        )
+    else:
+        print(f"{pattern.name} of {cell.material.name}, {options.starts} starts each")
+        print(
+            f"{'size':>6} {'vertices':>9} {'energy J/m²':>13} {'below 1x1':>10} {'iterations':>11} {'seconds':>8}"
+        )
+        for result in results:
+            print(
+                f"{_name(result):>6} {result.vertices:>9} {result.energy_density:>13.6g} {result.drop:>10.2%}"
+                f" {result.iterations:>11} {result.seconds:>8.2f}"
+                + ("" if result.state.outcome == "converged" else f"  {result.state.outcome}")
+            )
+    return 0 if all(result.state.outcome == "converged" for result in results) else 1
+
+
+def _name(result: SizeResult) -> str:
+    return f"{result.size[0]}x{result.size[1]}"
+
+
+def _entry(result: SizeResult) -> dict[str, object]:
+    return {
+        "size": _name(result),
+        "vertices": result.vertices,
+        "energy_density": result.energy_density,
+        "drop": result.drop,
+        "iterations": result.iterations,
+        "seconds": result.seconds,
+        "status": result.state.outcome,
+    }
