@@ -101,6 +101,14 @@ class PeriodicCell:
         """The energy of this cell under any state, as an objective of fluctuations and twists."""
         return CellEnergy(self.pattern, self.material, strain, self.sliding, not strain.is_flat)
 
+    def warm_up(self, strain: ShellStrain | None = None) -> None:
+        """Compile or load what solves need, so that none of them pays for it."""
+        energy = self.energy(ShellStrain() if strain is None else strain)
+        start = energy.start()
+        energy.value(start)
+        energy.quadratic(start)
+        energy.stress(start)
+
     def relax(self, strain: ShellStrain | None = None, *, start: Equilibrium | None = None) -> Equilibrium:
         """The equilibrium under a macroscopic state, from rest or from a neighbouring equilibrium.
 
@@ -124,6 +132,8 @@ class PeriodicCell:
         if target.any():
             ways.append(lambda: self._stepwise(target))
         energy, solution = self._first_good(ways)
+        if self.sliding:
+            solution = self._released(energy, solution, seed)
         if self.starts > 1:
             solution = self._lowest(energy, solution)
         return self._equilibrium(energy, solution, time.perf_counter() - began)
@@ -144,6 +154,23 @@ class PeriodicCell:
                 best, rank = (energy, solution), here
         assert best is not None
         return best
+
+    def _released(
+        self, energy: CellEnergy, solution: Solution, seed: tuple[ShellStrain, Array, Array] | None
+    ) -> Solution:
+        """The lower of an equilibrium and the one that yarns slide to from where they are held.
+
+        Sliding yarns catch on each other's vertices; so the first way alone may end above the held equilibrium.
+        """
+        held = replace(self, sliding=False).relax_from(energy.strain, seed)
+        other = self._minimised(energy, energy.start(held.fluctuation / self.pattern.radius, held.twist))
+        better = other.converged and (not solution.converged or other.value < solution.value)
+        best = other if better and not crossed(energy, other.x) else solution
+        return replace(
+            best,
+            iterations=solution.iterations + held.iterations + other.iterations,
+            factorisations=solution.factorisations + held.factorisations + other.factorisations,
+        )
 
     def _stepwise(self, strain: Array) -> tuple[CellEnergy, Solution]:
         """From rest in equal steps, each from the equilibrium before."""

@@ -74,7 +74,7 @@ def relax(options: argparse.Namespace) -> int:
     strain = ShellStrain(sx, sa, sy, lx, 0.0, ly)
     material, source = material_for(tile, options.material), tile.repeated(*options.size)
     cell = PeriodicCell(source, material, options.free_sliding, starts=options.starts)
-    _warm_up(cell, strain)
+    cell.warm_up(strain)
     state = cell.relax(strain)
     if options.out is not None:
         content = io.BytesIO()
@@ -84,14 +84,6 @@ def relax(options: argparse.Namespace) -> int:
         draw_cell(options.picture, cell, state)
     _report(state, cell, as_json=options.json)
     return 0 if state.outcome == "converged" else 1
-
-
-def _warm_up(cell: PeriodicCell, strain: ShellStrain) -> None:
-    """Compile or load what a solve needs, so that its time is that of the solve alone."""
-    energy = cell.energy(strain)
-    start = energy.start()
-    energy.stress(start)
-    energy.quadratic(start)
 
 
 def _report(state: Equilibrium, cell: PeriodicCell, *, as_json: bool) -> None:

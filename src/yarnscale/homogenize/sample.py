@@ -300,6 +300,9 @@ def sample(
     run = _Run(store, cell, progress)
     for index in np.flatnonzero(bends_twice(store.states) & (run.status == 0)):
         _exclude(store, int(index))
+    if run.pending and dask is None:
+        # Once here, not at the same time in every worker, whose memory compiling would more than double.
+        cell.warm_up()
     room = workers if dask is None else 64
     while run.pending or run.running:
         with dask_workers(dask) if dask is not None else local_workers(workers) as executor:
