@@ -165,6 +165,15 @@ def _workers(command: argparse.ArgumentParser) -> None:
     command.add_argument("--resume", action="store_true", help="go on where an interrupted run stopped")
 
 
+def _in_plane(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--in-plane",
+        choices=("pairwise", "full"),
+        default="full",
+        help="terms of pairs of strains only, as HYLC20, or of all three in-plane strains together too (full)",
+    )
+
+
 def _material_commands(add: _Add) -> None:
     command = add(
         "homogenize", "materials", "From a yarn pattern to a shell material, with pictures and a page."
@@ -182,6 +191,7 @@ def _material_commands(add: _Add) -> None:
     command.add_argument(
         "--curvature", type=_number, metavar="C", help="largest curvature times yarn radius (0.1)"
     )
+    _in_plane(command)
     _workers(command)
 
     command = add("sample", "samples", "Relax a pattern under all states of a strain grid, into a store.")
@@ -210,6 +220,7 @@ def _material_commands(add: _Add) -> None:
     command.add_argument(
         "--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write"
     )
+    _in_plane(command)
 
     command = add("export", "export", "Write a shell material for other programs: HYLC JSON or C source.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")

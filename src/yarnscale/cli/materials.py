@@ -17,6 +17,7 @@ from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import read_pattern
 from yarnscale.homogenize.homogenize import Homogenization, SampledStates, strains6
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
+from yarnscale.homogenize.observations import InPlane
 from yarnscale.homogenize.plan import StrainRange
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.show.report import Picture, Section, Table, write_report
@@ -60,8 +61,9 @@ def homogenize(options: argparse.Namespace) -> int:
     if (folder / "samples").exists() and not options.resume:
         raise InputError("output exists", where=folder / "samples", expected="a new folder, or --resume")
     outcome = homogenize_into(
-        cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume
-    )
+        cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
+        in_plane=options.in_plane,
+    )  # fmt: skip
     failed = outcome.summary.states - outcome.summary.converged
     print(
         f"{folder / 'material.json'}: {outcome.summary.converged} of {outcome.summary.states} states converged"
@@ -71,12 +73,13 @@ def homogenize(options: argparse.Namespace) -> int:
 
 
 def homogenize_into(
-    cell: PeriodicCell, folder: Path, *, solves: int, box: StrainRange, workers: int, resume: bool
-) -> Homogenization:
+    cell: PeriodicCell, folder: Path, *, solves: int, box: StrainRange, workers: int, resume: bool,
+    in_plane: InPlane = "full",
+) -> Homogenization:  # fmt: skip
     """Run the job; write ``material.json``, pictures and ``index.html`` into the folder."""
     line = ProgressLine(f"sampling {cell.pattern.name}")
     outcome = run_homogenize(
-        cell, folder, solves=solves, range=box, workers=workers, resume=resume,
+        cell, folder, solves=solves, range=box, workers=workers, resume=resume, in_plane=in_plane,
         progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
     )  # fmt: skip
     write_material(folder / "material.json", outcome.material)
@@ -159,4 +162,6 @@ def material_sections(outcome: Homogenization, pictures: list[Picture]) -> list[
         f"Errors on {report.states} random states that the fit has not seen, over the largest value among them.",
     )
     text = ["A sum of one- and two-dimensional splines (HYLC20 eq. 31–32), fitted to energies and stresses."]
+    if outcome.material.inside is not None:
+        text.append("Splines of all three in-plane strains add what pairs of strains do not say.")
     return [Section("Shell material", text, [table], pictures)]

@@ -52,10 +52,11 @@ def sample(options: argparse.Namespace) -> int:
 def fit(options: argparse.Namespace) -> int:
     """Fit a material."""
     from yarnscale.files.material_json import write_material
+    from yarnscale.homogenize.fit import FitOptions
     from yarnscale.homogenize.homogenize import fit as fit_store
 
     writable_file(options.out, ".json")
-    material = fit_store(SampleStore(options.store))
+    material = fit_store(SampleStore(options.store), options=FitOptions(in_plane=options.in_plane))
     write_material(options.out, material)
     print(f"{options.out}: fitted to {options.store}")
     return 0

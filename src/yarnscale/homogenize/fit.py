@@ -66,7 +66,7 @@ def fit_spline_material(
     constant = float(np.average(data.energies[data.resting], weights=data.weights[data.resting]))
     sides = side_energies(data, constant)
     axes = [fit_axis(data, axis, constant, sides, options) for axis in range(5)]
-    full = options.in_plane == "full" and bool(np.any(data.off_planes))
+    full = options.in_plane == "full" and bool(np.any(data.inside))
     planes = (InsideFit if full else PlaneFit)(data, axes, constant, sides, options)
     planes.solve()
 

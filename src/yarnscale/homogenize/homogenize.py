@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogenize.fit import FitOptions, FitReport, fit_spline_material, validate
-from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
+from yarnscale.homogenize.observations import InPlane
+from yarnscale.homogenize.plan import (
+    StrainRange,
+    axes_and_planes,
+    axes_planes_and_inside,
+    random_states,
+    scattered_axes,
+)
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, STRAINS
@@ -56,7 +63,10 @@ class Homogenization:
 
 
 def fit(store: SampleStore, *, options: FitOptions | None = None) -> SplineMaterial:
-    """Shell material of eq. 31–32 fitted to the energies and stresses of a store's converged states."""
+    """Shell material fitted to the energies and stresses of a store's converged states.
+
+    options default to terms of all three in-plane strains, where the store has states for them.
+    """
     states = SampledStates.of(store)
     if not states.converged.any():
         raise InputError("no converged state to fit", where=store.path, expected="a finished sampling run")
@@ -67,7 +77,7 @@ def fit(store: SampleStore, *, options: FitOptions | None = None) -> SplineMater
         states.stresses,
         density=float(provenance["area_density"]),
         valid=states.converged,
-        options=options,
+        options=options or FitOptions(in_plane="full"),
         provenance=provenance,
     )
 
@@ -78,17 +88,20 @@ def homogenize(
     *,
     solves: int = 400,
     range: StrainRange | None = None,
+    in_plane: InPlane = "full",
     workers: int = 2,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> Homogenization:
-    """Sample a cell on axes and planes, fit a material, and judge it on random states that it has not seen.
+    """Sample a cell, fit a material, and judge it on random states that it has not seen.
 
-    folder: gets the stores ``samples`` and ``unseen``. resume: go on with the stores that are there.
+    in_plane: "pairwise" samples axes and planes for the sum over pairs of HYLC20; "full" adds states inside the
+    range and terms of all three in-plane strains. folder: gets the stores ``samples`` and ``unseen``. resume: go on
+    with the stores that are there.
     """
     box = (range or StrainRange()).bounds(cell.pattern.radius)
     planned = {
-        "samples": axes_and_planes(box, solves),
+        "samples": (axes_planes_and_inside if in_plane == "full" else axes_and_planes)(box, solves),
         "unseen": random_states(box, max(10, round(UNSEEN_SHARE * solves))),
     }
     stores, summaries = {}, []
@@ -102,7 +115,7 @@ def homogenize(
             stores[name] = create_store(path, cell, axes, scattered=True)
         summaries.append(sample(cell, stores[name], workers=workers, progress=progress))
     samples, unseen = SampledStates.of(stores["samples"]), SampledStates.of(stores["unseen"])
-    material = fit(stores["samples"])
+    material = fit(stores["samples"], options=FitOptions(in_plane=in_plane))
     report = validate(material, unseen.strains, unseen.energies, unseen.stresses, valid=unseen.converged)
     total = SampleSummary(
         sum(s.states for s in summaries),

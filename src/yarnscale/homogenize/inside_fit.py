@@ -42,18 +42,20 @@ class InsideFit(PlaneFit):
         super().__init__(data, axes, constant, sides, options)
         self.lines = [self._line(k) for k in range(3)]
         self.shapes = [_shapes(data.strains[:, k]) for k in (3, 4)]
-        self.chosen = _chosen([line.count for line in self.lines])
-        self.ends = np.cumsum([0, *(len(self.chosen[min(t, 1)]) for t in range(SOLIDS))])
+        self.chosen = self._chosen()
+        self.ends = np.cumsum([0, *(len(columns) for columns in self.chosen)])
         old, size = len(self.unknowns), len(self.unknowns) + int(self.ends[-1])
         matrix, rough, right = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
         matrix[:old, :old], rough[:old, :old], right[:old] = self.matrix, self.rough, self.right
         self.old, self.unknowns = old, np.zeros(size)
         for t in range(SOLIDS):
+            if len(self.chosen[t]) == 0:
+                continue
             where = slice(old + self.ends[t], old + self.ends[t + 1])
             bends = self._solid_bends(t)
             rough[where, where] = bends.T @ bends
             matrix[where, where] = options.smoothing * rough[where, where]
-            matrix[where, where] += _STIFFNESS / self._unit(t) ** 2 * np.eye(len(self.chosen[min(t, 1)]))
+            matrix[where, where] += _STIFFNESS / self._unit(t) ** 2 * np.eye(len(self.chosen[t]))
         self.matrix, self.rough, self.right = matrix, rough, right
         self._add_states_inside()
         self.matrix[np.diag_indices(size)] += 1e-13 * np.trace(self.matrix) / size
@@ -67,15 +69,24 @@ class InsideFit(PlaneFit):
 
     def _line(self, axis: int) -> LineBasis:
         even = axis == SHEAR and self.options.symmetric_shear
-        samples = self.data.strains[self.data.off_planes, axis]
+        samples = self.data.strains[self.data.inside, axis]
         knots = knots_for(samples, limit=self.options.inside_knots, even=even, grading=0.0, slopes=True)
         return LineBasis(knots, even=even, flat=True)
+
+    def _chosen(self) -> list[NDArray[np.int64]]:
+        """For each spline, its columns of the tensor product of (1, basis): three strains act in g_0, two in others."""
+        acts = [np.arange(line.count + 1) > 0 for line in self.lines]
+        acting = np.stack(np.meshgrid(*acts, indexing="ij")).sum(axis=0).ravel()
+        columns = [np.flatnonzero(acting == 3)]
+        for axis in (3, 4):
+            columns += [np.flatnonzero((acting >= 2) & self.axes[axis].sampled)] * SHAPES
+        return columns
 
     def _unit(self, solid: int) -> float:
         """Energy [J/m²] that a coefficient of this spline may well have."""
         if solid == 0:
             return 0.1 * float(np.max(np.abs(self.data.energies - self.constant)))
-        return float(np.nanmax(self.sides[3 if solid <= SHAPES else 4], initial=1e-300))
+        return max(float(np.nan_to_num(self.sides[3 if solid <= SHAPES else 4]).max()), 1e-300)
 
     def _solid_bends(self, solid: int) -> Array:
         """Third differences of coefficients along each strain, relative to the unit of the spline."""
@@ -87,7 +98,7 @@ class InsideFit(PlaneFit):
                 factors.append(line.differences(3) @ free if k == along else free)
             rows = np.einsum("ap,bq,cr->abcpqr", *factors, optimize=True)
             parts.append(rows.reshape(-1, np.prod([f.shape[1] for f in factors], dtype=np.int64)))
-        return np.concatenate(parts)[:, self.chosen[min(solid, 1)]] / self._unit(solid)
+        return np.concatenate(parts)[:, self.chosen[solid]] / self._unit(solid)
 
     def inside_rows(self, strains: Array, orders: Orders = (0, 0, 0, 0, 0)) -> Array:
         """Derivatives of the terms of three strains at states (n, 5) by their unknowns."""
@@ -98,9 +109,9 @@ class InsideFit(PlaneFit):
         solid = np.einsum("np,nq,nr->npqr", *factors, optimize=True).reshape(len(strains), -1)
         parts = [solid[:, self.chosen[0]] * (orders[3] == orders[4] == 0)]
         for family in range(2):
-            for shape in self.shapes[family]:
+            for m, shape in enumerate(self.shapes[family]):
                 factor = shape(strains[:, 3 + family], orders[3 + family]) * (orders[4 - family] == 0)
-                parts.append(factor[:, None] * solid[:, self.chosen[1]])
+                parts.append(factor[:, None] * solid[:, self.chosen[1 + family * SHAPES + m]])
         return np.concatenate(parts, axis=1)
 
     def rows(self, strains: Array, orders: Orders = (0, 0, 0, 0, 0)) -> Array:
@@ -149,16 +160,10 @@ class InsideFit(PlaneFit):
                 factors.append(np.concatenate([constant, line.design(line.breaks, order)], axis=1))
             for t in range(SOLIDS):
                 grid = np.zeros(int(np.prod(counts)))
-                grid[self.chosen[min(t, 1)]] = self.unknowns[self.old + self.ends[t] : self.old + self.ends[t + 1]]
+                grid[self.chosen[t]] = self.unknowns[self.old + self.ends[t] : self.old + self.ends[t + 1]]
                 grid = grid.reshape(counts)
                 nodal[(t, *orders)] = np.einsum("ip,jq,kr,pqr->ijk", *factors, grid, optimize=True)
         return InsideTerms(knots, nodal, self.shapes[0], self.shapes[1])  # type: ignore[arg-type]
-
-
-def _chosen(counts: list[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Columns of the tensor product of (1, basis) of each strain: of three strains, and of at least two."""
-    acting = np.stack(np.meshgrid(*(np.arange(n + 1) > 0 for n in counts), indexing="ij")).sum(axis=0).ravel()
-    return np.flatnonzero(acting == 3), np.flatnonzero(acting >= 2)
 
 
 def _shapes(curvatures: Array) -> tuple[CubicSpline, ...]:

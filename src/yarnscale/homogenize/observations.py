@@ -81,6 +81,11 @@ class Observations:
         return self.acting[:, i] & self.acting[:, j] & (self.acting.sum(axis=1) == 2)
 
     @cached_property
+    def inside(self) -> Mask:
+        """States where all three in-plane strains act, (n,)."""
+        return np.all(self.acting[:, :3], axis=1)
+
+    @cached_property
     def off_planes(self) -> Mask:
         """States of three and more strains or of both curvatures, (n,)."""
         return (self.acting.sum(axis=1) > 2) | (self.acting[:, 3] & self.acting[:, 4])
