@@ -65,6 +65,14 @@ for line in sys.stdin:
 """
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _interruptible() -> Iterator[None]:
+    """Commands started here obey Ctrl-C even where the tests run in the background, which ignores it."""
+    kept = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, kept)
+
+
 class Runner:
     """Starts runs of the command in groups of their own, one at a time."""
 
