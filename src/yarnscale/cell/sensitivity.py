@@ -91,7 +91,7 @@ def sensitivities(cell: PeriodicCell, state: Equilibrium) -> Sensitivities:
     energy, x, area = answer.energy, answer.x, cell.pattern.area
     rows = constraint_rows(cell.pattern, cell.sliding)
     forces = np.column_stack([energy.gradient(x)[1], answer.force_by_state])
-    multipliers = np.linalg.lstsq(rows.T, forces, rcond=1e-12)[0]
+    multipliers = np.asarray(np.linalg.lstsq(rows.T, forces, rcond=1e-12)[0], np.float64)
     length = slice(len(PARAMETERS), None)
 
     value = _explicit(cell, energy, x)
