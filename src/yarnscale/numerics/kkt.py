@@ -79,6 +79,7 @@ class ConstrainedSolver:
             self._schur = matrix @ self._columns
         else:
             free = self._factor.solve(right).reshape(len(right), -1)
-        excess = matrix @ free - (0.0 if gap is None else gap[:, None])
-        step = free - self._columns @ np.linalg.solve(self._schur, excess)
+        step, wanted = free, 0.0 if gap is None else gap[:, None]
+        for _ in range(2):  # the second time takes away what round-off of a soft K left, so that none adds up
+            step = step - self._columns @ np.linalg.solve(self._schur, matrix @ step - wanted)
         return step if right.ndim == 2 else step[:, 0]
