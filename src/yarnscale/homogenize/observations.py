@@ -49,7 +49,7 @@ class FitOptions:
     floor: bool = True
     grading: float = 2.0
     in_plane: InPlane = "pairwise"
-    inside_knots: int = 7
+    inside_knots: int = 8
 
 
 @dataclass(frozen=True)

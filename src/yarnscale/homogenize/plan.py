@@ -105,7 +105,7 @@ def axes_and_planes(bounds: Array, solves: int) -> Array:
 def axes_planes_and_inside(bounds: Array, solves: int) -> Array:
     """About ``solves`` states for a fit with three-way terms, (N, 5), rest first.
 
-    bounds: (5, 2). A tenth goes to the axes, a sixth to the planes; of the others, which lie scattered where all three
+    bounds: (5, 2). A tenth goes to the axes, a twelfth to the planes; of the others, which lie scattered where all three
     in-plane strains act, half are bent, about x and y in turn.
     """
     per_axis = max(4, round(0.1 * solves / 5))
@@ -115,7 +115,7 @@ def axes_planes_and_inside(bounds: Array, solves: int) -> Array:
             state = np.zeros(5)
             state[k] = value
             states.append(state)
-    per_side = max(2, round(np.sqrt(solves / 6 / 9)))
+    per_side = max(2, round(np.sqrt(solves / 12 / 9)))
     for i, j in combinations(range(5), 2):
         if (i, j) == (3, 4):
             continue
