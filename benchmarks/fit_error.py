@@ -124,8 +124,9 @@ def draw(path: Path, counts: list[int], found: dict[str, list[FitReport]]) -> No
         panel.set_xticks(counts, [str(n) for n in counts], minor=False)
         panel.minorticks_off()
         panel.grid(alpha=0.3)
+    handles, names = panels[0].get_legend_handles_labels()
     title = "solid: median, dotted: 95th percentile"
-    figure.legend(*panels[0].get_legend_handles_labels(), title=title, loc="outside lower center", ncols=4, frameon=False)
+    figure.legend(handles, names, title=title, loc="outside lower center", ncols=4, frameon=False)
     figure.savefig(path, dpi=110)
 
 

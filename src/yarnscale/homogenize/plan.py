@@ -105,8 +105,8 @@ def axes_and_planes(bounds: Array, solves: int) -> Array:
 def axes_planes_and_inside(bounds: Array, solves: int) -> Array:
     """About ``solves`` states for a fit with three-way terms, (N, 5), rest first.
 
-    bounds: (5, 2). A tenth goes to the axes, a twelfth to the planes; of the others, which lie scattered where all three
-    in-plane strains act, half are bent, about x and y in turn.
+    bounds: (5, 2). A tenth goes to the axes, a twelfth to the planes; of the others, which lie scattered where all
+    three in-plane strains act, half are bent, about x and y in turn.
     """
     per_axis = max(4, round(0.1 * solves / 5))
     states = [np.zeros(5)]
