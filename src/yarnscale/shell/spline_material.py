@@ -321,6 +321,8 @@ def gather_parameters(packed, forms, count, parameters):
 @numba.njit(cache=True)
 def _copy_inside(packed, forms, place, parameters, start):
     """Origins, patches and shapes of the terms of three strains."""
+    cell = np.empty(LANES, np.int64)
+    solids = packed.solids.reshape(-1, 64 * SOLIDS)
     for lane in range(LANES):
         n = start + lane
         root_x, root_y = np.sqrt(forms[0, n]), np.sqrt(forms[2, n])
@@ -330,9 +332,10 @@ def _copy_inside(packed, forms, place, parameters, start):
         parameters[_ORIGIN_INSIDE, n] = packed.inside_origins_x[i]
         parameters[_ORIGIN_INSIDE + 1, n] = packed.inside_origins_a[j]
         parameters[_ORIGIN_INSIDE + 2, n] = packed.inside_origins_y[k]
-        patch = packed.solids[i, j, k]
-        for c in range(64 * SOLIDS):
-            parameters[_SOLIDS + c, n] = patch[c]
+        cell[lane] = (i * packed.solids.shape[1] + j) * packed.solids.shape[2] + k
+    for c in range(64 * SOLIDS):  # a row of lanes at a time: whole cache lines are written
+        for lane in range(LANES):
+            parameters[_SOLIDS + c, start + lane] = solids[cell[lane], c]
     _copy_shapes(packed.shapes_x, place, 3, packed.origins_bend_x, parameters, _SHAPES_X, start)
     _copy_shapes(packed.shapes_y, place, 5, packed.origins_bend_y, parameters, _SHAPES_Y, start)
 
