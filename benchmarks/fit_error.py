@@ -76,7 +76,9 @@ def published(data: SampledStates, density: float) -> SplineMaterial:
         u, v = (np.unique(np.append(data.strains[on, k], 0.0)) for k in (i, j))
         values = np.zeros((len(u), len(v)))
         x, y = data.strains[on, i], data.strains[on, j]
-        values[np.searchsorted(u, x), np.searchsorted(v, y)] = data.energies[on] - rest - axes[i](x) - axes[j](y)
+        values[np.searchsorted(u, x), np.searchsorted(v, y)] = (
+            data.energies[on] - rest - axes[i](x) - axes[j](y)
+        )
         slopes = monotone_slopes(u, values), monotone_slopes(v, values, axis=1)
         planes[i, j] = BicubicSpline(u, v, values, *slopes, monotone_slopes(v, slopes[0], axis=1))
     return SplineMaterial(rest, tuple(axes), planes, density=density)
@@ -120,7 +122,9 @@ def draw(path: Path, counts: list[int], found: dict[str, list[FitReport]]) -> No
             line = panel.plot(counts, 100 * np.array(middle), "o-", label=name)[0]
             panel.plot(counts, 100 * np.array(high), "o:", color=line.get_color())
     for panel, title in zip(panels, ("energy", "stress, worst component"), strict=True):
-        panel.set(xscale="log", yscale="log", xlabel="solves", ylabel="error on unseen states [%]", title=title)
+        panel.set(
+            xscale="log", yscale="log", xlabel="solves", ylabel="error on unseen states [%]", title=title
+        )
         panel.set_xticks(counts, [str(n) for n in counts], minor=False)
         panel.minorticks_off()
         panel.grid(alpha=0.3)

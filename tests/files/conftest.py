@@ -43,7 +43,9 @@ def inside_material(material) -> SplineMaterial:
     shapes = []
     for reach in REACH[3:]:
         places = np.array([-1.3, -0.6, 0.2, 1.0]) * reach
-        shapes.append([CubicSpline(places, rng.normal(size=4), rng.normal(size=4) / reach) for _ in range(SHAPES)])
+        shapes.append(
+            [CubicSpline(places, rng.normal(size=4), rng.normal(size=4) / reach) for _ in range(SHAPES)]
+        )
     return replace(material, inside=InsideTerms(knots, nodal, *shapes))
 
 

@@ -58,5 +58,7 @@ def test_what_three_strains_do_together_is_lost(tmp_path, material, inside_mater
     write_hylc_json(tmp_path / "out.json", inside_material)
     strain = np.array([0.2, 0.1, -0.1, 20.0, 0.0, 0.0])
     again = read_hylc_json(tmp_path / "out.json")
-    assert float(again.energy_density(strain)) == pytest.approx(float(material.energy_density(strain)), rel=1e-12)
+    assert float(again.energy_density(strain)) == pytest.approx(
+        float(material.energy_density(strain)), rel=1e-12
+    )
     assert any("three" in phrase for phrase in lost_in_hylc(inside_material))

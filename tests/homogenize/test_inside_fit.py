@@ -15,7 +15,9 @@ REACH = BOUNDS[:, 1]
 def energy(states: np.ndarray) -> np.ndarray:
     """Three in-plane strains act together, also on bending; even in shear."""
     x = states / REACH
-    flat = 2 * x[:, 0] ** 2 + x[:, 2] ** 2 + x[:, 1] ** 2 + 3 * (np.maximum(x[:, 0], 0) * x[:, 1] * x[:, 2]) ** 2
+    flat = (
+        2 * x[:, 0] ** 2 + x[:, 2] ** 2 + x[:, 1] ** 2 + 3 * (np.maximum(x[:, 0], 0) * x[:, 1] * x[:, 2]) ** 2
+    )
     along = 0.05 * x[:, 3] ** 2 * (1 + x[:, 0] * x[:, 2] + 0.5 * x[:, 1] ** 2 * x[:, 0])
     along += 0.02 * x[:, 3] * x[:, 0] * x[:, 2]
     across = 0.04 * x[:, 4] ** 2 * (1 + 0.5 * x[:, 0] ** 2 * x[:, 2]) - 0.02 * x[:, 4] * x[:, 2]

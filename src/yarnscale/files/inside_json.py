@@ -22,7 +22,8 @@ def inside_content(terms: InsideTerms) -> dict[str, object]:
     return {
         "knots": [knots.tolist() for knots in terms.knots],
         "splines": [
-            {name: terms.nodal[(t, *orders)].tolist() for name, orders in DERIVATIVES.items()} for t in range(SOLIDS)
+            {name: terms.nodal[(t, *orders)].tolist() for name, orders in DERIVATIVES.items()}
+            for t in range(SOLIDS)
         ],
         "shapes_x": [_shape_content(shape) for shape in terms.shapes_x],
         "shapes_y": [_shape_content(shape) for shape in terms.shapes_y],

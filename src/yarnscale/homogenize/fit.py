@@ -103,7 +103,11 @@ def _search_box(planes: PlaneFit, axes: list[AxisTerm]) -> Array:
         for pair, bases in planes.bases.items():
             reaches += [basis.breaks for k, basis in zip(pair, bases, strict=True) if k == axis]
         if isinstance(planes, InsideFit):
-            reaches += [planes.lines[axis].breaks] if axis < 3 else [shape.knots for shape in planes.shapes[axis - 3]]
+            reaches += (
+                [planes.lines[axis].breaks]
+                if axis < 3
+                else [shape.knots for shape in planes.shapes[axis - 3]]
+            )
         if reaches:
             low, high = _SHEAR_LIMITS if axis == SHEAR else _STRETCH_LIMITS if axis < 3 else (-np.inf, np.inf)
             box[axis] = max(min(r[0] for r in reaches), low), min(max(r[-1] for r in reaches), high)

@@ -144,7 +144,9 @@ def _scattered(bounds: Array, count: int) -> Array:
     for column, k in enumerate((0, 2)):
         t = places[:, column]
         left = low[k] * (1 - t / COMPRESSED_SHARE)
-        states[:, k] = np.where(t < COMPRESSED_SHARE, left, high[k] * (t - COMPRESSED_SHARE) / (1 - COMPRESSED_SHARE))
+        states[:, k] = np.where(
+            t < COMPRESSED_SHARE, left, high[k] * (t - COMPRESSED_SHARE) / (1 - COMPRESSED_SHARE)
+        )
     states[:, 1] = low[1] + (high[1] - low[1]) * places[:, 2]
     for turn, k in ((1, 3), (3, 4)):
         states[turn::4, k] = low[k] + (high[k] - low[k]) * places[turn::4, 3]

@@ -45,7 +45,9 @@ class InsideTerms:
 
     def __post_init__(self) -> None:
         if len(self.knots) != 3:
-            raise InputError("knots of the three-dimensional terms", expected="3 lists", found=len(self.knots))
+            raise InputError(
+                "knots of the three-dimensional terms", expected="3 lists", found=len(self.knots)
+            )
         knots = tuple(checked_knots(k, "knots of the three-dimensional terms") for k in self.knots)
         object.__setattr__(self, "knots", knots)
         shape = (SOLIDS, 2, 2, 2, *(len(k) for k in knots))

@@ -185,7 +185,9 @@ def _pack(material: SplineMaterial) -> PackedSplines:
     if inside is not None:
         own, solids = inside.knots, inside.table.reshape(*inside.table.shape[:3], -1)
         bending = [
-            np.ascontiguousarray(np.concatenate([shape.refined_table(knots[k]) for shape in shapes[k]], axis=1))
+            np.ascontiguousarray(
+                np.concatenate([shape.refined_table(knots[k]) for shape in shapes[k]], axis=1)
+            )
             for k in (3, 4)
         ]
     return PackedSplines(
