@@ -190,9 +190,11 @@ def _pack(material: SplineMaterial) -> PackedSplines:
             )
             for k in (3, 4)
         ]
-    return PackedSplines(
-        *(padded_knots(k) for k in knots), *(origins(k) for k in knots), *tables, inside is not None,
-        *(padded_knots(k) for k in own), *(origins(k) for k in own), solids, *bending,
+    return PackedSplines._make(
+        (
+            *(padded_knots(k) for k in knots), *(origins(k) for k in knots), *tables, inside is not None,
+            *(padded_knots(k) for k in own), *(origins(k) for k in own), solids, *bending,
+        )
     )  # fmt: skip
 
 
