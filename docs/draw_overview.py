@@ -27,7 +27,7 @@ def main() -> None:
         sheet.paste(picture, (left, 0))
         left += picture.width
     (ROOT / "docs" / "pictures").mkdir(exist_ok=True)
-    sheet.quantize(128).save(ROOT / "docs" / "pictures" / "overview.png", optimize=True)
+    sheet.save(ROOT / "docs" / "pictures" / "overview.png", optimize=True)
 
 
 if __name__ == "__main__":
