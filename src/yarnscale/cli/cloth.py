@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import io
+import time
 from pathlib import Path
 
 import numpy as np
 
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
-from yarnscale.files.atomic import write_bytes, write_text
+from yarnscale.files.atomic import write_text
+from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material
 from yarnscale.shell.scene import Scene, SceneResult, run_scene
 from yarnscale.shell.scene import drape as drape_scene
@@ -57,21 +58,19 @@ def simulate_into(scene: Scene, folder: Path) -> SceneResult:
     """Run a scene; frames are written as they finish, pictures and numbers at the end."""
     from yarnscale.files.obj import obj_text
 
-    frames = writable_folder(folder / "frames")
+    frames = FrameFolder(folder / "frames", scene.cloth.mesh)
     line = ProgressLine(scene.name)
     kept: list[ClothState] = []
     triangles = scene.cloth.mesh.triangles
 
     def on_frame(number: int, state: ClothState) -> None:
-        content = io.BytesIO()
-        np.savez(content, positions=state.positions, velocities=state.velocities, time=state.time)
-        write_bytes(frames / f"frame_{number:04d}.npz", content.getvalue())
+        frames.write(number, state)
         kept.append(state)
 
-    began = _Clock()
+    began = time.perf_counter()
 
     def on_step(progress: Progress) -> None:
-        seconds = began.seconds()
+        seconds = time.perf_counter() - began
         left = seconds / progress.share - seconds if progress.share > 0 else float("nan")
         line.show(round(100 * progress.share), 100, seconds, left, f"{progress.iterations} iterations")
 
@@ -80,16 +79,6 @@ def simulate_into(scene: Scene, folder: Path) -> SceneResult:
     write_text(folder / "last.obj", obj_text(result.state.positions, triangles, mesh.material))
     draw_cloth(scene, kept, folder)
     return result
-
-
-class _Clock:
-    def __init__(self) -> None:
-        import time
-
-        self._now, self._start = time.perf_counter, time.perf_counter()
-
-    def seconds(self) -> float:
-        return self._now() - self._start
 
 
 def draw_cloth(scene: Scene, states: list[ClothState], folder: Path) -> list[Path]:

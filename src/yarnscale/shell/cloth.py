@@ -103,8 +103,3 @@ class Cloth:
             raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
         if self.obstacles and self.contact is None:
             raise InputError("obstacles", expected="contact settings with them", found="none")
-
-    @property
-    def motion_end(self) -> float:
-        """Time from which on all handles rest [s]."""
-        return max((handle.motion.end for handle in self.handles), default=0.0)
