@@ -35,7 +35,8 @@ from yarnscale.homogenize.plan import (
     scattered_axes,
 )
 from yarnscale.homogenize.sample import create_store, sample
-from yarnscale.shell.spline_material import PLANES, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import PLANES
 from yarnscale.shell.tables import BicubicSpline, CubicSpline
 
 Array = NDArray[np.float64]

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
-from yarnscale.shell.spline_material import PLANES, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import PLANES
 from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
 
 REACH = np.array([0.7, 0.6, 0.5, 90.0, 110.0])

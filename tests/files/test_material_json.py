@@ -10,7 +10,8 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import material_text, read_material, write_material
 from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.spline_material import PLANES, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import PLANES
 from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
 
 REACH = np.array([0.8, 0.7, 0.8, 100.0, 90.0])

@@ -10,7 +10,8 @@ from scipy.interpolate import CubicSpline as SmoothSpline
 
 from yarnscale.errors import InputError
 from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
-from yarnscale.shell.spline_material import INSIDE_PARAMETER_COUNT, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import INSIDE_PARAMETER_COUNT
 from yarnscale.shell.tables import CubicSpline
 
 KNOTS = tuple(np.linspace(-0.5, 0.6, n) for n in (5, 4, 6))

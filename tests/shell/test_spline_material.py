@@ -8,7 +8,8 @@ from scipy.interpolate import CubicSpline as SmoothSpline
 
 from yarnscale.errors import InputError
 from yarnscale.numerics.kernel import LANES
-from yarnscale.shell.spline_material import PLANES, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import PLANES
 from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
 
 SCALE = np.array([0.8, 0.7, 0.8, 100.0, 120.0])

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
-from yarnscale.shell.spline_material import AXES, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import AXES
 from yarnscale.shell.tables import CubicSpline, Tail
 
 Array = NDArray[np.float64]

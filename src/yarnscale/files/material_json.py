@@ -20,7 +20,8 @@ from yarnscale.files.inside_json import inside_content, read_inside
 from yarnscale.files.json_fields import Fields, read_json
 from yarnscale.shell.material import ShellMaterial
 from yarnscale.shell.orthotropic import CONSTANTS, OrthotropicMaterial
-from yarnscale.shell.spline_material import AXES, PLANES, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import AXES, PLANES
 from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
 
 Array = NDArray[np.float64]

@@ -32,7 +32,8 @@ from yarnscale.homogenize.inside_fit import InsideFit
 from yarnscale.homogenize.observations import SHEAR, FitOptions, Observations, observations, side_energies
 from yarnscale.homogenize.plane_fit import PlaneFit
 from yarnscale.shell.material import ShellMaterial
-from yarnscale.shell.spline_material import AXES, SplineMaterial
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.spline_patches import AXES
 
 __all__ = ["FitOptions", "FitReport", "fit_spline_material", "validate"]
 
