@@ -18,6 +18,7 @@ from unittest import mock
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cell import contact_list
 from yarnscale.cell import energy as cell_energy
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
@@ -60,7 +61,7 @@ def places() -> list[tuple[str, object, str]]:
         ("kernels and scatter: gradient", assembly.StencilSet, "gradient"),
         ("kernels: energy", assembly.StencilSet, "value"),
         ("pair search", PairSearch, "find"),
-        ("stencils of new pairs", cell_energy, "StencilSet"),
+        ("stencils of new pairs", contact_list, "StencilSet"),
         ("matrix pattern and slots", assembly.BlockPattern, "slots"),
         ("matrix pattern and slots", cell_energy.BlockPattern, "of"),
         ("symbolic analysis", backend, "__init__"),

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.cell.contact_list import ContactList, Contacts, contact_reach, position_variables
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
@@ -19,9 +20,8 @@ from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import BlockPattern, StencilSet
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
-from yarnscale.yarn.contact import contact_energy
 from yarnscale.yarn.material import YarnMaterial
-from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps, safe_fraction
+from yarnscale.yarn.neighbours import Images, pair_gaps, safe_fraction
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, STRETCH, carried_frames
 
@@ -30,10 +30,6 @@ Indices = NDArray[np.int64]
 
 STEP_LIMIT = 0.3
 """Largest move of a vertex in one step [r]."""
-SKIN = 0.7
-"""How much farther than contact pairs are listed [r]; at least twice the step limit, so that none is missed."""
-PATTERN_MARGIN = 0.3
-"""How much farther than the list the matrix pattern looks ahead [r]; saves symbolic analyses."""
 TWIST_LIMIT = 1.0
 """Largest change of a twist in one step [rad]."""
 GAP_SHARE = 0.8
@@ -47,11 +43,6 @@ def _unit(vectors: Array) -> Array:
 def _size(vector: Array) -> float:
     """Euclidean norm; BLAS would share these long sums among threads, which takes a thousand times as long."""
     return math.sqrt(float(np.square(vector).sum()))
-
-
-def _norm(values: Array) -> float:
-    """Euclidean norm without BLAS, whose threads cost far more than they save at this size."""
-    return math.sqrt(float(np.square(values).sum()))
 
 
 def _independent(rows: Array) -> Array:
@@ -109,18 +100,6 @@ class CellModel:
 
 
 @dataclass(eq=False)
-class _Contacts:
-    """Pairs listed at the positions ``built_at``, and their stencils."""
-
-    first: Indices
-    second: Indices
-    built_at: Array
-    stencils: StencilSet
-    unknowns: Indices
-    slots: NDArray[np.int32] | None = None
-
-
-@dataclass(eq=False)
 class CellEnergy:
     """Energy of a pattern under one macroscopic state; an objective for ``numerics.newton``.
 
@@ -142,24 +121,20 @@ class CellEnergy:
         self.unit = self.material.young_modulus * math.pi * radius**3
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
-        self._reach = 2.0
-        if self.material.contact.kernel == "est2022":
-            rule = self.material.contact
-            self._reach = 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
         self.images = Images.of(pattern, self._rings())
         tiles = np.repeat(self.images.tiles, n, axis=0)
         self.reference = np.tile(pattern.vertices / radius, (len(self.images.tiles), 1))
         self.reference[:, :2] += tiles * pattern.period / radius
         offset, rotation = self.surface.at(self.reference)
-        self._turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
+        self.turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
         source = np.tile(np.arange(n), len(self.images.tiles))
         turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
         self.nodes = CopiedNodes(source, turned, offset, n, n)
-        self._search = PairSearch(
-            pattern, self.images, neighbours=self.material.contact.neighbours, ordered=self.symmetric
-        )
+        self.contact_list = ContactList(
+            pattern, self.images, self.nodes, self.material,
+            unit=self.unit, symmetric=self.symmetric, turning=None if self.strain.is_flat else self.turning,
+        )  # fmt: skip
         self._rod_stencils(rotation)
-        self._contacts: _Contacts | None = None
         self._pattern: BlockPattern | None = None
         self.constraints = self._constraints()
         self._scale = np.empty(4 * n)
@@ -174,7 +149,7 @@ class CellEnergy:
         edge = np.linalg.norm(pattern.edge_vectors(), axis=1).max()
         smallest = math.sqrt(np.linalg.eigvalsh(first)[0])
         arc = 1.0 if self.strain.is_flat else math.pi / 2
-        reach = ((self._reach + 2.0) * pattern.radius + edge) / smallest * arc
+        reach = ((contact_reach(self.material.contact) + 2.0) * pattern.radius + edge) / smallest * arc
         extent = np.ptp(pattern.vertices[:, :2], axis=0)
         rings = np.ceil((extent + reach) / pattern.period).astype(int)
         return int(rings[0]), int(rings[1])
@@ -186,16 +161,12 @@ class CellEnergy:
         twist = self.material.twist_stiffness(r) / length / self.unit
         return bend, twist
 
-    def _positions_of(self, nodes: Indices) -> Indices:
-        """Full variables of nodes (N, k) → (N, 3k)."""
-        return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
-
     def _rod_stencils(self, rotation: Array) -> None:
         pattern, n = self.pattern, self.count
         vertex, ends = np.arange(n), self.images.segment_end[:n]
         scalars = 3 * len(self.nodes.source)
         edge_parameters = np.column_stack([pattern.rest_length / pattern.radius, np.ones(n)])
-        stretch = self._positions_of(np.stack([vertex, ends], 1))
+        stretch = position_variables(np.stack([vertex, ends], 1))
         self.stretch = StencilSet(STRETCH, stretch, edge_parameters, 2)
 
         before = pattern.previous_vertex
@@ -213,7 +184,7 @@ class CellEnergy:
             ]
         )  # fmt: skip
         joints = np.column_stack(
-            [self._positions_of(np.stack([back, vertex, ends], 1)), scalars + before, scalars + vertex]
+            [position_variables(np.stack([back, vertex, ends], 1)), scalars + before, scalars + vertex]
         )
         self.bend_twist = StencilSet(BEND_TWIST, joints, parameters, 3)
         self._rods = (self.stretch, self.bend_twist)
@@ -251,72 +222,24 @@ class CellEnergy:
         matrix = _independent(rows / np.linalg.norm(rows, axis=1)[:, None])
         return LinearConstraints(matrix, np.zeros(len(matrix)))
 
-    # --- contact list ---------------------------------------------------------------------------------
-
     def _positions(self, full: Array) -> Array:
         return full[: 3 * len(self.nodes.source)].reshape(-1, 3)
 
-    def _pair_variables(self, first: Indices, second: Indices) -> Indices:
-        ends = self.images.segment_end
-        return self._positions_of(np.stack([first, ends[first], second, ends[second]], 1))
-
-    def _pair_parameters(self, first: Indices, second: Indices) -> Array:
-        rule, length = self.material.contact, self.pattern.rest_length / self.pattern.radius
-        measure = length[first] * length[second % self.count] * (0.5 if self.symmetric else 1.0)
-        unit = self.unit / self.pattern.radius**2
-        columns = [self.material.contact_stiffness / unit * measure]
-        if rule.kernel == "hylc2020":
-            columns.append(np.full(len(first), 0.25))
-        else:
-            columns.append(np.full(len(first), 0.25 / rule.outer_radius_ratio**2))
-            columns.append(rule.inner_stiffness / unit * measure)
-            columns.append(np.full(len(first), 0.25 / rule.inner_radius_ratio**2))
-        return np.column_stack(columns)
-
-    def _pairs_within(self, full: Array, reach: float) -> tuple[Indices, Indices]:
-        """Close pairs; those that only meet because a strongly bent cell rolls through itself are left out.
-
-        Copies are those of an endless periodic surface: more than half a turn apart, two of them are near in space only
-        because the cylinder closes on itself, which no cloth that is bent like this at one point has to do.
-        """
-        first, second = self._search.find(self._positions(full), reach)
-        if self.strain.is_flat:
-            return first, second
-        turned = self._turning[second] - self._turning[first]
-        kept = (turned * turned).sum(axis=1) < math.pi**2
-        return first[kept], second[kept]
-
-    def contacts(self, free: Array, full: Array) -> _Contacts:
-        """Contact stencils valid at ``free``; listed anew when a vertex has moved half a skin since."""
-        old = self._contacts
-        moved = free[: 3 * self.count].reshape(-1, 3)
-        if old is not None:
-            shift = moved - old.built_at
-            if 4.0 * float((shift * shift).sum(1).max()) <= SKIN * SKIN:
-                return old
-        first, second = self._pairs_within(full, self._reach + SKIN)
-        if old is not None and np.array_equal(first, old.first) and np.array_equal(second, old.second):
-            old.built_at = moved.copy()
-            return old
-        rule = self.material.contact
-        energy = contact_energy(rule.kernel, rule.quadrature_points, rule.quadrature_weights)
-        variables = self._pair_variables(first, second)
-        stencils = StencilSet(energy, variables, self._pair_parameters(first, second), 4)
-        self._contacts = _Contacts(first, second, moved.copy(), stencils, self.nodes.unknowns(variables))
-        return self._contacts
-
-    def _block_pattern(self, contacts: _Contacts, full: Array) -> BlockPattern:
+    def _block_pattern(self, contacts: Contacts, full: Array) -> BlockPattern:
         """The matrix pattern, made anew only where a new contact list does not fit into it."""
         if contacts.slots is None:
             if self._pattern is None or not self._pattern.covers(contacts.unknowns):
-                ahead = self._pairs_within(full, self._reach + SKIN + PATTERN_MARGIN)
-                wide = self.nodes.unknowns(self._pair_variables(*ahead))
+                wide = self.contact_list.unknowns_ahead(self._positions(full))
                 groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
                 self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, contacts.unknowns, wide])
                 self._rod_slots = [self._pattern.slots(u) for u in self._rod_unknowns]
             contacts.slots = self._pattern.slots(contacts.unknowns)
         assert self._pattern is not None
         return self._pattern
+
+    def contacts(self, free: Array, full: Array) -> Contacts:
+        """Contact stencils valid at the free vector and its full vector."""
+        return self.contact_list.at(free[: 3 * self.count].reshape(-1, 3), self._positions(full))
 
     # --- objective ------------------------------------------------------------------------------------
 

@@ -81,7 +81,7 @@ def _cuts(energy: CellEnergy, before: Array, after: Array) -> Array:
     i, g = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64)
     kept = ~_along_yarn(energy, i, g)
     if not energy.strain.is_flat:
-        turned = energy._turning[g] - energy._turning[i]
+        turned = energy.turning[g] - energy.turning[i]
         kept &= (turned * turned).sum(axis=1) < math.pi**2
     return found[kept]
 

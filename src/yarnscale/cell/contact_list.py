@@ -1,0 +1,138 @@
+"""Which segments of a cell's copies press on each other, and the contact stencils of those pairs.
+
+Lengths are counted in yarn radii, energies in the unit of the cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.affine import CopiedNodes
+from yarnscale.numerics.assembly import StencilSet
+from yarnscale.yarn.contact import contact_energy
+from yarnscale.yarn.material import ContactRule, YarnMaterial
+from yarnscale.yarn.neighbours import Images, PairSearch
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SKIN = 0.7
+"""How much farther than contact pairs are listed [r]; at least twice a step's longest move, so that none is missed."""
+PATTERN_MARGIN = 0.3
+"""How much farther than the list the matrix pattern looks ahead [r]; saves symbolic analyses."""
+
+
+def position_variables(nodes: Indices) -> Indices:
+    """Full variables of nodes (N, k) → (N, 3k)."""
+    return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
+
+
+def contact_reach(rule: ContactRule) -> float:
+    """Distance of centre lines from which two yarns press on each other [r]."""
+    if rule.kernel == "est2022":
+        return 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
+    return 2.0
+
+
+@dataclass(eq=False)
+class Contacts:
+    """Pairs listed at the fluctuation ``built_at`` (n, 3), and their stencils.
+
+    first, second: primary segment and copied segment of every pair (N,). unknowns: (N, 12) free unknowns behind the
+    stencils' variables. slots: where their Hessian goes, once that is known.
+    """
+
+    first: Indices
+    second: Indices
+    built_at: Array
+    stencils: StencilSet
+    unknowns: Indices
+    slots: NDArray[np.int32] | None = None
+
+
+class ContactList:
+    """Lists the pairs of one cell, anew only where vertices have moved far enough."""
+
+    def __init__(
+        self,
+        pattern: YarnPattern,
+        images: Images,
+        nodes: CopiedNodes,
+        material: YarnMaterial,
+        *,
+        unit: float,
+        symmetric: bool,
+        turning: Array | None,
+    ) -> None:
+        """unit: of energy [J]. symmetric: every pair from both sides, half each.
+
+        turning: rotation vectors of all nodes (T·n, 3), None where the cell is flat.
+        """
+        self._images, self._nodes, self._turning = images, nodes, turning
+        self._search = PairSearch(pattern, images, neighbours=material.contact.neighbours, ordered=symmetric)
+        self._material, self._share = material, 0.5 if symmetric else 1.0
+        self._length, self._unit = pattern.rest_length / pattern.radius, unit / pattern.radius**2
+        self._reach = contact_reach(material.contact) + SKIN
+        self._last: Contacts | None = None
+
+    def at(self, fluctuation: Array, positions: Array) -> Contacts:
+        """Stencils valid at a fluctuation (n, 3); listed anew when a vertex has moved half a skin since.
+
+        positions: of all nodes (T·n, 3).
+        """
+        old = self._last
+        if old is not None:
+            shift = fluctuation - old.built_at
+            if 4.0 * float((shift * shift).sum(1).max()) <= SKIN * SKIN:
+                return old
+        first, second = self._pairs_within(positions, self._reach)
+        if old is not None and np.array_equal(first, old.first) and np.array_equal(second, old.second):
+            old.built_at = fluctuation.copy()
+            return old
+        rule = self._material.contact
+        energy = contact_energy(rule.kernel, rule.quadrature_points, rule.quadrature_weights)
+        variables = self._variables(first, second)
+        stencils = StencilSet(energy, variables, self._parameters(first, second), 4)
+        unknowns = self._nodes.unknowns(variables)
+        self._last = Contacts(first, second, fluctuation.copy(), stencils, unknowns)
+        return self._last
+
+    def unknowns_ahead(self, positions: Array) -> Indices:
+        """Free unknowns of the pairs that may soon be listed, (N, 12)."""
+        return self._nodes.unknowns(
+            self._variables(*self._pairs_within(positions, self._reach + PATTERN_MARGIN))
+        )
+
+    def _pairs_within(self, positions: Array, reach: float) -> tuple[Indices, Indices]:
+        """Close pairs; those that only meet because a strongly bent cell rolls through itself are left out.
+
+        Copies are those of an endless periodic surface: more than half a turn apart, two of them are near in space only
+        because the cylinder closes on itself, which no cloth that is bent like this at one point has to do.
+        """
+        first, second = self._search.find(positions, reach)
+        if self._turning is None:
+            return first, second
+        turned = self._turning[second] - self._turning[first]
+        kept = (turned * turned).sum(axis=1) < math.pi**2
+        return first[kept], second[kept]
+
+    def _variables(self, first: Indices, second: Indices) -> Indices:
+        ends = self._images.segment_end
+        return position_variables(np.stack([first, ends[first], second, ends[second]], 1))
+
+    def _parameters(self, first: Indices, second: Indices) -> Array:
+        rule = self._material.contact
+        measure = self._length[first] * self._length[second % len(self._length)] * self._share
+        columns = [self._material.contact_stiffness / self._unit * measure]
+        if rule.kernel == "hylc2020":
+            columns.append(np.full(len(first), 0.25))
+        else:
+            columns.append(np.full(len(first), 0.25 / rule.outer_radius_ratio**2))
+            columns.append(rule.inner_stiffness / self._unit * measure)
+            columns.append(np.full(len(first), 0.25 / rule.inner_radius_ratio**2))
+        return np.column_stack(columns)
