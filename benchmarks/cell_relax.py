@@ -17,8 +17,7 @@ from unittest import mock
 
 import numpy as np
 
-from yarnscale.cell import PeriodicCell
-from yarnscale.cell import contact_list
+from yarnscale.cell import PeriodicCell, contact_list
 from yarnscale.cell import energy as cell_energy
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
