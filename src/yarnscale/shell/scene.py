@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.numerics.newton import Status
+from yarnscale.shell.checkpoint import Checkpoint
 from yarnscale.shell.cloth import Cloth, Handle, Motion
 from yarnscale.shell.contact import ContactSettings
 from yarnscale.shell.energy import ElementMaterial
@@ -84,11 +85,21 @@ def run_scene(
     *,
     on_step: Callable[[Progress], None] | None = None,
     on_frame: Callable[[int, ClothState], None] | None = None,
+    on_checkpoint: Callable[[Checkpoint], None] | None = None,
+    resume: Checkpoint | None = None,
 ) -> SceneResult:
-    """Simulate a scene; callbacks as in ``simulate``."""
+    """Simulate a scene; callbacks and ``resume`` as in ``simulate``."""
     begin = time.perf_counter()
     solver = ClothSolver(scene.cloth, scene.options)
-    run = simulate(solver, scene.start, scene.schedule, on_step=on_step, on_frame=on_frame)
+    run = simulate(
+        solver,
+        scene.start,
+        scene.schedule,
+        on_step=on_step,
+        on_frame=on_frame,
+        on_checkpoint=on_checkpoint,
+        resume=resume,
+    )
     measures = dict(scene.measure(solver, run.state)) if scene.measure is not None else {}
     return SceneResult(
         scene,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.numerics.newton import ShiftRule, Status, minimise
+from yarnscale.shell.checkpoint import Checkpoint
 from yarnscale.shell.cloth import Cloth, Handle
 from yarnscale.shell.contact import ClothContact
 from yarnscale.shell.energy import ShellEnergy
@@ -271,12 +272,16 @@ def simulate(
     *,
     on_step: Callable[[Progress], None] | None = None,
     on_frame: Callable[[int, ClothState], None] | None = None,
+    on_checkpoint: Callable[[Checkpoint], None] | None = None,
+    resume: Checkpoint | None = None,
 ) -> Run:
     """Run a schedule from a state; ``on_frame(number, state)`` gets frames as they finish, the first and last included.
 
-    A step that fails even when halved ends the run with its status and the last good state.
+    on_checkpoint: called after each step, and its frame, with all that ``resume`` needs to go on from there; ``start``
+    is then ignored. A step that fails even when halved ends the run with its status and the last good state.
     """
-    return _Runner(solver, schedule, on_step, on_frame).run(start)
+    runner = _Runner(solver, schedule, on_step, on_frame, on_checkpoint)
+    return runner.run(resume if resume is not None else Checkpoint(start, start.time, next_frame=start.time))
 
 
 @dataclass
@@ -285,49 +290,63 @@ class _Runner:
     schedule: Schedule
     on_step: Callable[[Progress], None] | None
     on_frame: Callable[[int, ClothState], None] | None
+    on_checkpoint: Callable[[Checkpoint], None] | None
+    begin: float = 0.0
     steps: int = 0
     iterations: int = 0
     loose: int = 0
     frames: int = 0
     next_frame: float = 0.0
     shown: ClothState | None = None
+    rest_step: float | None = None
+    rest_steps: int = 0
+    unrest: float = 0.0
 
-    def run(self, state: ClothState) -> Run:
-        schedule, begin = self.schedule, state.time
-        self.next_frame = begin
-        self._frame(state)
-        end = begin + schedule.duration
-        result = None
-        while end - state.time > 1e-9 * max(end, 1.0):
+    def run(self, place: Checkpoint) -> Run:
+        state, schedule = place.state, self.schedule
+        self.begin, self.rest_step, self.rest_steps = place.begin, place.rest_step, place.rest_steps
+        self.steps, self.iterations, self.loose = place.steps, place.iterations, place.loose
+        self.frames, self.next_frame, self.unrest = place.frames, place.next_frame, place.unrest
+        self.shown = state if place.shown else None
+        if place.status is not None:
+            return self._finish(state, place.status)
+        if place.steps == 0:
+            self._frame(state)
+        end = self.begin + schedule.duration
+        while self.rest_step is None and end - state.time > 1e-9 * max(end, 1.0):
             remaining = end - state.time
             count = max(1, math.ceil(remaining / schedule.time_step - 1e-9))
             rough = schedule.rough_iterations
             result = self._advance(state, remaining / count, inertia=True, end=end, rough=rough)
             if result.state is state:
-                return self._finish(state, result.status, result.unrest)
+                return self._finish(state, result.status)
             state = result.state
             self._frame(state)
+            self._checkpoint(state)
         if not schedule.to_rest:
-            return self._finish(state, Status.CONVERGED, result.unrest if result else 0.0)
+            return self._finish(state, Status.CONVERGED)
         return self._settle(state, end)
 
     def _settle(self, state: ClothState, end: float) -> Run:
-        duration, unrest, status = self.schedule.time_step, math.inf, Status.ITERATION_LIMIT
-        for _ in range(self.schedule.max_rest_steps):
+        status, duration = Status.ITERATION_LIMIT, self.rest_step or self.schedule.time_step
+        while self.rest_steps < self.schedule.max_rest_steps:
             # Every iteration lowers the energy, so there is no reason to go back where a step did not converge.
             rough = self.solver.options.iterations
             result = self._advance(state, duration, inertia=False, end=end, rough=rough)
-            unrest, status = result.unrest, result.status
+            status = result.status
             if result.state is state:
                 break
             state = replace(result.state, velocities=np.zeros_like(state.velocities))
             self._frame(state)
             converged = result.residual <= self.solver.options.tolerance
-            if converged and unrest <= self.schedule.rest_tolerance and duration >= self.schedule.time_step:
-                return self._finish(state, Status.CONVERGED, unrest)
+            rests = result.unrest <= self.schedule.rest_tolerance
+            if converged and rests and duration >= self.schedule.time_step:
+                return self._finish(state, Status.CONVERGED)
             status = Status.ITERATION_LIMIT
             duration = self._next_rest_step(duration, easy=converged and result.duration == duration)
-        return self._finish(state, status, unrest)
+            self.rest_step, self.rest_steps = duration, self.rest_steps + 1
+            self._checkpoint(state)
+        return self._finish(state, status)
 
     def _next_rest_step(self, duration: float, *, easy: bool) -> float:
         if easy:
@@ -341,6 +360,7 @@ class _Runner:
         self.steps += 1
         self.iterations += result.iterations
         self.loose += result.residual > self.solver.options.tolerance
+        self.unrest = result.unrest
         if self.on_step is not None:
             span = self.schedule.duration
             share = 1.0 - max(end - result.state.time, 0.0) / span if span else 1.0
@@ -360,6 +380,27 @@ class _Runner:
         if due and interval is not None:
             self.next_frame += interval * max(1, math.ceil((state.time - self.next_frame) / interval + 1e-9))
 
-    def _finish(self, state: ClothState, status: Status, unrest: float) -> Run:
+    def _checkpoint(self, state: ClothState, status: Status | None = None) -> None:
+        if self.on_checkpoint is None:
+            return
+        self.on_checkpoint(
+            Checkpoint(
+                state,
+                self.begin,
+                self.frames,
+                self.next_frame,
+                state is self.shown,
+                self.steps,
+                self.iterations,
+                self.loose,
+                self.rest_step,
+                self.rest_steps,
+                self.unrest,
+                status,
+            )
+        )
+
+    def _finish(self, state: ClothState, status: Status) -> Run:
         self._frame(state, last=True)
-        return Run(state, status, self.steps, self.iterations, self.loose, unrest)
+        self._checkpoint(state, status)
+        return Run(state, status, self.steps, self.iterations, self.loose, self.unrest)
