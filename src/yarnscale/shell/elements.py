@@ -5,7 +5,7 @@ A triangle at a free edge misses one of its three fold angles. Counted as zero, 
 the free
 edge is invisible to the last row of triangles: all of it lies in the missing angle. ``extrapolate`` therefore
 takes II of such a triangle from its complete neighbours (half of the area each), whose stencils contain all
-its vertices.
+its vertices. Only neighbours in the fabric lend: across a seam II is written in another frame.
 """
 
 from __future__ import annotations
@@ -117,11 +117,11 @@ def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
     """Replace triangles at free edges by elements on the stencils of their complete neighbours."""
     complete = mesh.has_neighbour.sum(axis=1) == 3
     owner = {
-        (int(t[k]), int(t[(k + 1) % 3])): (row, k) for row, t in enumerate(mesh.triangles) for k in range(3)
+        (int(t[k]), int(t[(k + 1) % 3])): (row, k) for row, t in enumerate(mesh.corners) for k in range(3)
     }
     kept, borrowed = np.ones(len(mesh.triangles), bool), []
     for row in np.flatnonzero(~complete):
-        corners = mesh.triangles[row]
+        corners = mesh.corners[row]
         sides = [owner.get((int(corners[(k + 1) % 3]), int(corners[k]))) for k in range(3)]
         lenders = [side for side in sides if side is not None and complete[side[0]]]
         kept[row] = not lenders
@@ -145,9 +145,11 @@ def _borrowing(
     turn = [(edge + k) % 3 for k in range(3)]
     stencil = np.concatenate([mesh.stencils[lender, turn], mesh.stencils[lender, [3 + k for k in turn]]])
     geometry = np.zeros(GEOMETRY)
-    points = mesh.material[stencil]
-    geometry[0:4] = np.linalg.inv(np.column_stack([points[1] - points[0], points[2] - points[0]])).T.ravel()
-    geometry[4:8] = np.linalg.inv(np.column_stack([points[1] - points[0], points[3] - points[0]])).T.ravel()
+    own = mesh.material[mesh.corners[lender, turn]]
+    # The borrower's corner that is not on the shared edge.
+    apex = mesh.material[mesh.corners[row][~np.isin(mesh.corners[row], mesh.corners[lender])][0]]
+    geometry[0:4] = np.linalg.inv(np.column_stack([own[1] - own[0], own[2] - own[0]])).T.ravel()
+    geometry[4:8] = np.linalg.inv(np.column_stack([own[1] - own[0], apex - own[0]])).T.ravel()
     geometry[8] = 1.0
     geometry[FLAGS] = 1.0
     return stencil, geometry, share * float(mesh.areas[row]), row

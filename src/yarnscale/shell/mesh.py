@@ -1,4 +1,7 @@
-"""Triangle meshes of cloth panels: material coordinates, triangles and their six-vertex stencils.
+"""Triangle meshes of cloth: material points, triangles in space and their six-vertex stencils.
+
+Where panels are sewn together, triangles are neighbours in space while each keeps its own place and direction in the
+fabric: the stencil takes vertices of the neighbours, the fundamental forms only the triangle's own material frame.
 
 The builders lay rows of nearly equilateral triangles. On such a mesh the averaged shape operator of
 ``shell.strain`` is exact for constant curvature and has no preferred diagonal.
@@ -20,80 +23,87 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """A flat panel of cloth, cut into triangles.
+    """Cloth cut into triangles: one flat panel, or panels sewn together.
 
-    material: coordinates in the fabric's frame (course, wale) [m], shape (nv, 2).
-    triangles: counter-clockwise vertex indices, shape (nt, 3).
-    grain: angle [rad] from the panel's x-axis to the fabric's course direction; ``panel`` is the shape as cut.
+    material: points in the fabric's frame (course, wale) [m], shape (nm, 2).
+    triangles: vertices in space of every triangle, shape (nt, 3), counter-clockwise seen from the fabric's right side.
+    grain: angle [rad] from the panel's x-axis to the fabric's course direction, one number or one per material
+    point; ``panel`` is the shape as cut.
+    corners: material points of the triangles' corners, shape (nt, 3); empty where every vertex has one material
+    point of its own number. On a seam a vertex has several: neighbours in space, apart in the fabric.
+    assembled: positions of the vertices [m], shape (nv, 3), with the panels sewn but nothing acting on them; empty:
+    the panel as cut in the plane z = 0.
 
     Derived: ``stencils`` (nt, 6) = (v0, v1, v2, then the vertices opposite to edges v0v1, v1v2, v2v0 in the
-    neighbouring triangles); ``has_neighbour`` (nt, 3). Where there is no neighbour the stencil still holds a
-    vertex that differs from its five others; it must be ignored. ``inverse_rest`` (nt, 2, 2) is the inverse
-    of the matrix with columns X1 − X0, X2 − X0 [1/m]; ``areas`` (nt,) [m²].
+    neighbouring triangles, across seams too); ``has_neighbour`` (nt, 3). Where there is no neighbour the stencil
+    still holds a vertex that differs from its five others; it must be ignored. ``inverse_rest`` (nt, 2, 2) is the
+    inverse of the matrix with columns X1 − X0, X2 − X0 [1/m]; ``areas`` (nt,) [m²]; ``point_vertices`` (nm,) the
+    vertex of every material point.
 
     Raises InputError on anything that is not an oriented manifold of at least six vertices.
     """
 
     material: Floats
     triangles: Integers
-    grain: float = 0.0
+    grain: float | Floats = 0.0
+    corners: Integers = field(default_factory=lambda: np.zeros((0, 3), np.int64))
+    assembled: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     stencils: Integers = field(init=False, repr=False)
     has_neighbour: NDArray[np.bool_] = field(init=False, repr=False)
     inverse_rest: Floats = field(init=False, repr=False)
     areas: Floats = field(init=False, repr=False)
+    point_vertices: Integers = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        material, triangles = _checked_arrays(self.material, self.triangles)
-        edges = np.stack(
-            [
-                material[triangles[:, 1]] - material[triangles[:, 0]],
-                material[triangles[:, 2]] - material[triangles[:, 0]],
-            ],
-            axis=2,
-        )
-        areas = 0.5 * (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
-        longest = np.abs(edges).max(axis=(1, 2))
-        flat = areas <= 1e-9 * longest**2
-        if flat.any():
-            worst = int(np.flatnonzero(flat)[0])
-            raise InputError(
-                f"triangle {worst}",
-                expected="counter-clockwise vertices and a positive area",
-                found=f"area {areas[worst]:g} m²",
-            )
-        stencils, has_neighbour = _stencils(triangles, len(material))
+        material, grain = _checked_material(self.material, self.grain)
+        own = len(self.corners) == 0
+        corners = _checked_corners(self.triangles if own else self.corners, len(material))
+        triangles = corners if own else _checked_triangles(self.triangles, corners)
+        point_vertices = _vertices_of_points(triangles, corners, len(material))
+        edges, areas = _rest_edges(material[corners])
+        panel = _turned(material, grain)
+        assembled = _checked_positions(self.assembled, panel, point_vertices)
+        stencils, has_neighbour = _stencils(triangles, len(assembled))
         derived = {
             "material": material,
             "triangles": triangles,
-            "grain": float(self.grain),
+            "grain": grain,
+            "corners": corners,
+            "assembled": assembled,
             "stencils": stencils,
             "has_neighbour": has_neighbour,
             "inverse_rest": np.linalg.inv(edges),
             "areas": areas,
+            "point_vertices": point_vertices,
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
 
     @property
     def vertex_count(self) -> int:
-        """Number of vertices."""
-        return len(self.material)
+        """Number of vertices in space."""
+        return len(self.assembled)
+
+    @property
+    def has_seams(self) -> bool:
+        """Whether some vertex has more than one material point."""
+        return len(self.material) > self.vertex_count
 
     @property
     def panel(self) -> Floats:
-        """Coordinates of the panel as cut [m], shape (nv, 2): the material frame turned by ``grain``."""
-        return self.material @ _rotation(self.grain).T
+        """Coordinates of the panels as cut [m], shape (nm, 2): the material frame turned by ``grain``."""
+        return _turned(self.material, self.grain)
 
     @property
     def vertex_areas(self) -> Floats:
         """A third of the adjoining triangles' area per vertex [m²], shape (nv,)."""
-        areas = np.zeros(self.vertex_count)
-        np.add.at(areas, self.triangles.ravel(), np.repeat(self.areas / 3, 3))
-        return areas
+        shares = np.repeat(self.areas / 3.0, 3)
+        sums = np.bincount(self.triangles.ravel(), shares, minlength=self.vertex_count)
+        return sums.astype(np.float64)
 
     @property
     def edges(self) -> Integers:
-        """Every edge once, shape (ne, 2), smaller index first."""
+        """Every edge in space once, shape (ne, 2), smaller index first."""
         pairs = np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)])
         return np.unique(np.sort(pairs, axis=1), axis=0)
 
@@ -103,13 +113,34 @@ class TriangleMesh:
         pairs = np.stack([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)], axis=1)
         return pairs[~self.has_neighbour]
 
+    @property
+    def seams(self) -> NDArray[np.bool_]:
+        """Whether an edge of a triangle is sewn to another part of the fabric, shape (nt, 3), order as stencils."""
+        material_neighbour = _twins(self.corners, len(self.material)) >= 0
+        return self.has_neighbour & ~material_neighbour
+
+    @property
+    def panel_numbers(self) -> Integers:
+        """Which panel every material point belongs to: pieces that hang together in the fabric, shape (nm,)."""
+        numbers = np.arange(len(self.material))
+        while True:
+            smallest = numbers[self.corners].min(axis=1)
+            joined = numbers.copy()
+            np.minimum.at(joined, self.corners.ravel(), np.repeat(smallest, 3))
+            joined = joined[joined]
+            if (joined == numbers).all():
+                return np.unique(numbers, return_inverse=True)[1]
+            numbers = joined
+
     def nearest_vertex(self, point: ArrayLike) -> int:
-        """Index of the vertex nearest to a point of the panel [m]."""
-        return int(np.argmin(np.linalg.norm(self.panel - np.asarray(point, float), axis=1)))
+        """The vertex nearest to a point of the panels as cut [m]."""
+        nearest = np.argmin(np.linalg.norm(self.panel - np.asarray(point, float), axis=1))
+        return int(self.point_vertices[nearest])
 
     def with_grain(self, angle: float) -> TriangleMesh:
-        """The same panel cut from fabric whose course direction lies at ``angle`` [rad] to the panel's x."""
-        return TriangleMesh(self.panel @ _rotation(angle), self.triangles, grain=angle)
+        """The same panels cut from fabric whose course direction lies at ``angle`` [rad] to the panel's x."""
+        material = _turned(self.panel, -angle)
+        return TriangleMesh(material, self.triangles, angle, self.corners, self.assembled)
 
 
 def rectangle(
@@ -150,7 +181,7 @@ def rectangle(
         inner = (np.abs(points) < np.array([width, height]) / 2 - 1e-9 * spacing).all(axis=1)
         shift = np.random.default_rng(seed).uniform(-1, 1, points.shape) * irregularity * step
         points[inner] += shift[inner]
-    return TriangleMesh(points @ _rotation(grain), triangles, grain=grain)
+    return TriangleMesh(_turned(points, -grain), triangles, grain)
 
 
 def disk(radius: float, spacing: float, *, grain: float = 0.0) -> TriangleMesh:
@@ -175,13 +206,14 @@ def disk(radius: float, spacing: float, *, grain: float = 0.0) -> TriangleMesh:
                 if k < ring - 1:
                     triangles.append([inner[0], outer[1], inner[1]])
     coordinates = np.concatenate(points)
-    return TriangleMesh(coordinates @ _rotation(grain), np.array(triangles), grain=grain)
+    return TriangleMesh(_turned(coordinates, -grain), np.array(triangles), grain)
 
 
-def _rotation(angle: float) -> Floats:
-    """Matrix with columns = the fabric's course and wale directions in the panel, shape (2, 2)."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s], [s, c]])
+def _turned(points: Floats, angle: float | Floats) -> Floats:
+    """Points (n, 2) turned by an angle or by one angle each [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = points.T
+    return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 def _check_sizes(**sizes: float) -> None:
@@ -211,7 +243,7 @@ def _row_triangles(row: int, starts: list[int], columns: int) -> Integers:
     return np.concatenate([upright, inverted])
 
 
-def _checked_arrays(material: ArrayLike, triangles: ArrayLike) -> tuple[Floats, Integers]:
+def _checked_material(material: ArrayLike, grain: float | Floats) -> tuple[Floats, float | Floats]:
     points = np.ascontiguousarray(material, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 6:
         raise InputError("material coordinates", expected="shape (6 or more, 2)", found=points.shape)
@@ -220,27 +252,85 @@ def _checked_arrays(material: ArrayLike, triangles: ArrayLike) -> tuple[Floats, 
         raise InputError(
             "material coordinates", expected="finite numbers", found=f"{points[row]} at vertex {row}"
         )
-    corners = np.asarray(triangles)
-    if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
-        raise InputError("triangles", expected="shape (1 or more, 3)", found=corners.shape)
-    if not np.issubdtype(corners.dtype, np.integer):
-        raise InputError("triangles", expected="integers", found=corners.dtype)
-    corners = np.ascontiguousarray(corners, dtype=np.int64)
-    bad = (corners < 0) | (corners >= len(points))
+    angles = np.asarray(grain, dtype=np.float64)
+    if angles.shape not in ((), (len(points),)) or not np.isfinite(angles).all():
+        raise InputError(
+            "grain", expected=f"a finite angle [rad] or {len(points)} of them", found=angles.shape
+        )
+    return points, float(angles) if angles.ndim == 0 else angles
+
+
+def _checked_corners(corners: ArrayLike, count: int) -> Integers:
+    """Triangles as indices of ``count`` points, each used."""
+    array = np.asarray(corners)
+    if array.ndim != 2 or array.shape[1] != 3 or not len(array):
+        raise InputError("triangles", expected="shape (1 or more, 3)", found=array.shape)
+    if not np.issubdtype(array.dtype, np.integer):
+        raise InputError("triangles", expected="integers", found=array.dtype)
+    array = np.ascontiguousarray(array, dtype=np.int64)
+    bad = (array < 0) | (array >= count)
     if bad.any():
         row = int(np.flatnonzero(bad.any(axis=1))[0])
-        raise InputError(f"triangle {row}", expected=f"vertices 0..{len(points) - 1}", found=corners[row])
-    unused = np.flatnonzero(np.bincount(corners.ravel(), minlength=len(points)) == 0)
+        raise InputError(f"triangle {row}", expected=f"vertices 0..{count - 1}", found=array[row])
+    unused = np.flatnonzero(np.bincount(array.ravel(), minlength=count) == 0)
     if len(unused):
         raise InputError("triangles", expected="every vertex used", found=f"vertex {unused[0]} is not")
-    return points, corners
+    return array
 
 
-def _stencils(triangles: Integers, vertex_count: int) -> tuple[Integers, NDArray[np.bool_]]:
-    """Stencils (nt, 6) and neighbour flags (nt, 3); each directed edge may belong to one triangle."""
-    count = len(triangles)
+def _checked_triangles(triangles: ArrayLike, corners: Integers) -> Integers:
+    array = np.asarray(triangles)
+    if array.shape != corners.shape:
+        raise InputError("corners", expected=f"one per corner, shape {array.shape}", found=corners.shape)
+    return _checked_corners(array, int(array.max()) + 1 if array.size else 0)
+
+
+def _vertices_of_points(triangles: Integers, corners: Integers, count: int) -> Integers:
+    vertices = np.empty(count, np.int64)
+    vertices[corners] = triangles
+    torn = vertices[corners] != triangles
+    if torn.any():
+        row, k = np.argwhere(torn)[0]
+        raise InputError(
+            f"material point {corners[row, k]}",
+            expected="one vertex in space",
+            found=f"vertices {vertices[corners[row, k]]} and {triangles[row, k]}",
+        )
+    return vertices
+
+
+def _rest_edges(points: Floats) -> tuple[Floats, Floats]:
+    """Matrices (nt, 2, 2) with columns X1 − X0, X2 − X0 and areas (nt,) of triangles (nt, 3, 2)."""
+    edges = np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], axis=2)
+    areas = 0.5 * (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
+    flat = areas <= 1e-9 * np.abs(edges).max(axis=(1, 2)) ** 2
+    if flat.any():
+        worst = int(np.flatnonzero(flat)[0])
+        raise InputError(
+            f"triangle {worst}",
+            expected="counter-clockwise vertices and a positive area",
+            found=f"area {areas[worst]:g} m²",
+        )
+    return edges, areas
+
+
+def _checked_positions(assembled: ArrayLike, panel: Floats, point_vertices: Integers) -> Floats:
+    """Positions in space, (nv, 3), where none are given those of the flat panel."""
+    count = int(point_vertices.max()) + 1
+    positions = np.ascontiguousarray(assembled, dtype=np.float64)
+    if len(positions) == 0:
+        if len(panel) > count:
+            raise InputError("assembled positions", expected="given with seams", found="none")
+        positions = np.zeros((count, 3))
+        positions[point_vertices, :2] = panel
+    if positions.shape != (count, 3) or not np.isfinite(positions).all():
+        raise InputError("assembled positions", expected=f"finite, shape ({count}, 3)", found=positions.shape)
+    return positions
+
+
+def _twins(triangles: Integers, vertex_count: int) -> Integers:
+    """For every directed edge 3·triangle + k the one that runs back along it, −1 where there is none, (nt, 3)."""
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    opposite = np.roll(triangles, -2, axis=1).ravel()
     key = tail * vertex_count + head
     order = np.argsort(key, kind="stable")
     repeated = np.flatnonzero(np.diff(key[order]) == 0)
@@ -253,8 +343,16 @@ def _stencils(triangles: Integers, vertex_count: int) -> tuple[Integers, NDArray
         )
     twin = head * vertex_count + tail
     place = np.minimum(np.searchsorted(key[order], twin), len(key) - 1)
-    found = key[order][place] == twin
-    across = np.where(found, opposite[order[place]], -1).reshape(count, 3)
+    return np.where(key[order][place] == twin, order[place], -1).reshape(-1, 3)
+
+
+def _stencils(triangles: Integers, vertex_count: int) -> tuple[Integers, NDArray[np.bool_]]:
+    """Stencils (nt, 6) and neighbour flags (nt, 3); each directed edge may belong to one triangle."""
+    twins = _twins(triangles, vertex_count)
+    opposite = np.roll(triangles, -2, axis=1).ravel()
+    found = twins >= 0
+    across = np.where(found, opposite[twins], -1)
+    _check_distinct(triangles, across)
     stencils = np.concatenate([triangles, across], axis=1)
     for row in np.flatnonzero((across < 0).any(axis=1)):
         # Ignored by every user of the stencil; distinct, so that no block of a matrix is met twice.
@@ -262,4 +360,23 @@ def _stencils(triangles: Integers, vertex_count: int) -> tuple[Integers, NDArray
         for k in range(3, 6):
             if stencils[row, k] < 0:
                 stencils[row, k] = next(spare)
-    return np.ascontiguousarray(stencils), found.reshape(count, 3)
+    return np.ascontiguousarray(stencils), found
+
+
+def _check_distinct(triangles: Integers, across: Integers) -> None:
+    """No triangle may meet a vertex twice: such a stencil has no six points."""
+    for k in range(3):
+        same = (across[:, k] >= 0) & (across[:, k] == across[:, (k + 1) % 3])
+        if same.any():
+            row = int(np.flatnonzero(same)[0])
+            raise InputError(
+                f"vertex {triangles[row, (k + 1) % 3]}",
+                expected="a free edge or four and more triangles around it",
+                found="fewer (flip or split an edge there)",
+            )
+        folded = (across[:, k] >= 0) & (across[:, k] == triangles[:, (k + 2) % 3])
+        if folded.any():
+            row = int(np.flatnonzero(folded)[0])
+            raise InputError(
+                f"triangle {row}", expected="no other of the same vertices", found="one sewn onto it"
+            )

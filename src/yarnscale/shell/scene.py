@@ -212,7 +212,7 @@ def drape(
 def central_stretch(mesh: TriangleMesh, positions: Floats, half: float) -> Floats:
     """√I11 and √I22, area-weighted over triangles with their centre within ±half [m] of the panel's, (2,)."""
     triangles = mesh.triangles
-    near = (np.abs(mesh.panel[triangles].mean(axis=1)) < half).all(axis=1)
+    near = (np.abs(mesh.panel[mesh.corners].mean(axis=1)) < half).all(axis=1)
     corners = positions[triangles[near]]
     edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     gradient = edges @ mesh.inverse_rest[near]

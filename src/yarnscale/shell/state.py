@@ -27,8 +27,8 @@ class ClothState:
 
     @classmethod
     def flat(cls, mesh: TriangleMesh, *, height: float = 0.0) -> ClothState:
-        """The panel as cut, at rest in the plane z = height [m]."""
-        positions = np.column_stack([mesh.panel, np.full(mesh.vertex_count, height)])
+        """The cloth as cut, or as its panels are assembled, at rest and raised by ``height`` [m]."""
+        positions = mesh.assembled + [0.0, 0.0, height]
         return cls(positions, np.zeros_like(positions))
 
 
