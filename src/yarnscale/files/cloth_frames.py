@@ -2,61 +2,167 @@
 
 from __future__ import annotations
 
-import io
 import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.files.atomic import write_bytes
+from yarnscale.files.array_file import checked, checked_indices, read_arrays, write_arrays
+from yarnscale.files.body_surface import BodySurface
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.obstacles import Obstacle
 from yarnscale.shell.state import ClothState
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MESH = "mesh.npz"
+BODIES = "bodies.npz"
 
 
 class FrameFolder:
-    """A folder with ``mesh.npz`` (material (nv, 2), triangles (nt, 3)) and ``frame_0000.npz``, ``frame_0001.npz``, …
+    """A folder with ``mesh.npz`` and ``frame_0000.npz``, ``frame_0001.npz``, …
 
-    A frame holds positions [m], velocities [m/s], both (nv, 3), and time [s]. Pass ``write`` as ``on_frame``. Frames
-    of an earlier run are removed at the start. Raises InputError where the folder cannot be written.
+    The mesh holds material points (nm, 2) [m], triangles (nt, 3) in space and their corners (nt, 3) among the points.
+
+    A frame holds positions [m], velocities [m/s], both (nv, 3), and time [s]. Where there are obstacles with a
+    surface, ``bodies.npz`` holds their triangles and every frame their vertices as ``bodies`` (nb, 3) [m]. Pass
+    ``write`` as ``on_frame``.
+
+    keep: frames of an earlier run, from the first on, that stay; all others are removed at the start. Raises
+    InputError where the folder cannot be written.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], mesh: TriangleMesh) -> None:
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        mesh: TriangleMesh,
+        *,
+        obstacles: Sequence[Obstacle] = (),
+        keep: int = 0,
+    ) -> None:
         self.folder = Path(folder)
+        self._bodies = BodySurface(obstacles)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            for old in self.folder.glob("frame_[0-9]*.npz"):
-                old.unlink()
+            for number, path in frame_paths(self.folder).items():
+                if number >= keep:
+                    path.unlink()
+            if not self._bodies:
+                (self.folder / BODIES).unlink(missing_ok=True)
         except OSError as error:
             reason = error.strerror or str(error)
             raise InputError("output cannot be written", where=self.folder, found=reason) from None
-        _write(self.folder / "mesh.npz", material=mesh.material, triangles=mesh.triangles)
+        write_arrays(
+            self.folder / MESH, material=mesh.material, triangles=mesh.triangles, corners=mesh.corners
+        )
+        if self._bodies:
+            write_arrays(self.folder / BODIES, triangles=self._bodies.triangles)
 
     def write(self, number: int, state: ClothState) -> None:
         """Write one frame; a file of that number is replaced in one step."""
-        _write(
-            self.folder / f"frame_{number:04d}.npz",
+        bodies = {"bodies": self._bodies.vertices(state.time)} if self._bodies else {}
+        write_arrays(
+            self.folder / frame_name(number),
             positions=state.positions,
             velocities=state.velocities,
             time=np.array(state.time),
+            **bodies,
         )
+
+
+def frame_name(number: int) -> str:
+    """File name of a frame."""
+    return f"frame_{number:04d}.npz"
+
+
+def frame_paths(folder: Path) -> dict[int, Path]:
+    """Frames in a folder by number, in order."""
+    found = {}
+    for path in folder.glob("frame_*.npz"):
+        if match := re.fullmatch(r"frame_(\d{4,})\.npz", path.name):
+            found[int(match[1])] = path
+    return dict(sorted(found.items()))
 
 
 def read_frame(path: str | os.PathLike[str]) -> ClothState:
     """A state written by ``FrameFolder``; InputError where the file is none."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            positions, velocities = np.asarray(file["positions"]), np.asarray(file["velocities"])
-            time = float(file["time"])
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError("file is no frame of a cloth", where=path, found=str(error)[:80]) from None
-    if positions.ndim != 2 or positions.shape[1:] != (3,) or velocities.shape != positions.shape:
-        raise InputError("positions", where=path, expected="shape (n, 3)", found=positions.shape)
-    return ClothState(positions.astype(float), velocities.astype(float), time)
+    arrays = read_arrays(path, "positions", "velocities", "time", what="frame of a cloth")
+    positions = checked(arrays["positions"], name="positions", shape=(None, 3), where=path)
+    velocities = checked(arrays["velocities"], name="velocities", shape=positions.shape, where=path)
+    return ClothState(
+        positions, velocities, float(checked(arrays["time"], name="time", shape=(), where=path))
+    )
 
 
-def _write(path: Path, **arrays: NDArray) -> None:
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
-    write_bytes(path, buffer.getvalue())
+@dataclass(frozen=True, eq=False)
+class ClothFrames:
+    """A folder of frames to read: ``triangles`` (nt, 3), ``material`` (nv, 2) [m], body triangles (mb, 3) or None.
+
+    paths: frames by number; times: of each [s], (nf,).
+    """
+
+    triangles: Integers
+    material: Floats
+    body_triangles: Integers | None
+    paths: dict[int, Path]
+    times: Floats
+
+    def state(self, number: int) -> ClothState:
+        """Frame of a number; InputError where it does not belong to the mesh."""
+        state = read_frame(self.paths[number])
+        if len(state.positions) != len(self.material):
+            raise InputError(
+                "positions",
+                where=self.paths[number],
+                expected=f"shape ({len(self.material)}, 3)",
+                found=state.positions.shape,
+            )
+        return state
+
+    def bodies(self, number: int) -> Floats | None:
+        """Vertices of the bodies in a frame [m], (nb, 3), or None without any."""
+        if self.body_triangles is None:
+            return None
+        path = self.paths[number]
+        vertices = read_arrays(path, "bodies", what="frame with bodies")["bodies"]
+        vertices = checked(vertices, name="bodies", shape=(None, 3), where=path)
+        if len(vertices) <= self.body_triangles.max(initial=-1):
+            raise InputError("bodies", where=path, expected="vertices of all triangles", found=vertices.shape)
+        return vertices
+
+
+def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
+    """The frames of a folder, opened when they are asked for.
+
+    Raises InputError where the folder, the mesh or frames are missing or damaged.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError("folder does not exist", where=folder, expected="frames of a cloth")
+    arrays = read_arrays(folder / MESH, "material", "triangles", what="mesh of a cloth")
+    material = checked(arrays["material"], name="material", shape=(None, 2), where=folder / MESH)
+    triangles = checked_indices(
+        arrays["triangles"], name="triangles", width=3, count=len(material), where=folder / MESH
+    )
+    bodies = None
+    if (folder / BODIES).is_file():
+        stored = read_arrays(folder / BODIES, "triangles", what="bodies beside a cloth")["triangles"]
+        bodies = checked_indices(
+            stored, name="triangles", width=3, count=np.iinfo(np.int64).max, where=folder / BODIES
+        )
+    paths = frame_paths(folder)
+    return ClothFrames(triangles, material, bodies, paths, frame_times(folder, paths))
+
+
+def frame_times(folder: Path, paths: dict[int, Path]) -> Floats:
+    """Times of frames [s], (nf,); InputError where there are none."""
+    if not paths:
+        raise InputError("folder holds no frames", where=folder, expected="frame_0000.npz and so on")
+    times = [read_arrays(path, "time", what="frame")["time"] for path in paths.values()]
+    return np.array([float(checked(t, name="time", shape=(), where=folder)) for t in times])

@@ -1,0 +1,67 @@
+"""Named arrays in one .npz file, written whole and read with errors that say what is wrong."""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_bytes
+
+
+def write_arrays(path: str | os.PathLike[str], **arrays: ArrayLike) -> None:
+    """Replace a file by these arrays in one step; InputError where it cannot be written."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **{name: np.asarray(value) for name, value in arrays.items()})
+    write_bytes(path, buffer.getvalue())
+
+
+def read_arrays(
+    path: str | os.PathLike[str], *required: str, optional: Sequence[str] = (), what: str
+) -> dict[str, NDArray]:
+    """The arrays of these names; of the optional ones those that are there.
+
+    what: the kind of file, for the errors. Raises InputError where the file is missing or none of that kind.
+    """
+    if not Path(path).is_file():
+        raise InputError("file does not exist", where=path, expected=what)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            present = [name for name in optional if name in file.files]
+            return {name: np.asarray(file[name]) for name in (*required, *present)}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"file is no {what}", where=path, found=str(error)[:80]) from None
+
+
+def checked(
+    array: NDArray, *, name: str, shape: tuple[int | None, ...], where: object = None
+) -> NDArray[np.float64]:
+    """The array as finite numbers of a shape (None: any length); InputError otherwise."""
+    fits = array.ndim == len(shape) and all(
+        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
+        raise InputError(name, where=where, expected=f"shape {wanted}", found=array.shape)
+    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise InputError(name, where=where, expected="finite numbers", found=f"others ({array.dtype})")
+    return array.astype(float)
+
+
+def checked_indices(
+    array: NDArray, *, name: str, width: int, count: int, where: object = None
+) -> NDArray[np.int64]:
+    """The array as indices below ``count``, shape (n, width); InputError otherwise."""
+    if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in "iu":
+        raise InputError(name, where=where, expected=f"integers of shape (n, {width})", found=array.shape)
+    if array.size and (array.min() < 0 or array.max() >= count):
+        raise InputError(
+            name, where=where, expected=f"indices 0..{count - 1}", found=f"{array.min()}..{array.max()}"
+        )
+    return array.astype(np.int64)

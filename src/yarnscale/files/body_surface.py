@@ -1,0 +1,75 @@
+"""Surfaces of the obstacles of a scene as triangles, at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.shell.obstacles import Obstacle, Sphere
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class BodySurface:
+    """All obstacles that have a surface, in one list of triangles; a plane has none, for it has no end.
+
+    triangles: (m, 3). It counts as false without any.
+    """
+
+    def __init__(self, obstacles: Sequence[Obstacle]) -> None:
+        self._parts: list[Obstacle] = []
+        lists, start = [np.zeros((0, 3), np.int64)], 0
+        for obstacle in obstacles:
+            if isinstance(obstacle, Sphere):
+                triangles, count = ball()[1], len(ball()[0])
+            else:
+                triangles, count = getattr(obstacle, "triangles", None), len(obstacle.points(0.0))
+            if triangles is None:
+                continue
+            self._parts.append(obstacle)
+            lists.append(np.asarray(triangles) + start)
+            start += count
+        self.triangles: Integers = np.vstack(lists)
+
+    def __bool__(self) -> bool:
+        return bool(self._parts)
+
+    def vertices(self, time: float) -> Floats:
+        """Vertices at a time [s], (n, 3) [m]."""
+        places = [np.zeros((0, 3))]
+        for part in self._parts:
+            points = part.points(time)
+            places.append(points[:1] + part.radius * ball()[0] if isinstance(part, Sphere) else points)
+        return np.vstack(places)
+
+
+def ball(*, rings: int = 24, sectors: int = 48) -> tuple[Floats, Integers]:
+    """A sphere of radius one about the origin: vertices (n, 3) and triangles (m, 3) that face outwards."""
+    polar = np.pi * np.arange(1, rings) / rings
+    around = 2 * np.pi * np.arange(sectors) / sectors
+    circle = np.stack([np.cos(around), np.sin(around)], axis=1)
+    body = np.concatenate(
+        [
+            np.sin(polar)[:, None, None] * circle,
+            np.broadcast_to(np.cos(polar)[:, None, None], (rings - 1, sectors, 1)),
+        ],
+        axis=2,
+    ).reshape(-1, 3)
+    top, bottom = len(body), len(body) + 1
+    here, following = np.arange(sectors), (np.arange(sectors) + 1) % sectors
+    upper = (sectors * np.arange(rings - 2))[:, None]
+    a, b = upper + here, upper + following
+    c, d = a + sectors, b + sectors
+    last = sectors * (rings - 2)
+    triangles = np.vstack(
+        [
+            np.stack([a, c, d], axis=-1).reshape(-1, 3),
+            np.stack([a, d, b], axis=-1).reshape(-1, 3),
+            np.stack([np.full(sectors, top), here, following], axis=1),
+            np.stack([np.full(sectors, bottom), last + following, last + here], axis=1),
+        ]
+    )
+    return np.vstack([body, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]), triangles.astype(np.int64)

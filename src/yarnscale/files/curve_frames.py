@@ -1,0 +1,172 @@
+"""Frames of yarn curves as files: what stays in ``curves.npz``, what moves in one file a frame."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.files.array_file import checked, read_arrays, write_arrays
+from yarnscale.files.cloth_frames import frame_name, frame_paths, frame_times
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+CURVES = "curves.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class CurveSet:
+    """Which points make up which curve, and how thick it is; smooth curves pass through their points.
+
+    offsets: curve i owns the points offsets[i] … offsets[i + 1] − 1, (nc + 1,). radii: of every point [m], (n,);
+    one number or one per curve (nc,) serves too. closed: whether the last point joins the first, (nc,), default
+    False. yarn: a number that picks the colour, (nc,), default 0, 1, 2, …
+
+    Raises InputError; an open curve has two points or more, a closed one three.
+    """
+
+    offsets: Integers
+    radii: Floats
+    closed: NDArray[np.bool_]
+    yarn: Integers
+
+    def __init__(
+        self,
+        offsets: ArrayLike,
+        radii: ArrayLike,
+        *,
+        closed: ArrayLike | None = None,
+        yarn: ArrayLike | None = None,
+    ) -> None:
+        starts = np.asarray(offsets)
+        if starts.ndim != 1 or len(starts) < 2 or starts.dtype.kind not in "iu" or starts[0] != 0:
+            raise InputError("offsets", expected="integers from 0, shape (nc + 1,)", found=starts.shape)
+        starts = starts.astype(np.int64)
+        count = len(starts) - 1
+        loops = np.zeros(count, bool) if closed is None else np.asarray(closed)
+        numbers = np.arange(count) if yarn is None else np.asarray(yarn)
+        for name, array, kinds in (("closed", loops, "b"), ("yarn", numbers, "iu")):
+            if array.shape != (count,) or array.dtype.kind not in kinds:
+                raise InputError(name, expected=f"shape ({count},)", found=f"{array.shape}, {array.dtype}")
+        short = np.diff(starts) < np.where(loops, 3, 2)
+        if short.any():
+            worst = int(np.flatnonzero(short)[0])
+            expected = "three points" if loops[worst] else "two points"
+            raise InputError(f"curve {worst}", expected=expected, found=int(np.diff(starts)[worst]))
+        object.__setattr__(self, "offsets", starts)
+        object.__setattr__(self, "radii", _per_point(np.asarray(radii), starts))
+        object.__setattr__(self, "closed", loops.astype(bool))
+        object.__setattr__(self, "yarn", numbers.astype(np.int64))
+
+    @property
+    def point_count(self) -> int:
+        """Number of points of all curves."""
+        return int(self.offsets[-1])
+
+    def __len__(self) -> int:
+        return len(self.closed)
+
+    def chosen(self, which: NDArray[np.bool_]) -> tuple[CurveSet, Integers]:
+        """The curves marked in ``which`` (nc,), and the points they take from these (m,)."""
+        lengths = np.diff(self.offsets)
+        points = np.flatnonzero(np.repeat(which, lengths))
+        offsets = np.concatenate([[0], np.cumsum(lengths[which])])
+        part = CurveSet(offsets, self.radii[points], closed=self.closed[which], yarn=self.yarn[which])
+        return part, points
+
+    def segments(self) -> Integers:
+        """Pairs of points that follow each other, (m, 2), the closing ones of loops included."""
+        first = np.arange(self.point_count)
+        second = first + 1
+        ends = self.offsets[1:] - 1
+        second[ends] = self.offsets[:-1]
+        keep = np.ones(self.point_count, bool)
+        keep[ends[~self.closed]] = False
+        return np.stack([first, second], axis=1)[keep]
+
+
+def _per_point(radii: NDArray, offsets: Integers) -> Floats:
+    count, points = len(offsets) - 1, int(offsets[-1])
+    if radii.ndim == 0:
+        radii = np.full(points, radii)
+    elif radii.shape == (count,) and count != points:
+        radii = np.repeat(radii, np.diff(offsets))
+    radii = checked(radii, name="radii", shape=(points,))
+    if (radii <= 0).any():
+        raise InputError("radii", expected="positive lengths [m]", found=float(radii.min()))
+    return radii
+
+
+class CurveFolder:
+    """A folder with ``curves.npz``, the fields of a ``CurveSet``, and ``frame_0000.npz``, ``frame_0001.npz``, …
+
+    A frame holds positions (n, 3) [m] of all points and time [s]; radii (n,) [m] too where they change. Frames
+    bear the numbers of the cloth's frames they belong to. keep: as in ``FrameFolder``. Raises InputError where the
+    folder cannot be written.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], curves: CurveSet, *, keep: int = 0) -> None:
+        self.folder, self.curves = Path(folder), curves
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for number, path in frame_paths(self.folder).items():
+                if number >= keep:
+                    path.unlink()
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InputError("output cannot be written", where=self.folder, found=reason) from None
+        write_arrays(
+            self.folder / CURVES,
+            offsets=curves.offsets,
+            radii=curves.radii,
+            closed=curves.closed,
+            yarn=curves.yarn,
+        )
+
+    def write(self, number: int, positions: Floats, time: float, *, radii: Floats | None = None) -> None:
+        """Write one frame; a file of that number is replaced in one step."""
+        count = self.curves.point_count
+        arrays = {"positions": checked(np.asarray(positions), name="positions", shape=(count, 3))}
+        if radii is not None:
+            arrays["radii"] = checked(np.asarray(radii), name="radii", shape=(count,))
+        write_arrays(self.folder / frame_name(number), **arrays, time=np.array(float(time)))
+
+
+@dataclass(frozen=True, eq=False)
+class CurveFrames:
+    """A folder of curve frames to read: its ``curves``, frames by number and their times [s], (nf,)."""
+
+    curves: CurveSet
+    paths: dict[int, Path]
+    times: Floats
+
+    def points(self, number: int) -> tuple[Floats, Floats]:
+        """Positions (n, 3) and radii (n,) of a frame [m]; InputError where it is none of these curves."""
+        path, count = self.paths[number], self.curves.point_count
+        arrays = read_arrays(path, "positions", optional=("radii",), what="frame of curves")
+        positions = checked(arrays["positions"], name="positions", shape=(count, 3), where=path)
+        if "radii" not in arrays:
+            return positions, self.curves.radii
+        return positions, checked(arrays["radii"], name="radii", shape=(count,), where=path)
+
+
+def read_curve_frames(folder: str | os.PathLike[str]) -> CurveFrames:
+    """The curve frames of a folder, opened when they are asked for; InputError where something is missing."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError("folder does not exist", where=folder, expected="frames of curves")
+    path = folder / CURVES
+    arrays = read_arrays(path, "offsets", "radii", optional=("closed", "yarn"), what="set of curves")
+    try:
+        curves = CurveSet(
+            arrays["offsets"], arrays["radii"], closed=arrays.get("closed"), yarn=arrays.get("yarn")
+        )
+    except InputError as error:
+        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
+    paths = frame_paths(folder)
+    return CurveFrames(curves, paths, frame_times(folder, paths))
