@@ -76,7 +76,7 @@ def simulate_into(scene: Scene, folder: Path) -> SceneResult:
 
     result = run_scene(scene, on_step=on_step, on_frame=on_frame)
     mesh = scene.cloth.mesh
-    write_text(folder / "last.obj", obj_text(result.state.positions, triangles, mesh.material))
+    write_text(folder / "last.obj", obj_text(result.state.positions, triangles, mesh.material, mesh.corners))
     draw_cloth(scene, kept, folder)
     return result
 
