@@ -84,7 +84,9 @@ class Cloth:
     """A panel and everything that acts on it.
 
     gravity: acceleration [m/s²]. contact: None where nothing may touch. damping: rate [1/s] at which free
-    motion decays (Rayleigh's mass term). free_edges: see ``elements``.
+    motion decays (Rayleigh's mass term); stiffness_damping: time [s] by which elastic forces lead the strain
+    (Rayleigh's stiffness term), with a damping ratio of half of it times the angular frequency. free_edges: see
+    ``elements``.
     """
 
     mesh: TriangleMesh
@@ -95,11 +97,14 @@ class Cloth:
     obstacles: tuple[Obstacle, ...] = ()
     damping: float = 0.0
     free_edges: FreeEdges = "extrapolate"
+    stiffness_damping: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
             raise InputError("gravity", expected="three finite numbers [m/s²]", found=self.gravity)
         if not (math.isfinite(self.damping) and self.damping >= 0):
             raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
+        if not (math.isfinite(self.stiffness_damping) and self.stiffness_damping >= 0):
+            raise InputError("stiffness_damping", expected="zero or more [s]", found=self.stiffness_damping)
         if self.obstacles and self.contact is None:
             raise InputError("obstacles", expected="contact settings with them", found="none")

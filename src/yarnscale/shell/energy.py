@@ -138,6 +138,13 @@ class ShellEnergy:
 
     def positive_hessian(self, linear: Linearisation) -> tuple[Floats, int]:
         """Entries of the positive model in ``pattern`` [N/m], and how many moduli were indefinite."""
+        return self._positive(linear, linear.stress)
+
+    def rate_stiffness(self, linear: Linearisation) -> Floats:
+        """Entries of Σ area·Jᵀ|C|J in ``pattern`` [N/m]: how strain rates are resisted, blind to rigid motions."""
+        return self._positive(linear, np.zeros_like(linear.stress))[0]
+
+    def _positive(self, linear: Linearisation, stress: Floats) -> tuple[Floats, int]:
         elements = self.elements
         values = np.zeros(self.pattern.entries + 1)
         positive, indefinite = np.empty((36, BLOCK)), 0
@@ -145,7 +152,7 @@ class ShellEnergy:
         for b in range(elements.blocks):
             indefinite += positive_moduli(linear.moduli[b], positive)
             add_positive_hessian(
-                elements.geometry[b], elements.areas[b], linear.jacobian[b], linear.stress[b], positive,
+                elements.geometry[b], elements.areas[b], linear.jacobian[b], stress[b], positive,
                 self._slots[b], values,
             )  # fmt: skip
         return values[:-1], indefinite

@@ -1,9 +1,6 @@
-"""Cloth through time: implicit Euler steps by Newton, and dynamics to rest.
+"""Cloth through time: a schedule of steps, first dynamics, then steps without inertia until the cloth rests.
 
-A step minimises the energy of ``step``. It starts from x + Δt v with the bars where they were: the first
-Newton step moves bars and cloth together. Where Newton fails the step is halved, and the last good state is
-never lost. Statics of cloth is fragile (it buckles and wrinkles), so rest is found by steps without inertia
-and growing Δt.
+Statics of cloth is fragile (it buckles and wrinkles), so rest is found by steps without inertia and growing Δt.
 """
 
 from __future__ import annotations
@@ -13,196 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.numerics.newton import ShiftRule, Status, minimise
+from yarnscale.numerics.newton import Status
 from yarnscale.shell.checkpoint import Checkpoint
-from yarnscale.shell.cloth import Cloth, Handle
-from yarnscale.shell.contact import ClothContact
-from yarnscale.shell.energy import ShellEnergy
+from yarnscale.shell.solver import ClothSolver, SolverOptions, StepResult
 from yarnscale.shell.state import ClothState
-from yarnscale.shell.step import STANDARD_GRAVITY, PatternGrowth, StepObjective
 
-Floats = NDArray[np.float64]
-
-SHELL_SHIFT = ShiftRule(
-    start=1.0,
-    lowest=0.1,
-    highest=1.0,
-    growth=2.0,
-    least=0.125,
-    decay=0.5,
-    lowest_is_zero=True,
-    hold_above=10.0,
-)
-"""From the positive model (shift 1) to the exact Hessian (0), once forces are within ten times the weight."""
-
-
-@dataclass(frozen=True)
-class SolverOptions:
-    """How exactly steps are solved.
-
-    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: of Newton per step.
-    acceptable: residual with which a step is kept though Newton did not get to the tolerance.
-    halvings: how often a failed step is halved.
-    """
-
-    tolerance: float = 1e-2
-    iterations: int = 150
-    acceptable: float = 1.0
-    halvings: int = 4
-    shift: ShiftRule = SHELL_SHIFT
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.tolerance) and 0 < self.tolerance <= self.acceptable):
-            raise InputError("tolerance", expected=f"between 0 and {self.acceptable:g}", found=self.tolerance)
-        if self.iterations < 1:
-            raise InputError("iterations", expected="at least 1", found=self.iterations)
-
-
-@dataclass(frozen=True, eq=False)
-class StepResult:
-    """One step: the new state, how Newton ended, and ``unrest``, the force of inertia in units of the weight."""
-
-    state: ClothState
-    status: Status
-    iterations: int
-    residual: float
-    unrest: float
-    duration: float
-
-
-class ClothSolver:
-    """Steps of one cloth; owns the elastic energy, the contact and the growing matrix pattern."""
-
-    def __init__(self, cloth: Cloth, options: SolverOptions = SolverOptions()) -> None:
-        self.cloth, self.options = cloth, options
-        self.energy = ShellEnergy(cloth.mesh, cloth.material, free_edges=cloth.free_edges)
-        self.masses = self.energy.masses
-        touching = cloth.contact is not None and (cloth.contact.self_contact or cloth.obstacles)
-        self.contact = (
-            ClothContact(cloth.mesh, cloth.contact, cloth.obstacles) if cloth.contact and touching else None
-        )
-        self.growth = PatternGrowth(self.energy.pattern)
-        strength = float(np.linalg.norm(cloth.gravity)) or STANDARD_GRAVITY
-        self.scale = float(np.linalg.norm(self.masses)) * strength
-
-    def step(
-        self, state: ClothState, duration: float, *, inertia: bool = True, iterations: int | None = None
-    ) -> StepResult:
-        """One implicit step of ``duration`` [s]; without inertia the cloth forgets its velocity first.
-
-        iterations: of Newton, None for those of the options.
-
-        ``duration`` may be inf: a static equilibrium. The result is to be kept only if its residual is acceptable.
-        """
-        if not duration > 0:
-            raise InputError("time step", expected="a positive number of seconds", found=duration)
-        velocities = state.velocities if inertia else np.zeros_like(state.velocities)
-        self._take_up(state)
-        if self.contact is not None:
-            self.contact.start_step(state.positions, min(duration, 1.0))
-        objective = self._objective(state.positions, velocities, duration, state.time)
-        moved = duration * velocities if math.isfinite(duration) else np.zeros_like(velocities)
-        solution = minimise(
-            objective,
-            self._start(state.positions, moved).ravel(),
-            bound=self._bound if self.contact is not None else None,
-            after_step=lambda x: self._follow(x),
-            tolerance=self.options.tolerance,
-            max_iterations=self.options.iterations if iterations is None else iterations,
-            shift=self.options.shift,
-            check_minimum=math.isinf(duration),
-        )
-        positions = solution.x.reshape(-1, 3)
-        change = positions - state.positions
-        new = ClothState(
-            positions,
-            change / duration if math.isfinite(duration) else np.zeros_like(change),
-            state.time + (duration if math.isfinite(duration) else 0.0),
-            self.energy.elements.reference_angles,
-        )
-        inertial = objective.weights[:, None] * (positions - objective.centre)
-        unrest = float(np.linalg.norm(inertial)) / self.scale
-        return StepResult(new, solution.status, solution.iterations, solution.residual, unrest, duration)
-
-    def advance(
-        self, state: ClothState, duration: float, *, inertia: bool = True, rough: int | None = None
-    ) -> StepResult:
-        """A step, halved until Newton succeeds; where it never does, the given state with the failure's status.
-
-        rough: keep what this many iterations reach, whatever force is left over; it acts in the next step.
-        """
-        iterations = 0
-        for halving in range(self.options.halvings + 1):
-            result = self.step(state, duration / 2**halving, inertia=inertia, iterations=rough)
-            iterations += result.iterations
-            unfinished = rough is not None and result.status is Status.ITERATION_LIMIT
-            if unfinished or result.residual <= self.options.acceptable:
-                return replace(result, iterations=iterations)
-        return replace(result, state=state, iterations=iterations)
-
-    def energies(self, state: ClothState) -> dict[str, float]:
-        """Elastic, gravity, kinetic and contact energy [J]."""
-        self._take_up(state)
-        positions, velocities = state.positions, state.velocities
-        height = positions @ np.asarray(self.cloth.gravity)
-        return {
-            "elastic": self.energy.value(positions),
-            "gravity": -float(self.masses @ height),
-            "kinetic": 0.5 * float(self.masses @ (velocities**2).sum(axis=1)),
-            "contact": self.contact.value(positions) if self.contact is not None else 0.0,
-        }
-
-    def pull(self, handle: Handle, state: ClothState) -> Floats:
-        """Force of a handle on the cloth [N], (3,)."""
-        return handle.attachment(state.time).pull(state.positions).sum(axis=0)
-
-    def _take_up(self, state: ClothState) -> None:
-        if state.fold_angles is not None:
-            self.energy.elements.set_reference_angles(state.fold_angles)
-        self._follow(state.positions)
-
-    def _follow(self, x: Floats) -> None:
-        self.energy.follow(x.reshape(-1, 3))
-
-    def _bound(self, x: Floats, step: Floats) -> float:
-        assert self.contact is not None
-        return self.contact.bound(x.reshape(-1, 3), step.reshape(-1, 3))
-
-    def _start(self, positions: Floats, moved: Floats) -> Floats:
-        """x + Δt v, as far as nothing touches and the energy stays finite."""
-        fraction = self.contact.bound(positions, moved) if self.contact is not None else 1.0
-        for _ in range(4):
-            start = positions + fraction * moved
-            if math.isfinite(self.energy.value(start)):
-                return start
-            fraction *= 0.25
-        return positions
-
-    def _objective(
-        self, positions: Floats, velocities: Floats, duration: float, time: float
-    ) -> StepObjective:
-        cloth = self.cloth
-        if math.isfinite(duration):
-            inertia, drag = 1.0 / duration**2, cloth.damping / duration
-            predicted = positions + duration * velocities
-            # ½ (inertia |x − y|² + drag |x − x_n|²) is one square about a point between y and x_n.
-            centre = (inertia * predicted + drag * positions) / (inertia + drag)
-            weights, time = (inertia + drag) * self.masses, time + duration
-        else:
-            centre, weights = positions, np.zeros_like(self.masses)
-        return StepObjective(
-            self.energy,
-            weights,
-            centre,
-            self.masses[:, None] * np.asarray(cloth.gravity),
-            tuple(handle.attachment(time) for handle in cloth.handles),
-            self.contact,
-            self.scale,
-            self.growth,
-        )
+__all__ = ["ClothSolver", "Progress", "Run", "Schedule", "SolverOptions", "StepResult", "simulate"]
 
 
 @dataclass(frozen=True)

@@ -13,22 +13,35 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class Earlier:
+    """The state before a state: positions [m], velocities [m/s], both (nv, 3), and the step between them [s]."""
+
+    positions: Floats
+    velocities: Floats
+    duration: float
+
+
+@dataclass(frozen=True, eq=False)
 class ClothState:
     """Positions and velocities of a mesh at a time.
 
     positions: [m], velocities: [m/s], both (nv, 3); time: [s]. fold_angles: reference angles of the elastic
-    energy [rad], needed only to go on from cloth folded by more than π (None: taken from the positions).
+    energy [rad], needed only to go on from cloth folded by more than π (None: taken from the positions). before: the
+    state one step earlier, for integrators that look back two (None: they begin with one step of implicit Euler).
+    obstacles: where the points of moving obstacles are [m] (None: where their motion takes them).
     """
 
     positions: Floats
     velocities: Floats
     time: float = 0.0
     fold_angles: Floats | None = None
+    before: Earlier | None = None
+    obstacles: Floats | None = None
 
     @classmethod
     def flat(cls, mesh: TriangleMesh, *, height: float = 0.0) -> ClothState:
         """The cloth as cut, or as its panels are assembled, at rest and raised by ``height`` [m]."""
-        positions = mesh.assembled + [0.0, 0.0, height]
+        positions = mesh.assembled + np.array([0.0, 0.0, height])
         return cls(positions, np.zeros_like(positions))
 
 

@@ -1,8 +1,12 @@
-"""One implicit Euler step, or one static equilibrium, as an energy to minimise.
+"""One implicit step, or one static equilibrium, as an energy to minimise.
 
-    ½/Δt² |x − y|²_M + E(x) + attachments + contact − gravity·x,   y = x_n + Δt v_n (+ damping)
+    ½ rate² |x − y|²_M + ½ rate |x − past|²_D + E(x) + attachments + contact − gravity·x
 
-with the lumped mass M. Without Δt the first term is absent: a static equilibrium.
+with the lumped mass M, and rate, past and y from the ``integrator``; D is Rayleigh's damping matrix, αM + βK.
+Without the first two terms it is a static equilibrium.
+
+K is the stiffness at the start of the step, from the magnitudes of the moduli, without the geometric term: it
+is positive, costs one matrix a step, and vanishes for rigid motions, so that momentum and angular momentum stay.
 """
 
 from __future__ import annotations
@@ -42,12 +46,23 @@ class ContactEnergy(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Resistance:
+    """The quadratic energy ½ |x − origin|² in a positive matrix: entries in the pattern of the elastic energy [N/m]."""
+
+    entries: Floats
+    origin: Floats
+
+
 @dataclass(eq=False)
 class StepObjective:
-    """The energy of a step for ``numerics.newton.minimise``, in the 3nv coordinates of the vertices.
+    """The energy of a step for ``numerics.newton.minimise``, in the coordinates of the vertices.
 
-    weights: masses/Δt² [N/m], (nv,), zero for a static equilibrium; centre: y (nv, 3); load: constant forces
-    (nv, 3) [N]; scale: gradient norm that counts as 1 [N].
+    Unknowns: the nv vertices of the cloth and, after them, the points of moving obstacles, which have no other
+    terms than contact and the attachment that places them.
+
+    weights: masses·rate² [N/m], (nv,), zero for a static equilibrium; centre: y (nv, 3); load: constant forces
+    (nv, 3) [N]; scale: gradient norm that counts as 1 [N]; resistance: damping by stiffness, if any.
     """
 
     energy: ShellEnergy
@@ -58,6 +73,7 @@ class StepObjective:
     contact: ContactEnergy | None = None
     scale: float = 1.0
     growth: PatternGrowth | None = None
+    resistance: Resistance | None = None
     _memory: Linearisation | None = field(default=None, repr=False)
     _trial: Linearisation | None = field(default=None, repr=False)
 
@@ -76,7 +92,7 @@ class StepObjective:
         total = self._simple_terms(positions)[0]
         if self.contact is not None:
             total += self.contact.value(positions)
-        return total + self.energy.value(positions) if math.isfinite(total) else math.inf
+        return total + self.energy.value(self.cloth_rows(positions)) if math.isfinite(total) else math.inf
 
     def gradient(self, x: Floats) -> tuple[float, Floats]:
         """Energy [J] and gradient (3nv,) [N]."""
@@ -87,13 +103,17 @@ class StepObjective:
     def quadratic(self, x: Floats) -> tuple[float, Floats, StepModel]:
         """Energy, gradient and the second-order model, which is valid until the next call."""
         value, gradient, self._memory = self._linearise(x, self._memory)
-        return value, gradient, StepModel(self, self._memory)
+        return value, gradient, StepModel(self, self._memory, x.reshape(-1, 3).copy())
+
+    def cloth_rows(self, rows: Floats) -> Floats:
+        """Those rows that belong to the cloth."""
+        return rows[: len(self.weights)]
 
     def _linearise(self, x: Floats, memory: Linearisation | None) -> tuple[float, Floats, Linearisation]:
         positions = x.reshape(-1, 3)
-        linear = self.energy.linearise(positions, memory)
+        linear = self.energy.linearise(self.cloth_rows(positions), memory)
         value, gradient = self._simple_terms(positions)
-        gradient += linear.gradient
+        self.cloth_rows(gradient)[:] += linear.gradient
         value += linear.value
         if self.contact is not None:
             touching, push = self.contact.gradient(positions)
@@ -101,21 +121,29 @@ class StepObjective:
         return value, gradient.ravel(), linear
 
     def _simple_terms(self, positions: Floats) -> tuple[float, Floats]:
-        """Inertia, load and attachments."""
-        away = positions - self.centre
-        gradient = self.weights[:, None] * away
-        value = 0.5 * float(np.vdot(gradient, away)) - float(np.vdot(self.load, away))
-        gradient -= self.load
+        """Inertia, load, attachments and damping by stiffness."""
+        away = self.cloth_rows(positions) - self.centre
+        pull = self.weights[:, None] * away
+        value = 0.5 * float(np.vdot(pull, away)) - float(np.vdot(self.load, away))
+        gradient = np.zeros_like(positions)
+        self.cloth_rows(gradient)[:] = pull - self.load
         for held in self.attachments:
             gap = positions[held.vertices] - held.targets
             value += 0.5 * held.stiffness * float(np.vdot(gap, gap))
             np.add.at(gradient, held.vertices, held.stiffness * gap)
+        if self.resistance is not None:
+            moved = (self.cloth_rows(positions) - self.resistance.origin).ravel()
+            force = self.energy.pattern.multiply(self.resistance.entries, moved)
+            value += 0.5 * float(moved @ force)
+            self.cloth_rows(gradient)[:] += force.reshape(-1, 3)
         return value, gradient
 
     @cached_property
     def diagonal(self) -> Floats:
-        """Diagonal of the terms that have no other entries [N/m], (3nv,)."""
-        weights = self.weights.copy()
+        """Diagonal of the terms that have no other entries [N/m], one per unknown."""
+        assert self.growth is not None
+        weights = np.zeros(self.growth.base.size // 3)
+        self.cloth_rows(weights)[:] = self.weights
         for held in self.attachments:
             np.add.at(weights, held.vertices, held.stiffness)
         return np.repeat(weights, 3)
@@ -161,6 +189,7 @@ class StepModel:
 
     objective: StepObjective
     linear: Linearisation
+    positions: Floats
     _parts: dict[str, Floats] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -170,7 +199,7 @@ class StepModel:
         self._growth = growth
         self._touching = None
         if contact is not None:
-            self._touching = contact.hessian(self.linear.positions)
+            self._touching = contact.hessian(self.positions)
             # Let the pattern grow before it is asked for.
             growth.spread(np.zeros(growth.base.entries), *self._touching)
 
@@ -182,17 +211,19 @@ class StepModel:
     def values(self, shift: float) -> Floats:
         """Entries in ``pattern`` [N/m]."""
         share = min(max(shift, 0.0), 1.0)
-        if share == 0.0:
-            elastic = self._part("exact").copy()
-        elif share == 1.0:
-            elastic = self._part("positive").copy()
-        else:
-            elastic = (1.0 - share) * self._part("exact") + share * self._part("positive")
+        elastic = np.zeros(self._growth.base.entries)
+        for kind, part in (("exact", 1.0 - share), ("positive", share)):
+            if part:
+                values = self._part(kind)
+                elastic[: len(values)] += part * values
         diagonal = self._growth.base.diagonal
         if not self.objective.weights.any():
             # Flat cloth at rest has no stiffness across its plane; the step of Newton stays finite.
             elastic[diagonal] += 1e-8 * float(np.abs(elastic[diagonal]).max())
         elastic[diagonal] += self.objective.diagonal
+        if self.objective.resistance is not None:
+            damping = self.objective.resistance.entries
+            elastic[: len(damping)] += damping
         if self._touching is None:
             return elastic
         return self._growth.spread(elastic, *self._touching)

@@ -1,0 +1,78 @@
+"""Implicit rules of time integration, each as the velocity and acceleration of the new positions.
+
+Both rules differentiate by a linear formula of the states before: with D x = rate·(x − past(x)),
+
+    v = D x,   a = D v,
+
+so that one step is one minimisation of ½ rate² |x − y|² + …, with y = past(x) + past(v)/rate. Implicit Euler has
+rate = 1/Δt and past(x) = x_n. BDF2 fits a parabola through three states, with ω = Δt_n/Δt_{n−1}:
+
+    rate = (1 + 2ω)/((1 + ω) Δt),   past(x) = ((1 + ω)² x_n − ω² x_{n−1}) / (1 + 2ω).
+
+Euler is of first order and damps much; BDF2 is of second order, damps little, and is stable for steps that grow by
+less than a factor 1 + √2 (Grigorieff 1983); beyond it, and for the first step, it falls back to Euler.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.shell.state import ClothState
+
+Floats = NDArray[np.float64]
+Integrator = Literal["euler", "bdf2"]
+
+LARGEST_GROWTH = 1.0 + math.sqrt(2.0)
+"""Ratio of two steps from which BDF2 with variable steps is unstable."""
+
+
+def checked_integrator(name: str) -> Integrator:
+    """The name, if there is such an integrator. Raises InputError."""
+    if name not in get_args(Integrator):
+        raise InputError("integrator", expected=" or ".join(get_args(Integrator)), found=name)
+    return name  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, eq=False)
+class StepRule:
+    """A rule on one step: v = rate·(x − positions), a = rate·(v − velocities).
+
+    rate: [1/s]; positions: past(x) [m], velocities: past(v) [m/s], both (nv, 3).
+    """
+
+    rate: float
+    positions: Floats
+    velocities: Floats
+
+    def velocity(self, positions: Floats) -> Floats:
+        """Velocities [m/s] that go with new positions, (nv, 3)."""
+        return self.rate * (positions - self.positions)
+
+    @property
+    def coasting(self) -> Floats:
+        """Positions without any force, (nv, 3)."""
+        return self.positions + self.velocities / self.rate
+
+
+def step_rule(
+    integrator: Integrator, state: ClothState, duration: float, *, inertia: bool = True
+) -> StepRule:
+    """The rule for a step of ``duration`` [s] from a state; without inertia, implicit Euler from rest."""
+    if not inertia:
+        return StepRule(1.0 / duration, state.positions, np.zeros_like(state.velocities))
+    before = state.before
+    if integrator == "euler" or before is None or duration >= LARGEST_GROWTH * before.duration:
+        return StepRule(1.0 / duration, state.positions, state.velocities)
+    growth = duration / before.duration
+    near, far = (1.0 + growth) ** 2 / (1.0 + 2.0 * growth), growth**2 / (1.0 + 2.0 * growth)
+    return StepRule(
+        (1.0 + 2.0 * growth) / ((1.0 + growth) * duration),
+        near * state.positions - far * before.positions,
+        near * state.velocities - far * before.velocities,
+    )
