@@ -93,11 +93,28 @@ class OrthotropicMaterial(ShellMaterial):
         surplus = 4 * self.bend_bias - self.bend_weft - self.bend_warp
         return min(surplus, 0.0) / 2, max(surplus, 0.0) / 4
 
-    def gather(self, forms: Array, count: int, parameters: Array) -> None:
+    @property
+    def coefficients(self) -> Array:
+        """Factors of the ten terms of which ψ is the sum, (10,)."""
         membrane = [self.stretch_weft, self.stretch_coupling, self.stretch_warp, self.shear]
         bending = [self.bend_weft, self.bend_warp, *self.bending_coupling]
-        constants = np.array([*membrane, self.area, self.log_area, *bending])
-        parameters[:, :count] = constants[:, None]
+        return np.array([*membrane, self.area, self.log_area, *bending])
+
+    def derivative(self, constant: str) -> Array:
+        """Derivative of ``coefficients`` by one of ``CONSTANTS``, (10,): with these as factors ψ is dψ/d(constant)."""
+        column = np.zeros(PARAMETER_COUNT)
+        index = CONSTANTS.index(constant)
+        if index < 6:
+            column[index] = 1.0
+            return column
+        share = {"bend_weft": -1.0, "bend_bias": 4.0, "bend_warp": -1.0}[constant]
+        surplus = 4 * self.bend_bias - self.bend_weft - self.bend_warp
+        column[6:8] = constant == "bend_weft", constant == "bend_warp"
+        column[8:] = (share / 2, 0.0) if surplus < 0 else (0.0, share / 4)
+        return column
+
+    def gather(self, forms: Array, count: int, parameters: Array) -> None:
+        parameters[:, :count] = self.coefficients[:, None]
 
     def kernels(self) -> MaterialKernels:
         return _kernels()

@@ -1,0 +1,1 @@
+"""From measured swatches to a shell model and to yarn parameters."""

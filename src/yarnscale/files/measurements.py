@@ -1,0 +1,103 @@
+"""Measurements of a fabric from a TOML or CSV file; the form is described in docs/measurement_format.md."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.measurements import SwatchMeasurements, YarnComposition
+from yarnscale.files.measurements_csv import read_bend, read_stretch
+from yarnscale.files.source_text import read_source
+
+_FIELDS = {
+    "name": str,
+    "fabric": str,
+    "stretch": str,
+    "bend": str,
+    "single_run": bool,
+    "area_density": float,
+    "pattern": str,
+    "photographs": list,
+    "yarn": list,
+}
+_YARN_FIELDS = tuple(field.name for field in fields(YarnComposition))
+
+
+def read_measurements(
+    path: str | os.PathLike[str], *, sample: str | None = None, single_run: bool = False
+) -> SwatchMeasurements:
+    """Measurements of one fabric: a TOML file that names tables, or a table of stretch readings alone.
+
+    sample: beginning of the fabric's name where a table holds several. single_run: accept directions measured once.
+    Raises InputError with file, row and column.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".toml":
+        return _from_toml(path, sample, single_run)
+    readings = read_stretch(path, fabric=sample, single_run=single_run)
+    return SwatchMeasurements(readings.fabric or path.stem, readings.tests, notes=readings.notes)
+
+
+def _from_toml(path: Path, sample: str | None, single_run: bool) -> SwatchMeasurements:
+    table = _table(path)
+    fabric = sample or table.get("fabric")
+    single_run = single_run or table.get("single_run", False)
+    tests, bend, notes = (), (), ()
+    if "stretch" in table:
+        readings = read_stretch(path.parent / table["stretch"], fabric=fabric, single_run=single_run)
+        tests, notes = readings.tests, readings.notes
+    if "bend" in table:
+        bend = read_bend(path.parent / table["bend"], fabric=fabric)
+    try:
+        return SwatchMeasurements(
+            table.get("name", path.stem), tests, bend, tuple(_yarn(entry) for entry in table.get("yarn", ())),
+            table.get("area_density"), table.get("pattern"), tuple(table.get("photographs", ())), notes,
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
+
+
+def _table(path: Path) -> dict:
+    text = read_source(path)
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        line = re.search(r"at line (\d+)", str(error))
+        number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
+        raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None
+    for key, value in table.items():
+        if key not in _FIELDS:
+            raise InputError(f"unknown field {key!r:.60}", where=path, expected=", ".join(_FIELDS))
+        kind = _FIELDS[key]
+        number = kind is float and isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not (number or (kind is not float and isinstance(value, kind))):
+            raise InputError(
+                f"field '{key}'", where=path, expected=f"a {kind.__name__}", found=f"{value!r:.60}"
+            )
+    if not all(isinstance(name, str) for name in table.get("photographs", ())):
+        raise InputError("field 'photographs'", where=path, expected="names of files", found="something else")
+    return table
+
+
+def _yarn(entry: object) -> YarnComposition:
+    if not isinstance(entry, dict):
+        raise InputError("yarn", expected="tables [[yarn]]", found=f"{entry!r:.60}")
+    for key, value in entry.items():
+        if key not in _YARN_FIELDS:
+            raise InputError(f"unknown field yarn.{key:.40}", expected=", ".join(_YARN_FIELDS))
+        text = key in ("material", "coating")
+        right = (
+            isinstance(value, str)
+            if text
+            else isinstance(value, (int, float)) and not isinstance(value, bool)
+        )
+        if not right:
+            raise InputError(f"yarn.{key}", expected="text" if text else "a number", found=f"{value!r:.60}")
+    for key in ("material", "denier"):
+        if key not in entry:
+            raise InputError(f"yarn.{key} is missing", expected="material and denier of every yarn")
+    return YarnComposition(**entry)
