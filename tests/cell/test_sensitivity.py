@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
-from yarnscale.cell.sensitivity import PARAMETERS, Sensitivities
+from yarnscale.cell.parameters import PARAMETERS
+from yarnscale.cell.sensitivity import Sensitivities
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.cell.stiffness import CellStiffness
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.yarn.contact import contact_energy
-from yarnscale.yarn.material import ContactRule, YarnMaterial
+from yarnscale.yarn.material import ContactRule
 from yarnscale.yarn.neighbours import Images, PairSearch
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -63,21 +64,18 @@ class ContactList:
         pattern: YarnPattern,
         images: Images,
         nodes: CopiedNodes,
-        material: YarnMaterial,
+        stiffness: CellStiffness,
         *,
-        unit: float,
         symmetric: bool,
         turning: Array | None,
     ) -> None:
-        """unit: of energy [J]. symmetric: every pair from both sides, half each.
-
-        turning: rotation vectors of all nodes (T·n, 3), None where the cell is flat.
-        """
+        """symmetric: every pair from both sides, half each. turning: rotation vectors (T·n, 3), None in flat cells."""
         self._images, self._nodes, self._turning = images, nodes, turning
-        self._search = PairSearch(pattern, images, neighbours=material.contact.neighbours, ordered=symmetric)
-        self._material, self._share = material, 0.5 if symmetric else 1.0
-        self._length, self._unit = pattern.rest_length / pattern.radius, unit / pattern.radius**2
-        self._reach = contact_reach(material.contact) + SKIN
+        neighbours = stiffness.rule.neighbours
+        self._search = PairSearch(pattern, images, neighbours=neighbours, ordered=symmetric)
+        self._stiffness, self._share = stiffness, 0.5 if symmetric else 1.0
+        self._length = pattern.rest_length / pattern.radius
+        self._reach = contact_reach(stiffness.rule) + SKIN
         self._last: Contacts | None = None
 
     def at(self, fluctuation: Array, positions: Array) -> Contacts:
@@ -94,7 +92,7 @@ class ContactList:
         if old is not None and np.array_equal(first, old.first) and np.array_equal(second, old.second):
             old.built_at = fluctuation.copy()
             return old
-        rule = self._material.contact
+        rule = self._stiffness.rule
         energy = contact_energy(rule.kernel, rule.quadrature_points, rule.quadrature_weights)
         variables = self._variables(first, second)
         stencils = StencilSet(energy, variables, self._parameters(first, second), 4)
@@ -126,13 +124,6 @@ class ContactList:
         return position_variables(np.stack([first, ends[first], second, ends[second]], 1))
 
     def _parameters(self, first: Indices, second: Indices) -> Array:
-        rule = self._material.contact
-        measure = self._length[first] * self._length[second % len(self._length)] * self._share
-        columns = [self._material.contact_stiffness / self._unit * measure]
-        if rule.kernel == "hylc2020":
-            columns.append(np.full(len(first), 0.25))
-        else:
-            columns.append(np.full(len(first), 0.25 / rule.outer_radius_ratio**2))
-            columns.append(rule.inner_stiffness / self._unit * measure)
-            columns.append(np.full(len(first), 0.25 / rule.inner_radius_ratio**2))
-        return np.column_stack(columns)
+        edge = second % len(self._length)
+        measure = self._length[first] * self._length[edge] * self._share
+        return self._stiffness.pair_parameters(first, edge, measure)

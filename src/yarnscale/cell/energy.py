@@ -1,7 +1,7 @@
 """The energy of a periodic cell as a function of co-rotated fluctuations and twists (theory §2, eq. C1).
 
 Every copy of vertex i in tile t lies at ``m(X_i + t) + R(ξ_i + t) û_i``. Lengths are counted in yarn radii and energies
-in E π r³ inside this room, so that tolerances and regularisation suit every pattern.
+in E π r³ (``CellStiffness``) inside this room, so that tolerances and regularisation suit every pattern.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from yarnscale.cell.contact_list import ContactList, Contacts, contact_reach, position_variables
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
+from yarnscale.cell.stiffness import CellStiffness, Materials
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import BlockPattern, StencilSet
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
-from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.neighbours import Images, pair_gaps, safe_fraction
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, STRETCH, carried_frames
+from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, carried_frames
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -108,7 +108,7 @@ class CellEnergy:
     """
 
     pattern: YarnPattern
-    material: YarnMaterial
+    material: Materials
     strain: ShellStrain
     sliding: bool = False
     symmetric: bool = False
@@ -118,7 +118,8 @@ class CellEnergy:
 
     def __post_init__(self) -> None:
         pattern, radius = self.pattern, self.pattern.radius
-        self.unit = self.material.young_modulus * math.pi * radius**3
+        self.stiffness = CellStiffness.of(pattern, self.material)
+        self.unit = self.stiffness.unit
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
         self.images = Images.of(pattern, self._rings())
@@ -130,16 +131,15 @@ class CellEnergy:
         source = np.tile(np.arange(n), len(self.images.tiles))
         turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
         self.nodes = CopiedNodes(source, turned, offset, n, n)
+        turning = None if self.strain.is_flat else self.turning
         self.contact_list = ContactList(
-            pattern, self.images, self.nodes, self.material,
-            unit=self.unit, symmetric=self.symmetric, turning=None if self.strain.is_flat else self.turning,
-        )  # fmt: skip
+            pattern, self.images, self.nodes, self.stiffness, symmetric=self.symmetric, turning=turning
+        )
         self._rod_stencils(rotation)
         self._pattern: BlockPattern | None = None
         self.constraints = self._constraints()
-        self._scale = np.empty(4 * n)
-        self._scale[: 3 * n] = 1.0 / (pattern.rest_length / radius).mean()
-        self._scale[3 * n :] = max(float(self._joint_stiffness()[1].mean()), 1e-12)
+        positions, twists = self.stiffness.position_scale(), self.stiffness.twist_scale()
+        self._scale = np.concatenate([np.repeat(positions, 3), twists])
 
     # --- set-up ---------------------------------------------------------------------------------------
 
@@ -149,25 +149,17 @@ class CellEnergy:
         edge = np.linalg.norm(pattern.edge_vectors(), axis=1).max()
         smallest = math.sqrt(np.linalg.eigvalsh(first)[0])
         arc = 1.0 if self.strain.is_flat else math.pi / 2
-        reach = ((contact_reach(self.material.contact) + 2.0) * pattern.radius + edge) / smallest * arc
+        reach = ((contact_reach(self.stiffness.rule) + 2.0) * pattern.radius + edge) / smallest * arc
         extent = np.ptp(pattern.vertices[:, :2], axis=0)
         rings = np.ceil((extent + reach) / pattern.period).astype(int)
         return int(rings[0]), int(rings[1])
-
-    def _joint_stiffness(self) -> tuple[Array, Array]:
-        """Bending and twist stiffness over Voronoi length of every joint, nondimensional (n,)."""
-        r, length = self.pattern.radius, self.pattern.voronoi_length
-        bend = self.material.bending_stiffness(r) / length / self.unit
-        twist = self.material.twist_stiffness(r) / length / self.unit
-        return bend, twist
 
     def _rod_stencils(self, rotation: Array) -> None:
         pattern, n = self.pattern, self.count
         vertex, ends = np.arange(n), self.images.segment_end[:n]
         scalars = 3 * len(self.nodes.source)
-        edge_parameters = np.column_stack([pattern.rest_length / pattern.radius, np.ones(n)])
         stretch = position_variables(np.stack([vertex, ends], 1))
-        self.stretch = StencilSet(STRETCH, stretch, edge_parameters, 2)
+        self.stretch = StencilSet(self.stiffness.stretch_energy, stretch, self.stiffness.edge_parameters(), 2)
 
         before = pattern.previous_vertex
         back = self.images.node(-pattern.edges[before, 2:], before, n)
@@ -176,7 +168,7 @@ class CellEnergy:
         # Rows in the order of ``ANCHORS``.
         both = slope_before[:, :3], slope[:, :3], slope_before[:, 3:], slope[:, 3:]
         self._anchor_slope = np.concatenate(both, axis=1)
-        bend, twist = self._joint_stiffness()
+        bend, twist = self.stiffness.joint_stiffness()
         parameters = np.column_stack(
             [
                 tangent_before, tangent, director_before, director, pattern.reference_twist,

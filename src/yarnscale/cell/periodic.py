@@ -14,6 +14,7 @@ from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
+from yarnscale.cell.stiffness import CellStiffness, Materials, materials_of
 from yarnscale.cell.topology import crossed, jump_is_safe
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
@@ -73,13 +74,14 @@ class Equilibrium:
 class PeriodicCell:
     """One period of a pattern made of a yarn material.
 
+    material: one for all yarns, or a sequence that the pattern's ``yarn_material`` numbers; kept as a tuple then.
     sliding: whether each yarn may slide along itself as a whole; fixed by default, as published (EST22 §7.1).
     tolerance, max_iterations: of the equilibrium solves. starts: how many starts compete for the lowest energy, the
     others being random perturbations of the first equilibrium, drawn with ``seed``.
     """
 
     pattern: YarnPattern
-    material: YarnMaterial
+    material: Materials
     sliding: bool = False
     tolerance: float = 1e-6
     max_iterations: int = 400
@@ -90,12 +92,23 @@ class PeriodicCell:
     def __post_init__(self) -> None:
         if self.starts < 1:
             raise InputError("number of starts", expected="at least 1", found=self.starts)
+        if not isinstance(self.material, YarnMaterial):
+            object.__setattr__(self, "material", materials_of(self.pattern, self.material))
+
+    @property
+    def materials(self) -> tuple[YarnMaterial, ...]:
+        """Materials by their number; one where it is that of all yarns."""
+        return materials_of(self.pattern, self.material)
+
+    @property
+    def material_name(self) -> str:
+        """Names of the materials."""
+        return " + ".join(material.name for material in self.materials)
 
     @property
     def area_density(self) -> float:
         """Mass per reference area [kg/m²]."""
-        length = float(self.pattern.rest_length.sum())
-        return self.material.mass_per_length(self.pattern.radius) * length / self.pattern.area
+        return CellStiffness.of(self.pattern, self.material).area_density()
 
     def energy(self, strain: ShellStrain) -> CellEnergy:
         """The energy of this cell under any state, as an objective of fluctuations and twists."""

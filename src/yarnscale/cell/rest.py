@@ -29,9 +29,9 @@ from yarnscale.cell.rest_outcome import (
     shortened,
 )
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
+from yarnscale.cell.stiffness import Materials
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
 __all__ = [
@@ -57,7 +57,7 @@ SMALLEST_STEP = 1e-5
 
 def settled(
     pattern: YarnPattern,
-    material: YarnMaterial,
+    material: Materials,
     *,
     setting: float = 0.8,
     shortening: float = 0.05,

@@ -8,13 +8,14 @@ because rest lengths weigh the constraints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy, constraint_rows, vertex_tangents
+from yarnscale.cell.parameters import ExplicitPart, explicit_part
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.threads import on_one_thread
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PARAMETERS = ("young_modulus", "shear_modulus", "bending_scale", "contact_stiffness")
-"""Numbers of a ``YarnMaterial`` that an equilibrium depends on."""
 _STEP = 1e-5  # of central differences in the six components, times 1/r for curvature
 
 
@@ -33,12 +32,16 @@ _STEP = 1e-5  # of central differences in the six components, times 1/r for curv
 class Sensitivities:
     """Derivatives of an equilibrium's energy density Ψ and stress by the parameters of its cell.
 
-    energy: dΨ/dp of each of ``PARAMETERS`` [J/m² per unit of the parameter]; stress: d(stress)/dp, (6,) each.
+    energy: dΨ/dp [J/m² per unit of the parameter], by name: ``PARAMETERS`` and ``STIFFNESSES``, ``TWO_PHASE`` where a
+    material has that law, ``BARRIERS`` where contact is ``est2022``; of several materials, as their parameters change
+    alike. stress: d(stress)/dp, (6,) each. energy_of, stress_of: those of each material alone, without ``BARRIERS``.
     energy_by_rest_length: (n,) [J/m³]. stress_by_rest_length: (6, n), in the units of stress per metre.
     """
 
     energy: dict[str, float]
     stress: dict[str, Array]
+    energy_of: tuple[dict[str, float], ...]
+    stress_of: tuple[dict[str, Array], ...]
     energy_by_rest_length: Array
     stress_by_rest_length: Array
 
@@ -88,30 +91,57 @@ def sensitivities(cell: PeriodicCell, state: Equilibrium) -> Sensitivities:
     The pattern's vertices, reference frames and integrated rest curvatures and twists are held.
     """
     answer = response(cell, state)
-    energy, x, area = answer.energy, answer.x, cell.pattern.area
+    energy, x, unit, r = answer.energy, answer.x, answer.energy.unit / cell.pattern.area, cell.pattern.radius
     rows = constraint_rows(cell.pattern, cell.sliding)
     forces = np.column_stack([energy.gradient(x)[1], answer.force_by_state])
     multipliers = np.asarray(np.linalg.lstsq(rows.T, forces, rcond=1e-12)[0], np.float64)
-    length = slice(len(PARAMETERS), None)
 
-    value = _explicit(cell, energy, x)
-    value[length] -= _constraint_work(cell, multipliers[:, 0], x)
+    here = explicit_part(energy, x)
+    value = _flat(here)
+    lengths = slice(len(value) - energy.count, None)
+    value[lengths] -= _constraint_work(cell, multipliers[:, 0], x)
     stress = np.empty((6, len(value)))
     for k, step in enumerate(_steps(cell)):
         ahead, behind = (
-            _explicit(cell, _moved(cell, state, k, s * step), x + s * step * answer.by_state[:, k])
+            _flat(explicit_part(_moved(cell, state, k, s * step), x + s * step * answer.by_state[:, k]))
             for s in (1.0, -1.0)
         )
         stress[k] = (ahead - behind) / (2 * step)
-        stress[k, length] -= _constraint_work(cell, multipliers[:, 1 + k], x)
-        stress[k, length] -= _constraint_work(cell, multipliers[:, 0], answer.by_state[:, k])
-    value, stress = value * energy.unit / area, stress * energy.unit / area
+        stress[k, lengths] -= _constraint_work(cell, multipliers[:, 1 + k], x)
+        stress[k, lengths] -= _constraint_work(cell, multipliers[:, 0], answer.by_state[:, k])
+    value, stress = value * unit, stress * unit
+    energy_of, energy_shared = _named(here, value)
+    stress_of, stress_shared = _named(here, stress.T)
     return Sensitivities(
-        energy={name: float(value[k]) for k, name in enumerate(PARAMETERS)},
-        stress={name: stress[:, k].copy() for k, name in enumerate(PARAMETERS)},
-        energy_by_rest_length=value[length] / cell.pattern.radius,
-        stress_by_rest_length=stress[:, length] / cell.pattern.radius,
+        energy={name: float(total) for name, total in _together(energy_of, energy_shared).items()},
+        stress=_together(stress_of, stress_shared),
+        energy_of=tuple({name: float(v) for name, v in entry.items()} for entry in energy_of),
+        stress_of=stress_of,
+        energy_by_rest_length=value[lengths] / r,
+        stress_by_rest_length=stress[:, lengths] / r,
     )
+
+
+def _flat(part: ExplicitPart) -> Array:
+    """All derivatives in a row: of the materials, shared, by rest lengths."""
+    named = [value for entry in (*part.by_material, part.shared) for value in entry.values()]
+    return np.concatenate([named, part.by_length])
+
+
+def _named(part: ExplicitPart, rows: Array) -> tuple[tuple[dict[str, Array], ...], dict[str, Array]]:
+    """Rows in the order of ``_flat`` by name: of each material, and shared."""
+    entries = iter(rows)
+    *own, shared = ({name: next(entries).copy() for name in e} for e in (*part.by_material, part.shared))
+    return tuple(own), shared
+
+
+def _together(own: tuple[dict[str, Array], ...], shared: dict[str, Array]) -> dict[str, Array]:
+    """Derivatives as all materials change alike."""
+    total = dict(shared)
+    for entry in own:
+        for name, value in entry.items():
+            total[name] = total[name] + value if name in total else value
+    return total
 
 
 def _steps(cell: PeriodicCell) -> Array:
@@ -123,42 +153,6 @@ def _moved(cell: PeriodicCell, state: Equilibrium, component: int, step: float) 
     vector = state.strain.vector.copy()
     vector[component] += step
     return CellEnergy(cell.pattern, cell.material, ShellStrain.from_vector(vector), cell.sliding, True)
-
-
-def _explicit(cell: PeriodicCell, energy: CellEnergy, x: Array) -> Array:
-    """∂W/∂p at fixed x, (4 + n,): by the parameters and by the rest lengths [r], W in E π r³."""
-    pattern, material, r = cell.pattern, cell.material, cell.pattern.radius
-    full = energy.nodes.expand(x)
-    length, joint = pattern.rest_length / r, pattern.voronoi_length / r
-    by_length = energy.stretch.by_parameters(full, ("rest_length",))[:, 0].copy()
-
-    by_bend, by_twist = energy.bend_twist.by_parameters(full, ("bend_stiffness", "twist_stiffness")).T
-    joint_unit = pattern.voronoi_length * energy.unit
-    bend, twist = material.bending_stiffness(r) / joint_unit, material.twist_stiffness(r) / joint_unit
-    by_joint = -(by_bend * bend + by_twist * twist) / joint
-    by_length += 0.5 * by_joint
-    np.add.at(by_length, pattern.previous_vertex, 0.5 * by_joint)
-
-    contacts = energy.contacts(x, full)
-    names = ("stiffness",) if material.contact.kernel == "hylc2020" else ("stiffness", "inner_stiffness")
-    stencils = contacts.stencils
-    columns = [stencils.energy.parameter_rows(name).start for name in names]
-    pressed = np.zeros((contacts.first.size, len(names)))
-    if contacts.first.size:
-        pressed = stencils.by_parameters(full, names) * stencils.parameters[:, columns]
-    for side in (contacts.first, contacts.second % energy.count):
-        np.add.at(by_length, side, pressed.sum(axis=1) / length[side])
-
-    one = replace(material, bending_scale=1.0), replace(material, shear_modulus=1.0)
-    by_material = np.array(
-        [
-            (energy.stretch.value(full) + by_bend @ bend) / material.young_modulus,
-            by_twist @ (one[1].twist_stiffness(r) / joint_unit),
-            (by_bend * one[0].bending_stiffness(r) + by_twist * one[0].twist_stiffness(r)) @ (1 / joint_unit),
-            pressed[:, 0].sum() / material.contact_stiffness,
-        ]
-    )
-    return np.concatenate([by_material, by_length])
 
 
 def _constraint_work(cell: PeriodicCell, multipliers: Array, x: Array) -> Array:

@@ -91,7 +91,7 @@ def _along_yarn(energy: CellEnergy, i: Indices, g: Indices) -> NDArray[np.bool_]
     pattern, n = energy.pattern, energy.count
     j, tile = g % n, energy.images.tiles[g // n]
     yarn, place, walked = pattern.yarn_of_vertex, pattern.position_along_yarn, pattern.tile_along_yarn
-    neighbours = energy.material.contact.neighbours
+    neighbours = energy.stiffness.rule.neighbours
     near = np.zeros(len(i), bool)
     lengths = np.array([len(chain) for chain in pattern.yarns])[yarn[i]]
     for turn in range(-neighbours - 1, neighbours + 2):

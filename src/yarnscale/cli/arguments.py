@@ -94,7 +94,7 @@ _Add = Callable[[str, str, str], argparse.ArgumentParser]
 _PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json or .chart file"
 _MATERIAL = (
     "yarn material: a preset or a TOML file (default: the one that suits the built-in pattern of that name, "
-    "else hylc2020-stockinette)"
+    "else hylc2020-stockinette); repeat it to give each of the pattern's materials, in their order"
 )
 
 
@@ -108,13 +108,13 @@ def _yarn_commands(add: _Add) -> None:
         "--out", type=Path, required=True, metavar="FILE.pyp", help=".pyp or .json file to write"
     )
     command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw it too")
-    command.add_argument("--material", help=f"{_MATERIAL}; the pattern is relaxed with it")
+    command.add_argument("--material", action="append", help=f"{_MATERIAL}; the pattern is relaxed with it")
     command.add_argument("--as-drawn", action="store_true", help="write the drawing as it is, not relaxed")
     command.add_argument("--radius", type=_number, help="yarn radius [m]")
 
     command = add("relax", "yarns", "Relax a periodic cell under a macroscopic strain.")
     command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
-    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument("--material", action="append", help=_MATERIAL)
     command.add_argument(
         "--strain", type=numbers(5, "sx,sa,sy,lx,ly"), default=(0.0,) * 5, metavar="sx,sa,sy,lx,ly",
         help="stretch along x, shear, stretch along y [-], curvature along x, along y [1/m]",
@@ -139,7 +139,7 @@ def _yarn_commands(add: _Add) -> None:
         "study", "study", "Compare cells of several sizes under one strain: energy, buckling, cost."
     )
     command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
-    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument("--material", action="append", help=_MATERIAL)
     command.add_argument(
         "--strain", type=numbers(5, "sx,sa,sy,lx,ly"), default=(0.0,) * 5, metavar="sx,sa,sy,lx,ly",
         help="stretch along x, shear, stretch along y [-], curvature along x, along y [1/m]",
@@ -180,7 +180,7 @@ def _material_commands(add: _Add) -> None:
     )
     command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
-    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument("--material", action="append", help=_MATERIAL)
     command.add_argument(
         "--solves", type=_positive_integer, default=400, metavar="N", help="states to sample (400)"
     )
@@ -196,7 +196,7 @@ def _material_commands(add: _Add) -> None:
 
     command = add("sample", "samples", "Relax a pattern under all states of a strain grid, into a store.")
     command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
-    command.add_argument("--material", help=_MATERIAL)
+    command.add_argument("--material", action="append", help=_MATERIAL)
     command.add_argument(
         "--grid",
         type=Path,

@@ -88,7 +88,7 @@ def homogenize_into(
         folder / "index.html",
         f"{cell.pattern.name}, homogenized",
         [*material_sections(outcome, pictures)],
-        summary=f"Yarn material {cell.material.name}; {outcome.summary.states} states solved.",
+        summary=f"Yarn material {cell.material_name}; {outcome.summary.states} states solved.",
         facts={
             "states": outcome.summary.states,
             "converged": outcome.summary.converged,

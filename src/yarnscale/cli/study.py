@@ -23,14 +23,14 @@ def study(options: argparse.Namespace) -> int:
         print_json(
             {
                 "pattern": pattern.name,
-                "material": cell.material.name,
+                "material": cell.material_name,
                 "strain": list(options.strain),
                 "starts": options.starts,
                 "sizes": [_entry(result) for result in results],
             }
         )
     else:
-        print(f"{pattern.name} of {cell.material.name}, {options.starts} starts each")
+        print(f"{pattern.name} of {cell.material_name}, {options.starts} starts each")
         print(
             f"{'size':>6} {'vertices':>9} {'energy J/m²':>13} {'below 1x1':>10} {'iterations':>11} {'seconds':>8}"
         )

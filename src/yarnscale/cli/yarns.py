@@ -10,6 +10,7 @@ import numpy as np
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import settled
+from yarnscale.cell.stiffness import Materials, materials_of
 from yarnscale.cli.console import print_json, writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
@@ -33,10 +34,14 @@ def patterns(options: argparse.Namespace) -> int:
     return 0
 
 
-def material_for(pattern: YarnPattern, name: str | None) -> YarnMaterial:
-    """The material asked for; else the one that suits the built-in or published pattern of this name."""
-    if name is not None:
-        return read_material(name)
+def material_for(pattern: YarnPattern, names: list[str] | None) -> Materials:
+    """The materials asked for; else the one that suits the built-in or published pattern of this name.
+
+    One is for all yarns; of several, each yarn has the one of its number.
+    """
+    if names is not None:
+        given = [read_material(name) for name in names]
+        return given[0] if len(given) == 1 else materials_of(pattern, given)
     if pattern.name in library.names():
         return YarnMaterial.preset(library.structure(pattern.name).material)
     own = f"hylc2020-{pattern.name}"
@@ -100,12 +105,12 @@ def _report(state: Equilibrium, cell: PeriodicCell, *, as_json: bool) -> None:
                 "residual": state.residual,
                 "energy_parts": state.energy_parts,
                 "pattern": cell.pattern.name,
-                "material": cell.material.name,
+                "material": cell.material_name,
             }
         )
         return
     ended = "crossed: yarns went through each other" if state.crossed else state.status.value
-    print(f"{cell.pattern.name} of {cell.material.name}: {ended}")
+    print(f"{cell.pattern.name} of {cell.material_name}: {ended}")
     print(f"  energy density   {state.energy_density:.6g} J/m²")
     for name, value in zip(COMPONENTS, state.stress, strict=True):
         print(f"  d/d{name:<5}         {value:.6g} {'J/m²' if name.startswith('s') else 'J/m'}")

@@ -7,13 +7,22 @@ import re
 import tomllib
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.source_text import read_source
-from yarnscale.yarn.material import CONTACT_FIELDS, NUMBERS, PRESETS, ContactRule, YarnMaterial
+from yarnscale.yarn.material import (
+    CONTACT_FIELDS,
+    NUMBERS,
+    PRESETS,
+    STRETCH_FIELDS,
+    ContactRule,
+    StretchRule,
+    YarnMaterial,
+)
 
-TOP_LEVEL = (*NUMBERS, "name", "contact")
+TOP_LEVEL = (*NUMBERS, "name", "contact", "stretch")
 
 
 def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
@@ -48,13 +57,16 @@ def read_material_file(path: str | os.PathLike[str]) -> YarnMaterial:
             raise InputError(
                 f"{name} must be a number", where=path, expected="a number", found=repr(table[name])
             )
-    contact = table.get("contact", {})
-    if not isinstance(contact, dict):
-        raise InputError("contact must be a table", where=path, expected="[contact]", found=repr(contact))
-    _known(path, contact, CONTACT_FIELDS, "contact.")
+    contact = _table(path, table, "contact", CONTACT_FIELDS)
+    stretch = _table(path, table, "stretch", STRETCH_FIELDS)
     values = {name: table[name] for name in NUMBERS}
     try:
-        return YarnMaterial(**values, name=table.get("name", path.stem), contact=ContactRule(**contact))
+        return YarnMaterial(
+            **values,
+            name=table.get("name", path.stem),
+            contact=ContactRule(**contact),
+            stretch=StretchRule(**stretch),
+        )
     except InputError as error:
         raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
 
@@ -65,13 +77,23 @@ def write_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None
         "# yarnscale yarn material; SI units, see docs/material_format.md",
         f"name = {_string(material.name)}",
         *(f"{name} = {getattr(material, name)!r}" for name in NUMBERS),
-        "",
-        "[contact]",
     ]
-    for entry in fields(ContactRule):
-        value = getattr(material.contact, entry.name)
-        lines.append(f"{entry.name} = {_string(value) if isinstance(value, str) else repr(value)}")
+    for name in ("contact", "stretch"):
+        rule = getattr(material, name)
+        lines += ["", f"[{name}]"]
+        for entry in fields(rule):
+            value = getattr(rule, entry.name)
+            lines.append(f"{entry.name} = {_string(value) if isinstance(value, str) else repr(value)}")
     write_text(path, "\n".join(lines) + "\n")
+
+
+def _table(path: Path, table: dict[str, Any], name: str, known: tuple[str, ...]) -> dict[str, Any]:
+    """The sub-table of this name, empty where there is none."""
+    entry = table.get(name, {})
+    if not isinstance(entry, dict):
+        raise InputError(f"{name} must be a table", where=path, expected=f"[{name}]", found=repr(entry))
+    _known(path, entry, known, f"{name}.")
+    return entry
 
 
 def _known(path: Path, table: dict[str, object], names: tuple[str, ...], prefix: str) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from yarnscale.errors import InputError
 
 KERNELS = ("hylc2020", "est2022")
 WEIGHTS = ("published", "simpson")
+LAWS = ("linear", "two_phase")
 
 
 @dataclass(frozen=True)
@@ -65,18 +66,46 @@ class ContactRule:
 
 
 @dataclass(frozen=True)
+class StretchRule:
+    """How the force of a yarn grows with its stretch.
+
+    Attributes
+    ----------
+    law: ``"linear"``, k_s in tension and compression (HYLC20 §5.1), or ``"two_phase"``, k_s1 from rest to the
+        strain `knee`, k_s2 beyond it and in compression (EST22 eq. 5). k_s1 belongs to the material's
+        ``young_modulus``, which scales bending too; k_s2 does not touch bending.
+    knee: ε̄ of ``two_phase`` [-].
+    stiff_modulus: modulus E₂ of ``two_phase`` [Pa]; k_s2 = E₂ π r².
+    """
+
+    law: str = "linear"
+    knee: float = 0.0
+    stiff_modulus: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        if self.law not in LAWS:
+            raise InputError("stretch.law is unknown", expected=" or ".join(LAWS), found=self.law)
+        two_phase = self.law == "two_phase"
+        object.__setattr__(self, "knee", _number("stretch.knee", self.knee, positive=False))
+        stiff = _number("stretch.stiff_modulus", self.stiff_modulus, positive=two_phase)
+        object.__setattr__(self, "stiff_modulus", stiff)
+
+
+@dataclass(frozen=True)
 class YarnMaterial:
     """The material of a yarn as a discrete elastic rod with contact.
 
     Attributes
     ----------
-    young_modulus: E [Pa]; stretch stiffness k_s = E π r².
+    young_modulus: E [Pa]; stretch stiffness k_s = E π r², or k_s1 with the law ``two_phase``.
     shear_modulus: G [Pa]; twist stiffness k_t = γ G π r⁴/2.
     bending_scale: γ [-], scales bending and twist (HYLC20 eq. 23); bending stiffness k_b = γ E π r⁴/4.
     contact_stiffness: k_contact, or k_c1 with the kernel ``est2022`` [kg/s²].
     density: mass per volume of the yarn, air included [kg/m³].
     name: a label.
     contact: how contact is counted.
+    stretch: how force grows with stretch.
 
     Raises InputError naming the field for values that no yarn has.
     """
@@ -88,6 +117,7 @@ class YarnMaterial:
     density: float
     name: str = "yarn"
     contact: ContactRule = field(default_factory=ContactRule)
+    stretch: StretchRule = field(default_factory=StretchRule)
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -100,10 +130,19 @@ class YarnMaterial:
             raise InputError(
                 "contact must be a contact rule", expected="ContactRule", found=repr(self.contact)
             )
+        if not isinstance(self.stretch, StretchRule):
+            raise InputError(
+                "stretch must be a stretch rule", expected="StretchRule", found=repr(self.stretch)
+            )
 
     def stretch_stiffness(self, radius: float) -> float:
-        """Force per relative stretch k_s = E π r² [N] of a yarn of `radius` [m]."""
+        """Force per relative stretch k_s = E π r² [N] of a yarn of `radius` [m]; k_s1 of a two-phase one."""
         return self.young_modulus * math.pi * radius**2
+
+    def stiff_stretch_stiffness(self, radius: float) -> float:
+        """Force per relative stretch in compression and beyond the knee, k_s2 [N]; k_s of a linear yarn."""
+        two_phase = self.stretch.law == "two_phase"
+        return (self.stretch.stiff_modulus if two_phase else self.young_modulus) * math.pi * radius**2
 
     def bending_stiffness(self, radius: float) -> float:
         """Moment per curvature k_b = γ E π r⁴/4 [N m²] of a yarn of `radius` [m]."""
@@ -116,6 +155,43 @@ class YarnMaterial:
     def mass_per_length(self, radius: float) -> float:
         """Linear density ρ π r² [kg/m] of a yarn of `radius` [m]."""
         return self.density * math.pi * radius**2
+
+    def with_stiffnesses(
+        self,
+        radius: float,
+        *,
+        stretch: float | None = None,
+        bending: float | None = None,
+        twist: float | None = None,
+    ) -> YarnMaterial:
+        """The material whose yarn of `radius` [m] has these k_s (k_s1) [N], k_b and k_t [N m²]; the others stay.
+
+        Raises InputError for a stretch stiffness of 0, and for twist stiffness without bending stiffness, which the
+        common scale γ cannot express.
+        """
+        section = math.pi * radius**2
+        young = (
+            self.young_modulus
+            if stretch is None
+            else _number("stretch stiffness", stretch, positive=True) / section
+        )
+        k_b = (
+            self.bending_stiffness(radius)
+            if bending is None
+            else _number("bending stiffness", bending, positive=False)
+        )
+        k_t = (
+            self.twist_stiffness(radius)
+            if twist is None
+            else _number("twist stiffness", twist, positive=False)
+        )
+        scale = 4.0 * k_b / (young * section * radius**2)
+        if scale == 0.0:
+            if k_t != 0.0:
+                raise InputError("twist stiffness without bending stiffness", expected="0", found=k_t)
+            return replace(self, young_modulus=young, bending_scale=0.0)
+        shear = 2.0 * k_t / (scale * section * radius**2)
+        return replace(self, young_modulus=young, shear_modulus=shear, bending_scale=scale)
 
     @classmethod
     def preset(cls, name: str) -> YarnMaterial:
@@ -133,6 +209,7 @@ class YarnMaterial:
 NUMBERS = ("young_modulus", "shear_modulus", "bending_scale", "contact_stiffness", "density")
 """Fields of `YarnMaterial` that hold numbers."""
 CONTACT_FIELDS = tuple(entry.name for entry in fields(ContactRule))
+STRETCH_FIELDS = tuple(entry.name for entry in fields(StretchRule))
 
 
 def _number(field_name: str, value: object, *, positive: bool) -> float:

@@ -1,0 +1,147 @@
+"""What every edge, joint and pair of segments of a cell is made of: one yarn material or several (EST22 §6).
+
+Lengths are counted in yarn radii. The unit of energy is E π r³ with the largest Young's modulus in use: that of the
+reference material, so that equal materials give what one gives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.numerics.energy import StencilEnergy
+from yarnscale.yarn.material import ContactRule, YarnMaterial
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.rod import STRETCH, TWO_PHASE_STRETCH
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+Materials = YarnMaterial | Sequence[YarnMaterial]
+"""One material for all yarns of a pattern, or one for each number in its ``yarn_material``."""
+
+
+def materials_of(pattern: YarnPattern, material: Materials) -> tuple[YarnMaterial, ...]:
+    """The materials of a pattern by their number; InputError where they do not suit it or each other."""
+    if isinstance(material, YarnMaterial):
+        return (material,)
+    given = tuple(material)
+    for k, entry in enumerate(given):
+        if not isinstance(entry, YarnMaterial):
+            raise InputError(f"material {k} is no yarn material", expected="YarnMaterial", found=repr(entry))
+    asked = int(pattern.material_of_vertex.max()) + 1
+    if len(given) != asked:
+        raise InputError(
+            f"yarns of pattern '{pattern.name}' are of {asked} materials", expected=f"one or {asked} materials"
+            if len(given) > asked or asked == 1 else f"{asked} materials, or one that is not in a sequence",
+            found=len(given),
+        )  # fmt: skip
+    for k, entry in enumerate(given):
+        if entry.contact != given[0].contact:
+            raise InputError(
+                f"materials of one pattern must count contact alike; number {k} does not",
+                expected=given[0].contact,
+                found=entry.contact,
+            )
+    return given
+
+
+@dataclass(frozen=True, eq=False)
+class CellStiffness:
+    """Stiffnesses of a pattern's edges, joints and contact pairs.
+
+    materials: by their number. kind: number of the material of each edge and joint (n,). unit: of energy [J].
+    """
+
+    pattern: YarnPattern
+    materials: tuple[YarnMaterial, ...]
+    kind: Indices
+    unit: float
+
+    @classmethod
+    def of(cls, pattern: YarnPattern, material: Materials) -> CellStiffness:
+        """Stiffnesses of a pattern made of one material or several."""
+        materials = materials_of(pattern, material)
+        one = isinstance(material, YarnMaterial)
+        kind = np.zeros(len(pattern.edges), np.int64) if one else pattern.material_of_vertex
+        largest = max(materials[k].young_modulus for k in np.unique(kind))
+        return cls(pattern, materials, kind, largest * math.pi * pattern.radius**3)
+
+    @property
+    def rule(self) -> ContactRule:
+        """How contact is counted, the same for all materials."""
+        return self.materials[0].contact
+
+    @property
+    def stretch_energy(self) -> StencilEnergy:
+        """The energy of an edge: two-phase as soon as one material is."""
+        two_phase = any(m.stretch.law == "two_phase" for m in self.materials)
+        return TWO_PHASE_STRETCH if two_phase else STRETCH
+
+    def edge_parameters(self) -> Array:
+        """Parameters of ``stretch_energy`` of every edge (n, 2 or 4); a linear yarn is a two-phase one of knee 0."""
+        r, force = self.pattern.radius, self.unit / self.pattern.radius
+        soft = self._by_kind([m.stretch_stiffness(r) / force for m in self.materials])
+        columns = [self.pattern.rest_length / r, soft]
+        if self.stretch_energy is TWO_PHASE_STRETCH:
+            columns.append(self._by_kind([m.stiff_stretch_stiffness(r) / force for m in self.materials]))
+            two_phase = [m.stretch.law == "two_phase" for m in self.materials]
+            knees = [m.stretch.knee if w else 0.0 for m, w in zip(self.materials, two_phase, strict=True)]
+            columns.append(self._by_kind(knees))
+        return np.column_stack(columns)
+
+    def joint_stiffness(self) -> tuple[Array, Array]:
+        """Bending and twist stiffness over Voronoi length of every joint (n,)."""
+        r, scale = self.pattern.radius, self.pattern.voronoi_length * self.unit
+        bend = self._by_kind([m.bending_stiffness(r) for m in self.materials]) / scale
+        twist = self._by_kind([m.twist_stiffness(r) for m in self.materials]) / scale
+        return bend, twist
+
+    def pair_parameters(self, first: Indices, second: Indices, measure: Array) -> Array:
+        """Parameters of the contact energy of pairs of edges (N, 2 or 4).
+
+        first, second: edges (N,). measure: product of their lengths [r²] and the share of the pair that counts.
+        """
+        rule, unit = self.rule, self.unit / self.pattern.radius**2
+        columns = [self.pair_stiffness(first, second) / unit * measure]
+        if rule.kernel == "hylc2020":
+            columns.append(np.full(len(first), 0.25))
+        else:
+            columns.append(np.full(len(first), 0.25 / rule.outer_radius_ratio**2))
+            columns.append(rule.inner_stiffness / unit * measure)
+            columns.append(np.full(len(first), 0.25 / rule.inner_radius_ratio**2))
+        return np.column_stack(columns)
+
+    def pair_stiffness(self, first: Indices, second: Indices) -> Array:
+        """Contact stiffness of pairs of edges (N,) [kg/s²]: the harmonic mean, two springs in series."""
+        k = np.array([m.contact_stiffness for m in self.materials])
+        mean = 2.0 / (1.0 / k[:, None] + 1.0 / k)
+        # Exactly its own for a pair of one material.
+        np.fill_diagonal(mean, k)
+        return mean[self.kind[first], self.kind[second]]
+
+    def position_scale(self) -> Array:
+        """Typical stiffness of each vertex against being moved (n,): of its yarn in tension, over the mean length."""
+        soft = self.edge_parameters()[:, 1]
+        return soft / (self.pattern.rest_length / self.pattern.radius).mean()
+
+    def twist_scale(self) -> Array:
+        """Typical stiffness of each edge against being twisted (n,)."""
+        r = self.pattern.radius
+        twist = self._by_kind([m.twist_stiffness(r) / self.unit for m in self.materials])
+        return np.maximum(twist * (1.0 / self.pattern.voronoi_length).mean(), 1e-12)
+
+    def area_density(self) -> float:
+        """Mass per reference area [kg/m²]."""
+        r = self.pattern.radius
+        lengths = np.bincount(self.kind, self.pattern.rest_length, len(self.materials))
+        mass = sum(m.mass_per_length(r) * s for m, s in zip(self.materials, lengths, strict=True))
+        return float(mass / self.pattern.area)
+
+    def _by_kind(self, values: Sequence[float]) -> Array:
+        return np.array(values, np.float64)[self.kind]
