@@ -33,6 +33,12 @@ class SymmetricPattern:
         np.cumsum(np.bincount(columns, minlength=size), out=starts[1:])
         return cls(size, starts, rows)
 
+    def widened(self, count: int) -> SymmetricPattern:
+        """The pattern with ``count`` more unknowns at the end, which have nothing but their diagonal."""
+        starts = np.concatenate([self.starts, self.starts[-1] + np.arange(1, count + 1)])
+        rows = np.concatenate([self.rows, self.size + np.arange(count)])
+        return SymmetricPattern(self.size + count, starts, rows)
+
     @property
     def entries(self) -> int:
         """Number of stored entries."""

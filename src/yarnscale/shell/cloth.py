@@ -13,48 +13,13 @@ from yarnscale.shell.contact import ContactSettings
 from yarnscale.shell.elements import FreeEdges
 from yarnscale.shell.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.motion import STILL, Motion
 from yarnscale.shell.obstacles import Obstacle
 from yarnscale.shell.state import Attachment
 
+__all__ = ["Cloth", "Handle", "Motion"]
+
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A straight motion that eases in and out: displacement [m], from time ``start`` for ``duration`` [s]."""
-
-    displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    start: float = 0.0
-    duration: float = 0.0
-
-    def __post_init__(self) -> None:
-        if len(self.displacement) != 3 or not np.isfinite(self.displacement).all():
-            raise InputError(
-                "motion displacement", expected="three finite numbers [m]", found=self.displacement
-            )
-        if not (math.isfinite(self.duration) and self.duration >= 0 and math.isfinite(self.start)):
-            raise InputError(
-                "motion duration", expected="a finite start and zero or more seconds", found=self.duration
-            )
-
-    @property
-    def end(self) -> float:
-        """Time at which the motion is over [s]."""
-        return self.start + self.duration
-
-    @property
-    def direction(self) -> Floats:
-        """Unit vector of the displacement, zero without one, (3,)."""
-        displacement = np.asarray(self.displacement)
-        length = float(np.linalg.norm(displacement))
-        return displacement / length if length else displacement
-
-    def offset(self, time: float) -> Floats:
-        """Displacement at a time [m], (3,)."""
-        if time >= self.end:
-            return np.asarray(self.displacement)
-        share = max(time - self.start, 0.0) / self.duration
-        return share * share * (3.0 - 2.0 * share) * np.asarray(self.displacement)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +32,7 @@ class Handle:
     name: str
     vertices: NDArray[np.int64]
     rest: Floats
-    motion: Motion = Motion()
+    motion: Motion = STILL
     stiffness: float = 1e6
 
     def __post_init__(self) -> None:
@@ -76,7 +41,7 @@ class Handle:
 
     def attachment(self, time: float) -> Attachment:
         """Where the vertices are held at a time."""
-        return Attachment(self.vertices, self.rest + self.motion.offset(time), self.stiffness)
+        return Attachment(self.vertices, self.motion.place(self.rest, time), self.stiffness)
 
 
 @dataclass(frozen=True, eq=False)

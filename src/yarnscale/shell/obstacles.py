@@ -1,53 +1,78 @@
-"""Bodies that cloth can lie on: spheres and half-spaces given by formulas, and closed or open triangle meshes."""
+"""Bodies that cloth meets: spheres and half-spaces given by formulas, and triangle meshes, rigid or animated.
+
+Every obstacle has points that say where it is: the centre of a sphere, a point of a plane, the vertices of a
+mesh. Contact follows the points in a straight line during a step; their places at the ends of a step are exact.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.shell.motion import STILL, Motion
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Obstacle(Protocol):
+    """A body whose points are where they are at a time, whatever the cloth does."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the points ever change."""
+        ...
+
+    def points(self, time: float) -> Floats:
+        """Places of the points at a time [s], (n, 3) [m]."""
+        ...
+
+
+class Body(Obstacle, Protocol):
+    """An obstacle with a surface of triangles between its points."""
+
+    @property
+    def triangles(self) -> Integers:
+        """Corners (m, 3), among the points."""
+        ...
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball at rest: centre [m] and radius [m]."""
+    """A ball: centre [m] before its motion, radius [m]; it rubs as it turns."""
 
     centre: tuple[float, float, float]
     radius: float
+    motion: Motion = STILL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", _vector("sphere centre", self.centre))
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise InputError("sphere radius", expected="a positive length [m]", found=self.radius)
 
-    def distances(self, points: Floats) -> tuple[Floats, Floats]:
-        """Signed distances (n,) [m] and outward normals (n, 3) at points (n, 3)."""
-        away = points - np.asarray(self.centre)
-        length = np.linalg.norm(away, axis=1)
-        return length - self.radius, away / np.maximum(length, 1e-300)[:, None]
+    @property
+    def moves(self) -> bool:
+        return self.motion.moves
 
-    def clear_fraction(self, points: Floats, steps: Floats) -> float:
-        """Largest fraction of straight steps (n, 3) that leaves every point outside, up to 1."""
-        away = points - np.asarray(self.centre)
-        a, b = np.einsum("ni,ni->n", steps, steps), np.einsum("ni,ni->n", steps, away)
-        c = np.einsum("ni,ni->n", away, away) - self.radius**2
-        hits = (b < 0) & (b * b > a * c)
-        if not hits.any():
-            return 1.0
-        # The stable form of the smaller root of a t² + 2 b t + c.
-        return float(min(1.0, (c[hits] / (-b[hits] + np.sqrt(b[hits] ** 2 - a[hits] * c[hits]))).min()))
+    def points(self, time: float) -> Floats:
+        """The centre at a time, (1, 3)."""
+        return self.motion.place(np.array([self.centre]), time)
 
 
 @dataclass(frozen=True)
 class Plane:
-    """The half-space below a plane at rest: a point [m] and the normal on the side of the cloth."""
+    """The half-space below a plane: a point [m] and the normal on the side of the cloth.
+
+    It may shift, along itself (a belt) or not; turning planes are to be given as meshes. Raises InputError.
+    """
 
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    motion: Motion = STILL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", _vector("plane point", self.point))
@@ -56,43 +81,91 @@ class Plane:
         if length == 0:
             raise InputError("plane normal", expected="a direction", found=self.normal)
         object.__setattr__(self, "normal", tuple(normal / length))
+        if any(self.motion.rotation):
+            raise InputError("plane motion", expected="no rotation", found=self.motion.rotation)
 
-    def distances(self, points: Floats) -> tuple[Floats, Floats]:
-        """Signed distances (n,) [m] and normals (n, 3) at points (n, 3)."""
-        normal = np.asarray(self.normal)
-        return (points - np.asarray(self.point)) @ normal, np.broadcast_to(normal, points.shape)
+    @property
+    def moves(self) -> bool:
+        return self.motion.moves
 
-    def clear_fraction(self, points: Floats, steps: Floats) -> float:
-        """Largest fraction of straight steps (n, 3) that leaves every point above, up to 1."""
-        height, sinking = self.distances(points)[0], -(steps @ np.asarray(self.normal))
-        hits = sinking > height
-        return float((height[hits] / sinking[hits]).min(initial=1.0))
+    def points(self, time: float) -> Floats:
+        """The point at a time, (1, 3)."""
+        return np.array([self.point]) + self.motion.offset(time)
 
 
 @dataclass(frozen=True, eq=False)
 class MeshObstacle:
-    """A body at rest given by triangles: vertices (n, 3) [m], triangles (m, 3)."""
+    """A rigid body given by triangles: vertices (n, 3) [m] before its motion, triangles (m, 3)."""
 
     vertices: Floats
-    triangles: NDArray[np.int64]
+    triangles: Integers
+    motion: Motion = STILL
 
     def __post_init__(self) -> None:
         vertices = np.asarray(self.vertices, float)
-        triangles = np.asarray(self.triangles)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
             raise InputError("obstacle vertices", expected="finite, shape (n, 3)", found=vertices.shape)
-        if triangles.ndim != 2 or triangles.shape[1] != 3 or not np.issubdtype(triangles.dtype, np.integer):
-            raise InputError("obstacle triangles", expected="integers, shape (m, 3)", found=triangles.shape)
-        if len(triangles) == 0 or triangles.min() < 0 or triangles.max() >= len(vertices):
-            raise InputError(
-                "obstacle triangles", expected=f"vertices 0..{len(vertices) - 1}", found="an index outside"
-            )
         object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "triangles", triangles.astype(np.int64))
+        object.__setattr__(self, "triangles", _triangles(self.triangles, len(vertices)))
+
+    @property
+    def moves(self) -> bool:
+        return self.motion.moves
+
+    def points(self, time: float) -> Floats:
+        """The vertices at a time, (n, 3)."""
+        return self.motion.place(self.vertices, time) if self.moves else self.vertices
+
+
+@dataclass(frozen=True, eq=False)
+class AnimatedMesh:
+    """A body whose vertices move: poses (k, n, 3) [m] at increasing times (k,) [s], triangles (m, 3).
+
+    Between two poses vertices move in a straight line; before the first and after the last they stand still.
+    """
+
+    times: Floats
+    poses: Floats
+    triangles: Integers
+
+    def __post_init__(self) -> None:
+        times, poses = np.asarray(self.times, float), np.asarray(self.poses, float)
+        if poses.ndim != 3 or poses.shape[2] != 3 or len(poses) == 0 or not np.isfinite(poses).all():
+            raise InputError("animation poses", expected="finite, shape (k, n, 3)", found=poses.shape)
+        if times.shape != (len(poses),) or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+            raise InputError(
+                "animation times", expected=f"{len(poses)} increasing numbers [s]", found=times.shape
+            )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "poses", poses)
+        object.__setattr__(self, "triangles", _triangles(self.triangles, poses.shape[1]))
+
+    @property
+    def moves(self) -> bool:
+        return len(self.times) > 1
+
+    def points(self, time: float) -> Floats:
+        """The vertices at a time, (n, 3)."""
+        last = len(self.times) - 1
+        if time >= self.times[last]:
+            return self.poses[last]
+        before = int(np.searchsorted(self.times, time, side="right")) - 1
+        if before < 0:
+            return self.poses[0]
+        share = (time - self.times[before]) / (self.times[before + 1] - self.times[before])
+        return (1.0 - share) * self.poses[before] + share * self.poses[before + 1]
 
 
 Shape = Sphere | Plane
-Obstacle = Sphere | Plane | MeshObstacle
+
+
+def _triangles(triangles: object, count: int) -> Integers:
+    array = np.asarray(triangles)
+    if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):
+        raise InputError("obstacle triangles", expected="integers, shape (m, 3)", found=array.shape)
+    if len(array) == 0 or array.min() < 0 or array.max() >= count:
+        raise InputError("obstacle triangles", expected=f"vertices 0..{count - 1}", found="an index outside")
+    return array.astype(np.int64)
 
 
 def _vector(name: str, value: object) -> tuple[float, ...]:

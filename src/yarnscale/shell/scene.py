@@ -195,11 +195,10 @@ def drape(
 
     def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
         heights = state.positions[:, 2]
-        assert solver.contact is not None
         return {
             "lowest": float(heights.min()),
             "highest": float(heights.max()),
-            "closest": solver.contact.closest(state.positions),
+            "closest": solver.closest(state),
             "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
         }
 

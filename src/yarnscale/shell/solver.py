@@ -84,7 +84,8 @@ class ClothSolver:
         self.contact = (
             ClothContact(cloth.mesh, cloth.contact, cloth.obstacles) if cloth.contact and touching else None
         )
-        self.growth = PatternGrowth(self.energy.pattern)
+        guests = self.contact.guests if self.contact is not None else 0
+        self.growth = PatternGrowth(self.energy.pattern.widened(3 * guests))
         strength = float(np.linalg.norm(cloth.gravity)) or STANDARD_GRAVITY
         self.scale = float(np.linalg.norm(self.masses)) * strength
 
@@ -100,15 +101,16 @@ class ClothSolver:
         if not duration > 0:
             raise InputError("time step", expected="a positive number of seconds", found=duration)
         self._take_up(state)
+        begin = self._with_obstacles(state)
         if self.contact is not None:
-            self.contact.start_step(state.positions, min(duration, 1.0))
+            self.contact.start_step(begin, min(duration, 1.0), state.time)
         static = math.isinf(duration)
         rule = None if static else step_rule(self.options.integrator, state, duration, inertia=inertia)
         objective = self._objective(state, rule, state.time if static else state.time + duration)
         moved = duration * state.velocities if inertia and not static else np.zeros_like(state.velocities)
         solution = minimise(
             objective,
-            self._start(state.positions, moved).ravel(),
+            self._start(begin, self._with_obstacle_steps(begin, moved, objective)).ravel(),
             bound=self._bound if self.contact is not None else None,
             after_step=self._follow,
             tolerance=self.options.tolerance,
@@ -116,13 +118,14 @@ class ClothSolver:
             shift=self.options.shift,
             check_minimum=static,
         )
-        positions = solution.x.reshape(-1, 3)
+        positions, obstacles = np.split(solution.x.reshape(-1, 3), [len(self.masses)])
         new = ClothState(
             positions,
             np.zeros_like(positions) if rule is None else rule.velocity(positions),
             state.time if rule is None else state.time + duration,
             self.energy.elements.reference_angles,
             Earlier(state.positions, state.velocities, duration) if rule is not None and inertia else None,
+            obstacles if len(obstacles) else None,
         )
         inertial = objective.weights[:, None] * (positions - objective.centre)
         unrest = float(np.linalg.norm(inertial)) / self.scale
@@ -153,8 +156,16 @@ class ClothSolver:
             "elastic": self.energy.value(positions),
             "gravity": -float(self.masses @ height),
             "kinetic": 0.5 * float(self.masses @ (velocities**2).sum(axis=1)),
-            "contact": self.contact.value(positions) if self.contact is not None else 0.0,
+            "contact": self.contact.value(self._with_obstacles(state)) if self.contact is not None else 0.0,
         }
+
+    def intersects(self, state: ClothState) -> bool:
+        """Whether the cloth crosses itself or an obstacle, by a test of its own over the whole of both."""
+        return self.contact is not None and self.contact.intersects(self._with_obstacles(state))
+
+    def closest(self, state: ClothState) -> float:
+        """Smallest distance [m] between surfaces that may meet; inf beyond the thickness of contact."""
+        return self.contact.closest(self._with_obstacles(state)) if self.contact is not None else math.inf
 
     def pull(self, handle: Handle, state: ClothState) -> Floats:
         """Force of a handle on the cloth [N], (3,)."""
@@ -166,7 +177,20 @@ class ClothSolver:
         self._follow(state.positions)
 
     def _follow(self, x: Floats) -> None:
-        self.energy.follow(x.reshape(-1, 3))
+        self.energy.follow(x.reshape(-1, 3)[: len(self.masses)])
+
+    def _with_obstacles(self, state: ClothState) -> Floats:
+        """Positions of the cloth and, after them, of the points of moving obstacles."""
+        if self.contact is None or not self.contact.guests:
+            return state.positions
+        places = self.contact.places(state.time) if state.obstacles is None else state.obstacles
+        return np.concatenate([state.positions, places])
+
+    def _with_obstacle_steps(self, begin: Floats, moved: Floats, objective: StepObjective) -> Floats:
+        """A step of the cloth and, after it, the ways of the obstacles' points to their places."""
+        if self.contact is None or not self.contact.guests:
+            return moved
+        return np.concatenate([moved, objective.attachments[-1].targets - begin[len(moved) :]])
 
     def _bound(self, x: Floats, step: Floats) -> float:
         assert self.contact is not None
@@ -177,7 +201,7 @@ class ClothSolver:
         fraction = self.contact.bound(positions, moved) if self.contact is not None else 1.0
         for _ in range(4):
             start = positions + fraction * moved
-            if math.isfinite(self.energy.value(start)):
+            if math.isfinite(self.energy.value(start[: len(self.masses)])):
                 return start
             fraction *= 0.25
         return positions
@@ -193,12 +217,15 @@ class ClothSolver:
             if cloth.stiffness_damping > 0:
                 stiffness = self.energy.rate_stiffness(self.energy.linearise(state.positions))
                 resistance = Resistance(cloth.stiffness_damping * rule.rate * stiffness, rule.positions)
+        held = [handle.attachment(time) for handle in cloth.handles]
+        if self.contact is not None and self.contact.guests:
+            held.append(self.contact.attachment(time))
         return StepObjective(
             self.energy,
             weights,
             centre,
             self.masses[:, None] * np.asarray(cloth.gravity),
-            tuple(handle.attachment(time) for handle in cloth.handles),
+            tuple(held),
             self.contact,
             self.scale,
             self.growth,

@@ -1,0 +1,62 @@
+"""How surfaces repel and rub: settings, the energy of a distance, and the smoothed length of a slip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+
+Floats = NDArray[np.float64]
+
+# −db/dd at d = t/2 in units of t³.
+_HALF_WAY_SLOPE = 4.5 * 0.5 + 3.0 * math.log(2.0)
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How surfaces repel.
+
+    thickness: distance [m] at which repulsion begins; pressure: [Pa] at half the thickness; self_contact:
+    whether the cloth meets itself; friction: Coulomb coefficient; slip: speed [m/s] below which friction
+    sticks. Raises InputError.
+    """
+
+    thickness: float = 1e-3
+    pressure: float = 100.0
+    self_contact: bool = True
+    friction: float = 0.0
+    slip: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name in ("thickness", "pressure", "slip"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"contact {name}", expected="a positive number", found=value)
+        if not (math.isfinite(self.friction) and self.friction >= 0):
+            raise InputError("contact friction", expected="zero or a positive number", found=self.friction)
+
+    @property
+    def stiffness(self) -> float:
+        """Factor of the barrier per area [Pa/m³]."""
+        return self.pressure / (_HALF_WAY_SLOPE * self.thickness**3)
+
+
+def barrier(distance: Floats, thickness: float) -> tuple[Floats, Floats, Floats]:
+    """b(d) = −(d² − t²)² ln(d²/t²) of distances in (0, t) and its first and second derivative (Li et al. 2020)."""
+    x, t2 = distance * distance, thickness * thickness
+    gap, log = x - t2, np.log(x / t2)
+    first = -2.0 * gap * log - gap * gap / x  # by x = d²
+    second = -2.0 * log - 4.0 * gap / x + (gap / x) ** 2
+    return -gap * gap * log, 2.0 * distance * first, 2.0 * first + 4.0 * x * second
+
+
+def smooth_length(length: Floats, reach: float) -> tuple[Floats, Floats, Floats]:
+    """A length made smooth below ``reach``, f(l), with f'(l)/l and f''(l) (Li et al. 2020, section 5.4)."""
+    sticks = length < reach
+    potential = np.where(sticks, length**2 / reach - length**3 / (3.0 * reach * reach) + reach / 3.0, length)
+    rate = np.where(sticks, 2.0 / reach - length / (reach * reach), 1.0 / np.maximum(length, reach))
+    return potential, rate, np.where(sticks, 2.0 / reach - 2.0 * length / (reach * reach), 0.0)

@@ -1,0 +1,150 @@
+"""Cloth against itself and against bodies of triangles, through ``ipctk``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import ipctk
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.shell.barrier import ContactSettings
+from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.obstacles import Body
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_SAFE = 0.9
+
+
+class SurfaceContact:
+    """Contact of surfaces; bodies come with the row of their first point, or None where they stand still.
+
+    Vertices for ``ipctk``: all rows of the positions, then those of bodies that stand still.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        bodies: Sequence[tuple[Body, int | None]],
+        settings: ContactSettings,
+        rows: int,
+    ) -> None:
+        self.settings, self.rows = settings, rows
+        still = [body.points(0.0) for body, first in bodies if first is None]
+        self.fixed = np.concatenate([np.zeros((0, 3)), *still])
+        rest = np.zeros((rows + len(self.fixed), 3))
+        rest[: mesh.vertex_count] = mesh.assembled
+        faces, next_row = [mesh.triangles], rows
+        for body, first in bodies:
+            points = body.points(0.0)
+            start = next_row if first is None else first
+            next_row += len(points) if first is None else 0
+            rest[start : start + len(points)] = points
+            faces.append(body.triangles + start)
+        triangles = np.asfortranarray(np.concatenate(faces).astype(np.int32))
+        self.mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(triangles), triangles)
+        if not settings.self_contact:
+            self.mesh.can_collide = ipctk.make_vertex_patches_filter(
+                (np.arange(len(rest)) >= mesh.vertex_count).astype(np.int32)
+            )
+        elif bodies:
+            self.mesh.can_collide = ipctk.make_static_obstacle_filter(mesh.vertex_count)
+        self.barrier = ipctk.BarrierPotential(settings.thickness, settings.stiffness)
+        self.narrow = ipctk.AdditiveCCD()
+        self.candidates = ipctk.Candidates()
+        self.path: tuple[Floats, Floats] | None = None
+        self.slack = settings.thickness
+        self.tangential, self.friction, self.origin = ipctk.TangentialCollisions(), None, np.zeros((0, 3))
+
+    def start_step(self, positions: Floats, duration: float, time: float) -> None:
+        if self.settings.friction == 0.0:
+            return
+        everything = self._all(positions)
+        self.origin = everything
+        self.tangential = ipctk.TangentialCollisions()
+        self.tangential.build(
+            self.mesh, everything, self._collisions(positions), self.barrier, self.settings.friction
+        )
+        self.friction = ipctk.FrictionPotential(self.settings.slip * duration)
+
+    def value(self, positions: Floats) -> float:
+        everything = self._all(positions)
+        value = self.barrier(self._collisions(positions), self.mesh, everything)
+        if self.friction is not None:
+            value += self.friction(self.tangential, self.mesh, self._slip(everything))
+        return float(value) if math.isfinite(value) else math.inf
+
+    def gradient(self, positions: Floats, gradient: Floats) -> float:
+        everything = self._all(positions)
+        collisions = self._collisions(positions)
+        value = self.barrier(collisions, self.mesh, everything)
+        push = self.barrier.gradient(collisions, self.mesh, everything)
+        if self.friction is not None:
+            slip = self._slip(everything)
+            value += self.friction(self.tangential, self.mesh, slip)
+            push = push + self.friction.gradient(self.tangential, self.mesh, slip)
+        gradient += push.reshape(-1, 3)[: self.rows]
+        return float(value)
+
+    def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
+        everything = self._all(positions)
+        clamp = ipctk.PSDProjectionMethod.CLAMP
+        found = [self.barrier.hessian(self._collisions(positions), self.mesh, everything, clamp)]
+        if self.friction is not None:
+            found.append(self.friction.hessian(self.tangential, self.mesh, self._slip(everything), clamp))
+        size = 3 * self.rows
+        keys, entries = [], []
+        for matrix in found:
+            full = matrix.tocoo()
+            lower = (full.row >= full.col) & (full.row < size)
+            keys.append(full.col[lower].astype(np.int64) * size + full.row[lower])
+            entries.append(full.data[lower])
+        return np.concatenate(keys), np.concatenate(entries)
+
+    def bound(self, positions: Floats, step: Floats) -> float:
+        start, end = self._all(positions), self._all(positions + step)
+        self.candidates.build(self.mesh, start, end, 0.5 * self.settings.thickness)
+        self.path = (positions.copy(), step.copy())
+        fraction = self.candidates.compute_collision_free_stepsize(self.mesh, start, end, 0.0, self.narrow)
+        return 1.0 if fraction >= 1.0 else _SAFE * float(fraction)
+
+    def closest(self, positions: Floats) -> float:
+        square = self._collisions(positions).compute_minimum_distance(self.mesh, self._all(positions))
+        return math.sqrt(square)
+
+    def intersects(self, positions: Floats) -> bool:
+        return bool(ipctk.has_intersections(self.mesh, self._all(positions)))
+
+    def _all(self, positions: Floats) -> Floats:
+        """Every vertex, in the order of memory that ``ipctk`` wants."""
+        return np.asfortranarray(np.concatenate([positions, self.fixed]))
+
+    def _slip(self, everything: Floats) -> Floats:
+        return np.asfortranarray(everything - self.origin)
+
+    def _collisions(self, positions: Floats) -> ipctk.NormalCollisions:
+        """Pairs closer than the thickness; candidates are searched anew only off the path they were built for."""
+        if not self._covered(positions):
+            inflation = 0.5 * self.settings.thickness + self.slack
+            self.candidates.build(self.mesh, self._all(positions), inflation)
+            self.path = (positions.copy(), np.zeros_like(positions))
+        collisions = ipctk.NormalCollisions()
+        collisions.use_area_weighting = True
+        collisions.build(self.candidates, self.mesh, self._all(positions), self.settings.thickness)
+        return collisions
+
+    def _covered(self, positions: Floats) -> bool:
+        """Whether the candidates include every pair that may be near at these positions."""
+        if self.path is None:
+            return False
+        start, step = self.path
+        moved = positions - start
+        length = float(np.vdot(step, step))
+        if length == 0.0:
+            return bool(np.abs(moved).max() < self.slack / math.sqrt(3))
+        fraction = float(np.vdot(moved, step)) / length
+        off = np.abs(moved - fraction * step).max()
+        return bool(-1e-9 <= fraction <= 1 + 1e-9 and off <= 1e-9 * (1.0 + np.abs(moved).max()))
