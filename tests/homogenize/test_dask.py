@@ -5,17 +5,23 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 
 import yarnscale
 from yarnscale.cell import PeriodicCell
+from yarnscale.cli import main
+from yarnscale.errors import InputError
+from yarnscale.homogenize import executors
+from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.sample import create_store, sample
 from yarnscale.homogenize.store import SampleStore
@@ -34,19 +40,23 @@ ENVIRONMENT = os.environ | {
 }
 
 
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[tuple[str, list[int]]]:
-    """Address of a scheduler and the processes of its two workers; the nannies start no others in time."""
-    os.environ["PYTHONPATH"], before = ENVIRONMENT["PYTHONPATH"], os.environ.get("PYTHONPATH")
-    with distributed.LocalCluster(
-        n_workers=2,
+def local_cluster(workers: int):  # type: ignore[no-untyped-def]
+    return distributed.LocalCluster(
+        n_workers=workers,
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
         scheduler_port=0,
-        dashboard_address=None,
+        dashboard_address=":0",
         silence_logs="CRITICAL",
-    ) as started:
+    )
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[tuple[str, list[int]]]:
+    """Address of a scheduler and the processes of its two workers; the nannies start no others in time."""
+    os.environ["PYTHONPATH"], before = ENVIRONMENT["PYTHONPATH"], os.environ.get("PYTHONPATH")
+    with local_cluster(2) as started:
         with distributed.Client(started.scheduler_address) as client:
             processes = sorted(client.run(os.getpid).values())
         yield started.scheduler_address, processes
@@ -119,3 +129,73 @@ def test_a_wrong_address_is_told_in_time_and_writes_nothing(tmp_path: Path) -> N
     assert run.stderr.count("\n") == 1
     assert time.monotonic() - began < 40  # ten seconds of waiting and a slow start
     assert [path.name for path in tmp_path.iterdir()] == ["grid.toml"]
+
+
+def test_a_cluster_without_workers_is_told_and_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executors, "PATIENCE", 0.3)
+    said: list[str] = []
+    with (
+        local_cluster(0) as empty,
+        pytest.raises(InputError, match="no workers at the Dask scheduler") as caught,
+    ):
+        reach_workers(empty.scheduler_address, tell=said.append)
+    assert "one within 0.3 s" in str(caught.value)
+    assert len(said) == 1 and "no workers yet; waiting 0.3 s" in said[0]
+
+
+def test_workers_that_all_leave_end_the_run(
+    cell: PeriodicCell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "PATIENCE", 1.0)
+    store = create_store(tmp_path / "store", cell, GRID.axes, scattered=False)
+    with local_cluster(1) as deserted:
+
+        def leave(progress) -> None:  # type: ignore[no-untyped-def]
+            deserted.scale(0)
+
+        with pytest.raises(ChildProcessError, match=r"no Dask worker for 1 s|is gone"):
+            sample(cell, store, dask=deserted.scheduler_address, progress=leave)
+    done = int((store.status() == 1).sum())
+    assert 0 < done < STATES
+    assert sample(cell, store, workers=1).converged == STATES
+
+
+def test_a_scheduler_that_dies_ends_the_run_in_a_line(
+    cell: PeriodicCell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    start = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": ENVIRONMENT}
+    parts = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", address.split(":")[1]]
+    scheduler = subprocess.Popen([sys.executable, *parts, "--no-dashboard"], **start)
+    parts = ["-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+    worker = subprocess.Popen([sys.executable, *parts], **start)
+    store = tmp_path / "store"
+
+    def kill_in_mid_run() -> None:
+        end = time.monotonic() + 60
+        while len(list(store.glob("status/c/*/*/*/*/*"))) < 2 and time.monotonic() < end:
+            time.sleep(0.02)
+        scheduler.kill()
+
+    watching = Thread(target=kill_in_mid_run)
+    try:
+        monkeypatch.setattr(executors, "CONNECT", 30.0)  # until the scheduler is up
+        reach_workers(address)
+        monkeypatch.setattr(executors, "CONNECT", 2.0)
+        capfd.readouterr()
+        watching.start()
+        grid = write_grid(tmp_path / "grid.toml")
+        code = main(["sample", "rib-2x2", "--grid", str(grid), "--out", str(store), "--dask", address])
+        watching.join()
+    finally:
+        for process in (worker, scheduler):
+            process.kill()
+            process.wait()
+    said = capfd.readouterr().err
+    assert code == 1, said
+    assert "Traceback" not in said
+    told = [line for line in said.splitlines() if not line.startswith("sampling rib-2x2: ")]
+    assert told == [f"yarnscale: error: the Dask cluster at {address} is gone; what was finished is kept"]
+    assert 2 <= int((SampleStore(store).status() == 1).sum()) < STATES

@@ -38,8 +38,8 @@ STATES = 56
 
 FORKING = """
 import json, multiprocessing, os, sys, traceback
-import yarnscale.cli, yarnscale.cli.samples, yarnscale.homogenize.sample as sample
-sample.get_context = lambda method: multiprocessing.get_context("fork")
+import yarnscale.cli, yarnscale.cli.samples, yarnscale.homogenize.executors as executors
+executors.get_context = lambda method: multiprocessing.get_context("fork")
 from yarnscale.cell import PeriodicCell
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library

@@ -16,8 +16,9 @@ import xarray
 from yarnscale.cell import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogenize import sample as module
+from yarnscale.homogenize.executors import dask_workers
 from yarnscale.homogenize.plan import StrainGrid, scattered_axes
-from yarnscale.homogenize.sample import check_resumable, create_store, dask_workers, sample
+from yarnscale.homogenize.sample import check_resumable, create_store, sample
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, solve
 from yarnscale.kinematics import ShellStrain
@@ -164,10 +165,14 @@ def test_only_the_same_run_resumes(cell: PeriodicCell, tmp_path: Path) -> None:
         (other, "another pattern hash"),
         (replace(cell, sliding=True), "another sliding"),
         (replace(cell, tolerance=1e-3), "another tolerance"),
+        (replace(cell, starts=2), "another number of starts"),
+        (replace(cell, seed=1), "another seed"),
     ):
         with pytest.raises(InputError, match=f"cannot resume: {message}") as caught:
             check_resumable(store, wrong, GRID.axes)
         assert str(store.path) in str(caught.value)
+    with pytest.raises(InputError, match="cannot resume: another number of tiles"):
+        check_resumable(store, cell, GRID.axes, tiles=(2, 1))
     with pytest.raises(InputError, match="cannot resume: other states"):
         check_resumable(store, cell, StrainGrid(s_x=(0.0,)).axes)
     moved = GRID.axes | {"s_x": np.array([-0.05, 0.0, 0.11])}

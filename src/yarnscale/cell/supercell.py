@@ -40,6 +40,17 @@ def supercell(cell: PeriodicCell, size: tuple[int, int]) -> PeriodicCell:
     return replace(cell, pattern=cell.pattern.repeated(*size))
 
 
+def check_size(cell: PeriodicCell, size: tuple[int, int]) -> None:
+    """InputError for a size that is no positive number of tiles, or too large."""
+    count = len(cell.pattern.edges) * size[0] * size[1]
+    if min(size) < 1 or count > LARGEST_VERTEX_COUNT:
+        raise InputError(
+            f"cell size {size[0]}x{size[1]}",
+            expected=f"positive numbers of tiles, at most {LARGEST_VERTEX_COUNT} vertices",
+            found=f"{count} vertices",
+        )
+
+
 def tiled(state: Equilibrium, size: tuple[int, int]) -> Equilibrium:
     """An equilibrium as the start of a larger cell: every tile does the same."""
     copies = size[0] * size[1]
@@ -58,13 +69,7 @@ def study(
     if not sizes:
         raise InputError("cell sizes", expected="at least one, e.g. 2x1", found="none")
     for size in sizes:
-        count = len(cell.pattern.edges) * size[0] * size[1]
-        if min(size) < 1 or count > LARGEST_VERTEX_COUNT:
-            raise InputError(
-                f"cell size {size[0]}x{size[1]}",
-                expected=f"positive numbers of tiles, at most {LARGEST_VERTEX_COUNT} vertices",
-                found=f"{count} vertices",
-            )
+        check_size(cell, size)
     cell = replace(cell, starts=starts)
     began = time.perf_counter()
     single = cell.relax(strain)

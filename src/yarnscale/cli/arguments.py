@@ -209,6 +209,13 @@ def _material_commands(add: _Add) -> None:
     command.add_argument(
         "--free-sliding", action="store_true", help="let yarns slide along themselves as a whole"
     )
+    command.add_argument(
+        "--size", type=_size, default=(1, 1), metavar="NxM", help="sample N by M tiles as one cell (1x1)"
+    )
+    command.add_argument(
+        "--starts", type=_positive_integer, default=1, metavar="N",
+        help="starts of every state, all but one perturbed; the lowest energy counts (1)",
+    )  # fmt: skip
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
     command.add_argument("--json", action="store_true", help="print one JSON object")
     _workers(command)

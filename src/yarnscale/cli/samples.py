@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cell.supercell import check_size, supercell
 from yarnscale.cli.console import ProgressLine, print_json, writable_file
 from yarnscale.cli.materials import worker_count
 from yarnscale.cli.yarns import material_for
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.patterns import read_pattern
-from yarnscale.homogenize.sample import check_resumable, create_store, reach_scheduler
+from yarnscale.homogenize.executors import reach_workers
+from yarnscale.homogenize.sample import check_resumable, create_store
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
 
@@ -19,14 +22,22 @@ def sample(options: argparse.Namespace) -> int:
     """Sample a grid."""
     grid = read_grid(options.grid)
     pattern = read_pattern(options.pattern)
-    cell = PeriodicCell(pattern, material_for(pattern, options.material), options.free_sliding)
+    tile = PeriodicCell(
+        pattern, material_for(pattern, options.material), options.free_sliding, starts=options.starts
+    )
+    check_size(tile, options.size)
+    cell = supercell(tile, options.size)
     if options.dask is not None:
-        reach_scheduler(options.dask)
+        reach_workers(
+            options.dask, tell=lambda said: print(f"yarnscale: {said}", file=sys.stderr, flush=True)
+        )
     if options.resume and options.out.exists():
         store = SampleStore(options.out)
-        check_resumable(store, cell, grid.axes, positions=options.positions)
+        check_resumable(store, cell, grid.axes, positions=options.positions, tiles=options.size)
     else:
-        store = create_store(options.out, cell, grid.axes, scattered=False, positions=options.positions)
+        store = create_store(
+            options.out, cell, grid.axes, scattered=False, positions=options.positions, tiles=options.size
+        )
     line = ProgressLine(f"sampling {pattern.name}")
     summary = run_sample(
         cell, store, workers=worker_count(options), dask=options.dask,

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +18,19 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
+from yarnscale.homogenize.executors import DaskExecutor, dask_workers, is_loss, local_workers
 from yarnscale.homogenize.plan import bends_twice, solve_order
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.homogenize.worker import CODE_OF, STRAINS, Start, prepare, solve
+from yarnscale.homogenize.worker import CODE_OF, STRAINS, Start, solve
+from yarnscale.yarn.material import YarnMaterial
 
 Array = NDArray[np.float64]
 ATTEMPTS = 3
 """How often a state whose worker died is tried before it is left pending."""
 LOSSES = 6
 """How often all workers may be lost in a row, with nothing finished in between, before the run gives up."""
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+WATCH = 2.0
+"""How long a run waits for a result before it looks whether a cluster is still there [s]."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,8 @@ class SampleSummary:
     peak_worker_megabytes: float
 
 
-def provenance(cell: PeriodicCell) -> dict[str, object]:
-    """Versions, pattern and material behind a run, to be stored with it."""
+def provenance(cell: PeriodicCell, tiles: tuple[int, int] = (1, 1)) -> dict[str, object]:
+    """Versions, pattern and material behind a run, to be stored with it; ``tiles`` of the pattern make the cell."""
     packages = ("yarnscale", "numpy", "scipy", "casadi", "llvmlite", "numba")
     return {
         "pattern": cell.pattern.name,
@@ -63,36 +64,71 @@ def provenance(cell: PeriodicCell) -> dict[str, object]:
         "radius": cell.pattern.radius,
         "period": cell.pattern.period.tolist(),
         "area_density": cell.area_density,
-        "material": asdict(cell.material),
+        "material": _plain_material(cell),
         "sliding": "free" if cell.sliding else "fixed",
         "tolerance": cell.tolerance,
+        "tiles": list(tiles),
+        "starts": cell.starts,
+        "seed": cell.seed,
         "versions": {name: version(name) for name in packages} | {"python": platform.python_version()},
     }
 
 
+def _plain_material(cell: PeriodicCell) -> object:
+    """The fields of the material, or a list of them where yarns have each its own."""
+    entries = [asdict(material) for material in cell.materials]
+    return entries[0] if isinstance(cell.material, YarnMaterial) else entries
+
+
 def create_store(
-    path: Path, cell: PeriodicCell, axes: Mapping[str, Array], *, scattered: bool, positions: bool = False
+    path: Path,
+    cell: PeriodicCell,
+    axes: Mapping[str, Array],
+    *,
+    scattered: bool,
+    positions: bool = False,
+    tiles: tuple[int, int] = (1, 1),
 ) -> SampleStore:
-    """A new store for this cell; its states that bend about both axes are marked ``excluded``."""
+    """A new store for this cell; its states that bend about both axes are marked ``excluded``.
+
+    tiles: how many tiles of a smaller pattern the cell holds; only told to readers of the store.
+    """
     return SampleStore.create(
         path,
         axes,
         scattered=scattered,
         vertices=len(cell.pattern.edges),
         positions=positions,
-        provenance=provenance(cell),
+        provenance=provenance(cell, tiles),
     )
 
 
+_TOLD_APART = {
+    "tiles": "number of tiles",
+    "pattern_hash": "pattern hash",
+    "material": "material",
+    "sliding": "sliding",
+    "tolerance": "tolerance",
+    "starts": "number of starts",
+    "seed": "seed",
+}
+"""Provenance that must agree to resume -> what it is called."""
+
+
 def check_resumable(
-    store: SampleStore, cell: PeriodicCell, axes: Mapping[str, Array], *, positions: bool = False
+    store: SampleStore,
+    cell: PeriodicCell,
+    axes: Mapping[str, Array],
+    *,
+    positions: bool = False,
+    tiles: tuple[int, int] = (1, 1),
 ) -> None:
     """InputError unless the store was made for this cell and these states, and for positions if they are asked."""
-    stored, now = store.attributes["provenance"], provenance(cell)
-    for field in ("pattern_hash", "material", "sliding", "tolerance"):
+    stored, now = store.attributes["provenance"], provenance(cell, tiles)
+    for field, name in _TOLD_APART.items():
         if stored.get(field) != _plain(now[field]):
             raise InputError(
-                f"cannot resume: another {field.replace('_', ' ')}", where=store.path,
+                f"cannot resume: another {name}", where=store.path,
                 expected=stored.get(field), found=now[field],
             )  # fmt: skip
     fresh = np.column_stack([axes[n] for n in STRAINS]) if store.dims == ("state",) else None
@@ -115,51 +151,6 @@ def _plain(value: object) -> object:
 
 
 @contextmanager
-def local_workers(count: int) -> Iterator[Executor]:
-    """Processes on this machine, spawned (never forked), one numerical thread each."""
-    kept = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=prepare) as pool:
-            try:
-                yield pool
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-    finally:
-        for name, value in kept.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-@contextmanager
-def dask_workers(address: str) -> Iterator[Executor]:
-    """Workers of a Dask cluster at a scheduler address."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(
-            "Dask is not installed", expected="the extra 'dask'", found="no module distributed"
-        ) from None
-    try:
-        client = Client(address, timeout="10s")
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(
-            "no Dask scheduler", where=address, expected="host:port of a scheduler", found=error
-        ) from None
-    with client:
-        yield client.get_executor(pure=False, retries=ATTEMPTS)
-
-
-def reach_scheduler(address: str) -> None:
-    """InputError where no Dask scheduler answers; ask before anything is written."""
-    with dask_workers(address):
-        pass
-
-
-@contextmanager
 def _interrupts_held() -> Iterator[None]:
     """Hold Ctrl-C back: processes started within get none either, until they ask for it (``prepare``)."""
     if not hasattr(signal, "pthread_sigmask"):
@@ -172,13 +163,12 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _is_loss(error: BaseException) -> bool:
-    """Whether a solve failed because its worker, or the connection to it, is gone."""
-    return isinstance(error, (BrokenProcessPool, CancelledError)) or type(error).__name__ in (
-        "KilledWorker",  # of distributed, which need not be there
-        "CommClosedError",
-        "FutureCancelledError",
-    )
+def _has_result(future: Future) -> bool:
+    """Whether a finished solve gave a result; False where its worker was lost, any other failure is raised."""
+    error = CancelledError() if future.cancelled() else future.exception()
+    if error is not None and not is_loss(error):
+        raise error
+    return error is None
 
 
 class _Run:
@@ -237,13 +227,14 @@ class _Run:
             self.running[future] = index
         return True
 
-    def collect(self) -> bool:
+    def collect(self, executor: Executor) -> bool:
         """Store what is finished; False where workers died and their states went back to the queue."""
-        finished, _ = wait(self.running, return_when=FIRST_COMPLETED)
+        finished, _ = wait(self.running, timeout=WATCH, return_when=FIRST_COMPLETED)
+        if isinstance(executor, DaskExecutor) and not any(_has_result(future) for future in finished):
+            executor.look()
         lost = False
         for future in finished:
-            error = CancelledError() if future.cancelled() else future.exception()
-            if error is not None and _is_loss(error):
+            if not _has_result(future):
                 lost = True
                 continue
             result, megabytes = future.result()
@@ -282,6 +273,21 @@ class _Run:
         self.report(Progress(done, self.total, converged, seconds, left))
 
 
+@contextmanager
+def _workers(count: int, dask: str | None, *, again: bool) -> Iterator[Executor]:
+    """Processes here or on a cluster; ChildProcessError where a cluster that was there is not found ``again``."""
+    with ExitStack() as stack:
+        try:
+            executor = stack.enter_context(local_workers(count) if dask is None else dask_workers(dask))
+        except InputError:
+            if not again:
+                raise
+            raise ChildProcessError(
+                f"the Dask cluster at {dask} is gone; what was finished is kept"
+            ) from None
+        yield executor
+
+
 def sample(
     cell: PeriodicCell,
     store: SampleStore,
@@ -305,10 +311,12 @@ def sample(
         cell.warm_up()
     room = workers if dask is None else 64
     while run.pending or run.running:
-        with dask_workers(dask) if dask is not None else local_workers(workers) as executor:
+        with _workers(workers, dask, again=run.losses > 0) as executor:
+            if isinstance(executor, DaskExecutor):
+                workers = max(executor.workers, 1)
             whole = run.submit(executor, room + 1)
             while whole and run.running:
-                whole = run.collect() and run.submit(executor, room + 1)
+                whole = run.collect(executor) and run.submit(executor, room + 1)
     seconds = time.perf_counter() - run.began
     converged = int((run.status == CODE_OF["converged"]).sum())
     return SampleSummary(run.total, converged, seconds, workers, run.peak)
