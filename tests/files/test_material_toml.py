@@ -10,7 +10,7 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.files.material_toml import read_material, write_material
-from yarnscale.yarn.material import NUMBERS, PRESETS, ContactRule
+from yarnscale.yarn.material import NUMBERS, PRESETS, STRETCH_FIELDS, ContactRule, StretchRule
 
 GOOD = """
 young_modulus = 5e5
@@ -26,6 +26,13 @@ def test_writing_and_reading_is_the_identity(tmp_path: Path, name: str) -> None:
     material = replace(PRESETS[name], name=f'{name} "α" \\ \n')
     write_material(material, tmp_path / "m.toml")
     assert read_material(tmp_path / "m.toml") == material
+
+
+def test_two_phase_stretch_is_written_and_read(tmp_path: Path) -> None:
+    rule = StretchRule("two_phase", knee=0.07, stiff_modulus=3e7)
+    material = replace(PRESETS["wool"], stretch=rule)
+    write_material(material, tmp_path / "m.toml")
+    assert read_material(tmp_path / "m.toml").stretch == rule
 
 
 def test_presets_are_found_by_name() -> None:
@@ -46,7 +53,9 @@ def test_the_example_in_the_documentation_reads(tmp_path: Path) -> None:
     example = text.split("```toml\n")[1].split("```")[0]
     (tmp_path / "m.toml").write_text(example)
     assert read_material(tmp_path / "m.toml") == replace(PRESETS["wool"], name="soft wool")
-    for field in (*NUMBERS, "name", *(f"contact.{entry.name}" for entry in fields(ContactRule))):
+    rules = [f"contact.{entry.name}" for entry in fields(ContactRule)]
+    rules += [f"stretch.{name}" for name in STRETCH_FIELDS]
+    for field in (*NUMBERS, "name", *rules):
         assert f"`{field}`" in text
     assert tomllib.loads(example)["contact"]["points"] == 5
 
@@ -62,6 +71,9 @@ def test_the_example_in_the_documentation_reads(tmp_path: Path) -> None:
         (GOOD + "colour = 3", "unknown field colour; expected young_modulus"),
         (GOOD + "contact = 3", r"contact must be a table; expected \[contact\]; found 3"),
         (GOOD + "[contact]\nkernal = 'x'", "unknown field contact.kernal; expected kernel, points"),
+        (GOOD + "stretch = 3", r"stretch must be a table; expected \[stretch\]; found 3"),
+        (GOOD + "[stretch]\nknees = 1", "unknown field stretch.knees; expected law, knee, stiff_modulus"),
+        (GOOD + "[stretch]\nlaw = 'two_phase'", "stretch.stiff_modulus must be positive; expected > 0"),
         (GOOD + "[contact]\npoints = 4", "contact.points must be odd"),
         (GOOD + "[contact]\nkernel = 3", "contact.kernel is unknown"),
         (GOOD + "[contact]\nkernel = ['a']", "contact.kernel is unknown"),

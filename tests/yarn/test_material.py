@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.yarn.material import PRESETS, ContactRule, YarnMaterial
+from yarnscale.yarn.material import PRESETS, ContactRule, StretchRule, YarnMaterial
 
 # HYLC20 Table 1: E [Pa], G [Pa], γ, k_contact [kg/s²], ρ [kg/m³].
 TABLE_1 = {
@@ -89,6 +89,7 @@ def test_simpson_weights_integrate_cubics(points: int) -> None:
         ({"contact_stiffness": 10**400}, "contact_stiffness must be positive"),
         ({"name": 3}, "name must be text"),
         ({"contact": None}, "contact must be a contact rule"),
+        ({"stretch": "two_phase"}, "stretch must be a stretch rule"),
     ],
 )
 def test_impossible_materials_are_named(change: dict[str, object], message: str) -> None:
@@ -111,6 +112,41 @@ def test_impossible_materials_are_named(change: dict[str, object], message: str)
 def test_impossible_contact_rules_are_named(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         ContactRule(**change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"law": "cubic"}, "stretch.law is unknown; expected linear or two_phase; found cubic"),
+        ({"law": "two_phase"}, "stretch.stiff_modulus must be positive"),
+        ({"law": "two_phase", "stiff_modulus": 1e6, "knee": -0.1}, "stretch.knee must be zero or more"),
+    ],
+)
+def test_impossible_stretch_rules_are_named(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        StretchRule(**change)  # type: ignore[arg-type]
+
+
+def test_stiffnesses_are_set_one_by_one() -> None:
+    material, r = YarnMaterial(2e6, 8e5, 0.5, 10.0, 100.0), 2e-3
+    before = (material.stretch_stiffness(r), material.bending_stiffness(r), material.twist_stiffness(r))
+    for k, name in enumerate(("stretch", "bending", "twist")):
+        changed = material.with_stiffnesses(r, **{name: 3.0 * before[k]})
+        after = (changed.stretch_stiffness(r), changed.bending_stiffness(r), changed.twist_stiffness(r))
+        assert after == pytest.approx([3.0 * b if i == k else b for i, b in enumerate(before)], rel=1e-12)
+    limp = material.with_stiffnesses(r, bending=0.0, twist=0.0)
+    assert limp.bending_stiffness(r) == limp.twist_stiffness(r) == 0.0
+    with pytest.raises(InputError, match="twist stiffness without bending stiffness"):
+        material.with_stiffnesses(r, bending=0.0)
+    with pytest.raises(InputError, match="stretch stiffness must be positive"):
+        material.with_stiffnesses(r, stretch=0.0)
+
+
+def test_the_stiff_phase_has_its_own_modulus() -> None:
+    linear, r = YarnMaterial(2e6, 8e5, 0.5, 10.0, 100.0), 2e-3
+    two_phase = replace(linear, stretch=StretchRule("two_phase", knee=0.1, stiff_modulus=3e7))
+    assert linear.stiff_stretch_stiffness(r) == linear.stretch_stiffness(r) == two_phase.stretch_stiffness(r)
+    assert two_phase.stiff_stretch_stiffness(r) == pytest.approx(3e7 * math.pi * r**2)
 
 
 def test_numpy_numbers_are_numbers() -> None:
