@@ -21,7 +21,7 @@ from yarnscale.cell import PeriodicCell, contact_list
 from yarnscale.cell import energy as cell_energy
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
-from yarnscale.numerics import assembly, factor
+from yarnscale.numerics import assembly, block_pattern, factor
 from yarnscale.yarn.material import PRESETS, YarnMaterial
 from yarnscale.yarn.neighbours import PairSearch
 
@@ -61,7 +61,7 @@ def places() -> list[tuple[str, object, str]]:
         ("kernels: energy", assembly.StencilSet, "value"),
         ("pair search", PairSearch, "find"),
         ("stencils of new pairs", contact_list, "StencilSet"),
-        ("matrix pattern and slots", assembly.BlockPattern, "slots"),
+        ("matrix pattern and slots", block_pattern.BlockPattern, "slots"),
         ("matrix pattern and slots", cell_energy.BlockPattern, "of"),
         ("symbolic analysis", backend, "__init__"),
         ("factor", backend, "factor"),

@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from yarnscale.numerics.affine import CopiedNodes
-from yarnscale.numerics.assembly import BlockPattern, StencilSet
+from yarnscale.numerics.assembly import StencilSet
+from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kernel import BLOCK

@@ -18,7 +18,8 @@ from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.stiffness import CellStiffness, Materials
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
-from yarnscale.numerics.assembly import BlockPattern, StencilSet
+from yarnscale.numerics.assembly import StencilSet
+from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
 from yarnscale.yarn.neighbours import Images, pair_gaps, safe_fraction

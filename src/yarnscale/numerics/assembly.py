@@ -12,14 +12,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.numerics.block_pattern import SKIPPED
 from yarnscale.numerics.energy import StencilEnergy
-from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kernel import BLOCK, LANES, call_kernel, run_columns
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_SKIPPED = -1  # slot of an entry that belongs to a fixed variable
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
 
@@ -107,129 +106,6 @@ class StencilSet:
         return energies[: self.count], gradients[: self.count], hessians[: self.count]
 
 
-@dataclass(frozen=True, eq=False)
-class BlockPattern:
-    """Pattern of a symmetric matrix whose unknowns come in groups (a vertex of 3, a scalar of 1).
-
-    Which groups meet is kept in a dense table, so it suits up to a few thousand groups.
-    """
-
-    pattern: SymmetricPattern
-    group: Indices
-    first: Indices
-    offsets: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, group_sizes: Indices, unknowns: list[Indices]) -> BlockPattern:
-        """Pattern of stencils: each array (N, k) holds unknowns that meet (−1: fixed)."""
-        first = np.zeros(len(group_sizes) + 1, np.int64)
-        np.cumsum(group_sizes, out=first[1:])
-        group = np.repeat(np.arange(len(group_sizes)), group_sizes)
-        table = np.eye(len(group_sizes), dtype=np.uint8)
-        for rows in unknowns:
-            _mark(table, group, rows)
-        size = int(first[-1])
-        starts = np.zeros(size + 1, np.int64)
-        offsets = np.full(table.shape, -1, np.int32)
-        entries = _lay_out(table, first, starts, offsets)
-        rows = np.empty(entries, np.int64)
-        _fill_rows(offsets, first, starts, rows)
-        return cls(SymmetricPattern(size, starts, rows), group, first, offsets)
-
-    def covers(self, unknowns: Indices) -> bool:
-        """Whether all pairs of these stencils' unknowns, (N, k), lie in the pattern."""
-        return bool(_covered(self.offsets, self.group, unknowns))
-
-    def slots(self, unknowns: Indices) -> NDArray[np.int32]:
-        """Where a stencil's Hessian entries go: (blocks, n(n+1)/2, BLOCK).
-
-        −1: skipped. s ≤ −2: entry −s−2 on the diagonal, added twice (two variables of the stencil are one unknown).
-        Raises ValueError where two of them do not meet in the pattern.
-        """
-        count, k = unknowns.shape
-        blocks = -(-count // BLOCK)
-        slots = np.full((blocks, k * (k + 1) // 2, BLOCK), _SKIPPED, np.int32)
-        if not _fill_slots(self.offsets, self.group, self.first, self.pattern.starts, unknowns, slots):
-            raise ValueError("the pattern does not cover these stencils")
-        return slots
-
-
-@numba.njit(**_JIT)
-def _mark(table, group, rows):
-    for e in range(rows.shape[0]):
-        for a in range(rows.shape[1]):
-            i = rows[e, a]
-            if i < 0:
-                continue
-            for b in range(a + 1):
-                j = rows[e, b]
-                if j >= 0:
-                    table[min(group[i], group[j]), max(group[i], group[j])] = 1
-
-
-@numba.njit(**_JIT)
-def _covered(offsets, group, rows):
-    for e in range(rows.shape[0]):
-        for a in range(rows.shape[1]):
-            i = rows[e, a]
-            if i < 0:
-                continue
-            for b in range(a + 1):
-                j = rows[e, b]
-                if j >= 0 and offsets[min(group[i], group[j]), max(group[i], group[j])] < 0:
-                    return False
-    return True
-
-
-@numba.njit(**_JIT)
-def _lay_out(table, first, starts, offsets):
-    """Offset of each row group within each column group, and the start of every column."""
-    groups = table.shape[0]
-    for c in range(groups):
-        height = 0
-        for r in range(c, groups):
-            if table[c, r]:
-                offsets[c, r] = height
-                height += first[r + 1] - first[r]
-        for local in range(first[c + 1] - first[c]):
-            j = first[c] + local
-            starts[j + 1] = starts[j] + height - local
-    return starts[-1]
-
-
-@numba.njit(**_JIT)
-def _fill_rows(offsets, first, starts, rows):
-    groups = offsets.shape[0]
-    for c in range(groups):
-        for r in range(c, groups):
-            if offsets[c, r] < 0:
-                continue
-            for local in range(first[c + 1] - first[c]):
-                j = first[c] + local
-                for i in range(max(first[r], j), first[r + 1]):
-                    rows[starts[j] + offsets[c, r] + (i - first[r]) - local] = i
-
-
-@numba.njit(**_JIT)
-def _fill_slots(offsets, group, first, starts, unknowns, slots):
-    for e in range(unknowns.shape[0]):
-        block, lane = divmod(e, slots.shape[2])
-        k = 0
-        for a in range(unknowns.shape[1]):
-            for b in range(a + 1):
-                i, j = unknowns[e, a], unknowns[e, b]
-                if i >= 0 and j >= 0:
-                    if i < j:
-                        i, j = j, i
-                    c, r = group[j], group[i]
-                    if offsets[c, r] < 0:
-                        return False
-                    s = starts[j] + offsets[c, r] + (i - first[r]) - (j - first[c])
-                    slots[block, k, lane] = -s - 2 if (a != b and i == j) else s
-                k += 1
-    return True
-
-
 @numba.njit(**_JIT)
 def _gather(full, index, block, out):
     for k in range(out.shape[0]):
@@ -313,7 +189,7 @@ def _run_hessian(
                 s = slots[block, k, e]
                 if s >= 0:
                     values[s] += h[k, e]
-                elif s < _SKIPPED:
+                elif s < SKIPPED:
                     values[-s - 2] += 2.0 * h[k, e]
     return total
 
