@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from yarnscale.shell.spline_material import SplineMaterial
     from yarnscale.yarn import library as patterns
     from yarnscale.yarn.knit import knit
-    from yarnscale.yarn.material import ContactRule, YarnMaterial
+    from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
     from yarnscale.yarn.pattern import YarnPattern
     from yarnscale.yarn.weave import weave
 
@@ -58,6 +58,7 @@ _HOME = {
     "ShellStrain": "kinematics",
     "SplineMaterial": "shell.spline_material",
     "Status": "numerics.newton",
+    "StretchRule": "yarn.material",
     "StrainGrid": "homogenize.plan",
     "StrainRange": "homogenize.plan",
     "TriangleMesh": "shell.mesh",
@@ -103,6 +104,7 @@ __all__ = [
     "ShellStrain",
     "SplineMaterial",
     "Status",
+    "StretchRule",
     "StrainGrid",
     "StrainRange",
     "TriangleMesh",
