@@ -124,17 +124,19 @@ def minimise(
     backtracks: int = 6,
     check_minimum: bool = True,
     backend: str | None = None,
+    linear: ConstrainedSolver | None = None,
 ) -> Solution:
     """Minimise ``objective`` from ``start`` (n,) under linear constraints.
 
     bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted step.
     tolerance: on |P g| / residual_scale, P the projection on the constraints. check_minimum: accept a point below the
     tolerance only where the Hessian, restricted by the constraints, has no negative eigenvalue; else leave the saddle
-    along it. backtracks: halvings of a step before the shift is raised instead.
+    along it. backtracks: halvings of a step before the shift is raised instead. linear: a solver with the same
+    constraints from an earlier call, whose symbolic analysis lives on while the pattern is the same.
     """
     return _Minimisation(
         objective, constraints, bound, after_step, tolerance, max_iterations, shift or ShiftRule(), backtracks,
-        check_minimum, ConstrainedSolver(constraints, backend),
+        check_minimum, linear if linear is not None else ConstrainedSolver(constraints, backend),
     ).run(np.array(start, dtype=np.float64))  # fmt: skip
 
 
@@ -155,7 +157,7 @@ class _Minimisation:
     escapes: int = 0
 
     def run(self, x: Array) -> Solution:
-        self.shift = self.rule.start
+        self.shift, before = self.rule.start, self.linear.factorisations
         value, gradient, model = self.objective.quadratic(x)
         if not (math.isfinite(value) and np.isfinite(gradient).all()):
             return Solution(x, math.inf, np.zeros_like(x), math.inf, Status.INVALID, 0, 0, ())
@@ -183,7 +185,7 @@ class _Minimisation:
             value, gradient, model = self.objective.quadratic(x)
             iteration += 1
         return Solution(
-            x, value, gradient, residual, status, iteration, self.linear.factorisations, tuple(self.history)
+            x, value, gradient, residual, status, iteration, self.linear.factorisations - before, tuple(self.history)
         )  # fmt: skip
 
     def _project(self, vector: Array) -> Array:
@@ -303,7 +305,8 @@ class _Minimisation:
         if self.escapes > _MOST_ESCAPES:
             return False, None
         whole = self.bound(x, vector) if self.bound is not None else 1.0
-        for fraction in (whole, whole / 4, whole / 16, whole / 64):
+        # Where contacts just touch, curvature is negative on a short way only: look close by too.
+        for fraction in whole / 4.0 ** np.arange(8):
             for sign in (1.0, -1.0):
                 trial = x + sign * fraction * vector
                 if self.objective.value(trial) < value:
