@@ -20,10 +20,19 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles (nt, 3) whose vertices move; ``material`` coordinates (nv, 2) [m] or None."""
+    """Triangles (nt, 3) whose vertices move.
+
+    material: points in the fabric (nm, 2) [m], or None; corners: those of each triangle (nt, 3).
+    """
 
     triangles: Integers
     material: Floats | None = None
+    corners: Integers | None = None
+
+    @property
+    def sewn(self) -> bool:
+        """Whether vertices have several material points."""
+        return self.corners is not None and not np.array_equal(self.corners, self.triangles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +142,7 @@ def _joined(folder: Path, cloth: ClothFrames | None, curves: CurveFrames | None)
     return Animation(
         times,
         moment,
-        Surface(cloth.triangles, cloth.material) if cloth is not None else None,
+        Surface(cloth.triangles, cloth.material, cloth.corners) if cloth is not None else None,
         curves.curves if curves is not None else None,
         Surface(bodies) if bodies is not None else None,
     )

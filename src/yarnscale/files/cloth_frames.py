@@ -102,12 +102,14 @@ def read_frame(path: str | os.PathLike[str]) -> ClothState:
 
 @dataclass(frozen=True, eq=False)
 class ClothFrames:
-    """A folder of frames to read: ``triangles`` (nt, 3), ``material`` (nv, 2) [m], body triangles (mb, 3) or None.
+    """A folder of frames to read.
 
-    paths: frames by number; times: of each [s], (nf,).
+    triangles: vertices in space, corners: material points of each triangle, both (nt, 3); material: the points
+    (nm, 2) [m]; body_triangles: (mb, 3) or None. paths: frames by number; times: of each [s], (nf,).
     """
 
     triangles: Integers
+    corners: Integers
     material: Floats
     body_triangles: Integers | None
     paths: dict[int, Path]
@@ -115,13 +117,11 @@ class ClothFrames:
 
     def state(self, number: int) -> ClothState:
         """Frame of a number; InputError where it does not belong to the mesh."""
-        state = read_frame(self.paths[number])
-        if len(state.positions) != len(self.material):
+        state, count = read_frame(self.paths[number]), int(self.triangles.max(initial=-1)) + 1
+        if len(state.positions) != count:
+            found = state.positions.shape
             raise InputError(
-                "positions",
-                where=self.paths[number],
-                expected=f"shape ({len(self.material)}, 3)",
-                found=state.positions.shape,
+                "positions", where=self.paths[number], expected=f"shape ({count}, 3)", found=found
             )
         return state
 
@@ -145,11 +145,19 @@ def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("folder does not exist", where=folder, expected="frames of a cloth")
-    arrays = read_arrays(folder / MESH, "material", "triangles", what="mesh of a cloth")
-    material = checked(arrays["material"], name="material", shape=(None, 2), where=folder / MESH)
-    triangles = checked_indices(
-        arrays["triangles"], name="triangles", width=3, count=len(material), where=folder / MESH
+    arrays = read_arrays(
+        folder / MESH, "material", "triangles", optional=("corners",), what="mesh of a cloth"
     )
+    material = checked(arrays["material"], name="material", shape=(None, 2), where=folder / MESH)
+    triangles, corners = (
+        checked_indices(arrays.get(name, arrays["triangles"]), name=name, width=3, count=len(material),
+                        where=folder / MESH)
+        for name in ("triangles", "corners")
+    )  # fmt: skip
+    if len(corners) != len(triangles):
+        raise InputError(
+            "corners", where=folder / MESH, expected=f"{len(triangles)} rows", found=len(corners)
+        )
     bodies = None
     if (folder / BODIES).is_file():
         stored = read_arrays(folder / BODIES, "triangles", what="bodies beside a cloth")["triangles"]
@@ -157,7 +165,7 @@ def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
             stored, name="triangles", width=3, count=np.iinfo(np.int64).max, where=folder / BODIES
         )
     paths = frame_paths(folder)
-    return ClothFrames(triangles, material, bodies, paths, frame_times(folder, paths))
+    return ClothFrames(triangles, corners, material, bodies, paths, frame_times(folder, paths))
 
 
 def frame_times(folder: Path, paths: dict[int, Path]) -> Floats:
