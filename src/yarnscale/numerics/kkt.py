@@ -53,6 +53,7 @@ class ConstrainedSolver:
     constraints: LinearConstraints | None
     backend: str | None
     factorisations: int = 0
+    analyses: int = 0
     _pattern: SymmetricPattern | None = None
     _factor: Factorisation | None = None
     _columns: Array | None = None  # K⁻¹ Cᵀ of the present factor
@@ -63,6 +64,7 @@ class ConstrainedSolver:
         if self._factor is None or model.pattern is not self._pattern:
             self._pattern = model.pattern
             self._factor = factorisation(model.pattern, self.backend)
+            self.analyses += 1
         self.factorisations += 1
         self._columns = None
         return self._factor.factor(model.values(shift))

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
+from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
 
 Array = NDArray[np.float64]
 
@@ -115,7 +116,7 @@ def minimise(
     objective: Objective,
     start: Array,
     *,
-    constraints: LinearConstraints | None = None,
+    constraints: LinearConstraints | SparseConstraints | None = None,
     bound: Bound | None = None,
     after_step: Callable[[Array], None] | None = None,
     tolerance: float = 1e-6,
@@ -143,7 +144,7 @@ def minimise(
 @dataclass
 class _Minimisation:
     objective: Objective
-    constraints: LinearConstraints | None
+    constraints: LinearConstraints | SparseConstraints | None
     bound: Bound | None
     after_step: Callable[[Array], None] | None
     tolerance: float
@@ -151,7 +152,7 @@ class _Minimisation:
     rule: ShiftRule
     backtracks: int
     check_minimum: bool
-    linear: ConstrainedSolver
+    linear: ConstrainedSolver | SaddleSolver
     shift: float = 0.0
     history: list[tuple[float, float]] = field(default_factory=list)
     escapes: int = 0

@@ -8,13 +8,16 @@ never lost.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.numerics.newton import ShiftRule, Status, minimise
+from yarnscale.numerics.kkt import ConstrainedSolver
+from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 from yarnscale.shell.cloth import Cloth, Handle
 from yarnscale.shell.contact import ClothContact
 from yarnscale.shell.energy import ShellEnergy
@@ -37,24 +40,36 @@ SHELL_SHIFT = ShiftRule(
 """From the positive model (shift 1) to the exact Hessian (0), once forces are within ten times the weight."""
 
 
+Method = Literal["quasi-newton", "newton"]
+
+NEWTON_BELOW = 1e-3
+"""Residual from which on Newton, which doubles the digits, is faster than a kept factor."""
+
+
 @dataclass(frozen=True)
 class SolverOptions:
     """How exactly steps are solved.
 
-    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: of Newton per step.
-    acceptable: residual with which a step is kept though Newton did not get to the tolerance.
+    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: per step.
+    acceptable: residual with which a step is kept though it did not get to the tolerance.
     halvings: how often a failed step is halved. integrator: of the dynamics, see ``integrator``.
+    method: ``quasi-newton`` keeps a factor for several iterations, and leaves the last digits, and steps that it
+    cannot solve, to Newton; ``newton`` has a factor for every iteration. shift: of Newton; keep: of quasi-Newton.
     """
 
     tolerance: float = 1e-2
-    iterations: int = 150
+    iterations: int = 400
     acceptable: float = 1.0
     halvings: int = 4
-    shift: ShiftRule = SHELL_SHIFT
     integrator: Integrator = "euler"
+    method: Method = "quasi-newton"
+    shift: ShiftRule = SHELL_SHIFT
+    keep: KeepRule = field(default_factory=KeepRule)
 
     def __post_init__(self) -> None:
         checked_integrator(self.integrator)
+        if self.method not in get_args(Method):
+            raise InputError("method", expected=" or ".join(get_args(Method)), found=self.method)
         if not (math.isfinite(self.tolerance) and 0 < self.tolerance <= self.acceptable):
             raise InputError("tolerance", expected=f"between 0 and {self.acceptable:g}", found=self.tolerance)
         if self.iterations < 1:
@@ -86,6 +101,7 @@ class ClothSolver:
         )
         guests = self.contact.guests if self.contact is not None else 0
         self.growth = PatternGrowth(self.energy.pattern.widened(3 * guests))
+        self.linear = ConstrainedSolver(None, None)
         strength = float(np.linalg.norm(cloth.gravity)) or STANDARD_GRAVITY
         self.scale = float(np.linalg.norm(self.masses)) * strength
 
@@ -108,16 +124,9 @@ class ClothSolver:
         rule = None if static else step_rule(self.options.integrator, state, duration, inertia=inertia)
         objective = self._objective(state, rule, state.time if static else state.time + duration)
         moved = duration * state.velocities if inertia and not static else np.zeros_like(state.velocities)
-        solution = minimise(
-            objective,
-            self._start(begin, self._with_obstacle_steps(begin, moved, objective)).ravel(),
-            bound=self._bound if self.contact is not None else None,
-            after_step=self._follow,
-            tolerance=self.options.tolerance,
-            max_iterations=self.options.iterations if iterations is None else iterations,
-            shift=self.options.shift,
-            check_minimum=static,
-        )
+        start = self._start(begin, self._with_obstacle_steps(begin, moved, objective)).ravel()
+        limit = self.options.iterations if iterations is None else iterations
+        solution = self._minimise(objective, start, limit, static=static)
         positions, obstacles = np.split(solution.x.reshape(-1, 3), [len(self.masses)])
         new = ClothState(
             positions,
@@ -170,6 +179,36 @@ class ClothSolver:
     def pull(self, handle: Handle, state: ClothState) -> Floats:
         """Force of a handle on the cloth [N], (3,)."""
         return handle.attachment(state.time).pull(state.positions).sum(axis=0)
+
+    def _minimise(self, objective: StepObjective, start: Floats, limit: int, *, static: bool) -> Solution:
+        tolerance, done = self.options.tolerance, 0
+        bound = self._bound if self.contact is not None else None
+        if self.options.method == "quasi-newton" and not static:
+            first = minimise_keeping_factors(
+                objective,
+                start,
+                bound=bound,
+                after_step=self._follow,
+                tolerance=max(tolerance, NEWTON_BELOW),
+                max_iterations=limit,
+                keep=self.options.keep,
+                linear=self.linear,
+            )
+            start, done = first.x, first.iterations
+            if first.residual <= tolerance or done >= limit or first.status is Status.INVALID:
+                return first
+        last = minimise(
+            objective,
+            start,
+            bound=bound,
+            after_step=self._follow,
+            tolerance=tolerance,
+            max_iterations=limit - done,
+            shift=self.options.shift,
+            check_minimum=static,
+            linear=self.linear,
+        )
+        return replace(last, iterations=done + last.iterations)
 
     def _take_up(self, state: ClothState) -> None:
         if state.fold_angles is not None:

@@ -1,0 +1,177 @@
+"""Minimise an energy by quasi-Newton steps on a factor that is kept for many of them (L-BFGS).
+
+Where a factorisation costs many times a gradient, as for cloth, it pays to keep the factor of the positive model and
+to correct it by the last few changes of the gradient: the two-loop recursion of Nocedal 1980, with the factor as the
+first inverse Hessian. The factor is renewed after some iterations, while forces are large, and where a step fails.
+
+Convergence is linear: leave the last digits to ``newton.minimise``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.kkt import ConstrainedSolver
+from yarnscale.numerics.newton import Objective, Solution, Status
+
+Array = NDArray[np.float64]
+Bound = Callable[[Array, Array], float]
+
+
+@dataclass(frozen=True)
+class KeepRule:
+    """How long a factor is kept.
+
+    iterations: at most; while_below: residual above which every iteration has its own factor; memory: number of
+    changes of the gradient that correct it; shortest: fraction of a step below which the factor counts as outdated.
+    """
+
+    iterations: int = 25
+    while_below: float = 3.0
+    memory: int = 12
+    shortest: float = 0.05
+
+
+def minimise_keeping_factors(
+    objective: Objective,
+    start: Array,
+    *,
+    bound: Bound | None = None,
+    after_step: Callable[[Array], None] | None = None,
+    tolerance: float = 1e-2,
+    max_iterations: int = 300,
+    keep: KeepRule = KeepRule(),
+    linear: ConstrainedSolver | None = None,
+) -> Solution:
+    """Minimise ``objective`` from ``start`` (n,); arguments as those of ``newton.minimise``.
+
+    The positive model, shift 1, must be positive definite. linear: a solver without constraints, to keep its analysis.
+    """
+    solver = linear if linear is not None else ConstrainedSolver(None, None)
+    run = _Run(objective, bound, after_step, tolerance, max_iterations, keep, solver)
+    return run.run(np.array(start, dtype=np.float64))
+
+
+@dataclass
+class _Run:
+    objective: Objective
+    bound: Bound | None
+    after_step: Callable[[Array], None] | None
+    tolerance: float
+    max_iterations: int
+    keep: KeepRule
+    linear: ConstrainedSolver
+    history: list[tuple[float, float]] = field(default_factory=list)
+    changes: deque[tuple[Array, Array, float]] = field(default_factory=deque)
+    age: int = 0
+    """Iterations since the factor was made."""
+
+    def run(self, x: Array) -> Solution:
+        before = self.linear.factorisations
+        self.changes = deque(maxlen=self.keep.memory)
+        value, gradient, status, iterations = math.inf, np.zeros_like(x), Status.INVALID, 0
+        renewed = self._renew(x)
+        if renewed is not None:
+            value, gradient = renewed
+            status = Status.ITERATION_LIMIT
+        residual = math.inf if renewed is None else self._residual(gradient)
+        while renewed is not None:
+            residual = self._residual(gradient)
+            self.history.append((value, residual))
+            if residual <= self.tolerance:
+                status = Status.CONVERGED
+                break
+            if iterations >= self.max_iterations:
+                break
+            moved = self._advance(x, value, gradient, residual)
+            if moved is None:
+                status = Status.STALLED
+                break
+            x, value, gradient = moved
+            if self.after_step is not None:
+                self.after_step(x)
+            iterations, self.age = iterations + 1, self.age + 1
+        made = self.linear.factorisations - before
+        return Solution(x, value, gradient, residual, status, iterations, made, tuple(self.history))
+
+    def _residual(self, gradient: Array) -> float:
+        scale = self.objective.residual_scale
+        return float(np.linalg.norm(gradient)) / (scale if scale > 0 else 1.0)
+
+    def _renew(self, x: Array) -> tuple[float, Array] | None:
+        """Factor the positive model at x; energy and gradient there, or None where that is impossible."""
+        value, gradient, model = self.objective.quadratic(x)
+        self.changes.clear()
+        self.age = 0
+        if not (math.isfinite(value) and np.isfinite(gradient).all()):
+            return None
+        return (value, gradient) if self.linear.factorise(model, 1.0) else None
+
+    def _advance(
+        self, x: Array, value: float, gradient: Array, residual: float
+    ) -> tuple[Array, float, Array] | None:
+        """A point of lower energy with its energy and gradient, or None where even a new factor finds none."""
+        if self.age > 0 and (self.age >= self.keep.iterations or residual > self.keep.while_below):
+            self._renew(x)
+        for _ in range(2):
+            moved = self._search(x, value, gradient, self._direction(gradient), residual)
+            if moved is not None or self.age == 0:
+                return moved
+            if self._renew(x) is None:
+                return None
+        return None
+
+    def _direction(self, gradient: Array) -> Array:
+        """−H⁻¹ g by the two-loop recursion; −K⁻¹ g with the bare factor where that is no descent."""
+        rest, shares = -gradient, []
+        for step, change, weight in reversed(self.changes):
+            shares.append(weight * float(step @ rest))
+            rest = rest - shares[-1] * change
+        direction = self.linear.step(rest, None)
+        for (step, change, weight), share in zip(self.changes, reversed(shares), strict=True):
+            direction += (share - weight * float(change @ direction)) * step
+        if float(gradient @ direction) < 0:
+            return direction
+        self.changes.clear()
+        return self.linear.step(-gradient, None)
+
+    def _search(
+        self, x: Array, value: float, gradient: Array, direction: Array, residual: float
+    ) -> tuple[Array, float, Array] | None:
+        """Backtrack by interpolation until the energy falls enough."""
+        slope = float(gradient @ direction)
+        if not slope < 0:
+            return None
+        fraction = 1.0 if self.bound is None else self.bound(x, direction)
+        for _ in range(10):
+            trial = x + fraction * direction
+            reached, force = self.objective.gradient(trial)
+            finite = math.isfinite(reached) and bool(np.isfinite(force).all())
+            if finite and self._falls(value, reached, fraction * slope, residual, force):
+                self._remember(trial - x, force - gradient, fraction)
+                return trial, reached, force
+            shrink = 0.5
+            if finite:
+                excess = reached - value - fraction * slope
+                shrink = min(max(-0.5 * fraction * slope / excess, 0.1), 0.6) if excess > 0 else 0.5
+            fraction *= shrink
+        return None
+
+    def _falls(self, value: float, reached: float, predicted: float, residual: float, force: Array) -> bool:
+        if reached - value <= 1e-4 * predicted:
+            return True
+        # Below the noise of the energy only the gradient can tell.
+        return -predicted < 1e-11 * abs(value) and self._residual(force) < residual
+
+    def _remember(self, step: Array, change: Array, fraction: float) -> None:
+        curvature = float(step @ change)
+        if curvature > 1e-10 * float(np.linalg.norm(step) * np.linalg.norm(change)):
+            self.changes.append((step, change, 1.0 / curvature))
+        if fraction < self.keep.shortest:
+            self.age = self.keep.iterations
