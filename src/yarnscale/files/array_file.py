@@ -5,10 +5,13 @@ from __future__ import annotations
 import io
 import os
 import zipfile
-from collections.abc import Sequence
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
@@ -29,13 +32,29 @@ def read_arrays(
 
     what: the kind of file, for the errors. Raises InputError where the file is missing or none of that kind.
     """
+    with _opened(path, what) as file:
+        present = [name for name in optional if name in file.files]
+        return {name: np.asarray(file[name]) for name in (*required, *present)}
+
+
+def read_names(path: str | os.PathLike[str], *, what: str) -> list[str]:
+    """Names of the arrays in a file; errors as in ``read_arrays``."""
+    with _opened(path, what) as file:
+        return list(file.files)
+
+
+@contextmanager
+def _opened(path: str | os.PathLike[str], what: str) -> Iterator[NpzFile]:
     if not Path(path).is_file():
         raise InputError("file does not exist", where=path, expected=what)
     try:
         with np.load(path, allow_pickle=False) as file:
-            present = [name for name in optional if name in file.files]
-            return {name: np.asarray(file[name]) for name in (*required, *present)}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            if not isinstance(file, NpzFile):
+                raise ValueError("a single array")
+            yield file
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"file is no {what}", where=path, found=str(error)[:80]) from None
 
 

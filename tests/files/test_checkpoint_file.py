@@ -1,0 +1,131 @@
+"""Checkpoints come back as they were, and belong to one scene."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.files.checkpoint_file import INTERVAL, CheckpointFile, scene_fingerprint
+from yarnscale.files.fingerprint import fingerprint
+from yarnscale.numerics.newton import Status
+from yarnscale.shell.checkpoint import Checkpoint
+from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.scene import Scene, drape, stretch
+from yarnscale.shell.simulate import SolverOptions
+from yarnscale.shell.state import ClothState
+
+MATERIAL = OrthotropicMaterial(
+    stretch_weft=60.0,
+    stretch_coupling=5.0,
+    stretch_warp=90.0,
+    shear=20.0,
+    area=0.0,
+    log_area=0.0,
+    bend_weft=2e-5,
+    bend_bias=1e-5,
+    bend_warp=2e-5,
+    density=0.2,
+)
+
+
+def scene(**options) -> Scene:
+    return drape(MATERIAL, spacing=0.05, **options)
+
+
+def checkpoint(frames: int = 2, status: Status | None = None) -> Checkpoint:
+    rng = np.random.default_rng(3)
+    state = ClothState(rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), 0.3, rng.normal(size=(4, 3)))
+    return Checkpoint(state, 0.1, frames, 0.4, True, 7, 31, 2, 0.025, 3, 0.5, status)
+
+
+@pytest.mark.parametrize("status", [None, Status.CONVERGED])
+def test_a_checkpoint_comes_back(tmp_path, status) -> None:
+    file = CheckpointFile(tmp_path / "Prüfpunkt 1.npz", scene())
+    assert file.read() is None
+    written = checkpoint(status=status)
+    file.write(written)
+    read = file.read()
+    assert read is not None
+    for field in fields(Checkpoint):
+        if field.name != "state":
+            assert getattr(read, field.name) == getattr(written, field.name), field.name
+    for field in fields(ClothState):
+        np.testing.assert_array_equal(getattr(read.state, field.name), getattr(written.state, field.name))
+
+
+def test_what_is_none_stays_none(tmp_path) -> None:
+    file = CheckpointFile(tmp_path / "c.npz", scene())
+    file.write(replace(checkpoint(), state=replace(checkpoint().state, fold_angles=None), rest_step=None))
+    read = file.read()
+    assert read is not None and read.rest_step is None and read.state.fold_angles is None
+
+
+def test_it_is_written_after_frames_and_now_and_then(tmp_path, monkeypatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    file = CheckpointFile(tmp_path / "c.npz", scene())
+
+    def steps_after(place: Checkpoint) -> int:
+        file.write(place)
+        read = file.read()
+        assert read is not None
+        return read.steps
+
+    assert steps_after(checkpoint()) == 7
+    assert steps_after(replace(checkpoint(), steps=8)) == 7
+    assert steps_after(replace(checkpoint(3), steps=9)) == 9
+    now[0] += INTERVAL
+    assert steps_after(replace(checkpoint(3), steps=10)) == 10
+    assert steps_after(replace(checkpoint(3), steps=11, status=Status.CONVERGED)) == 11
+
+
+def test_another_scene_is_refused(tmp_path) -> None:
+    path = tmp_path / "c.npz"
+    CheckpointFile(path, scene()).write(checkpoint())
+    assert CheckpointFile(path, scene()).read() is not None
+    whole = scene()
+    others = [
+        scene(radius=0.08),
+        scene(duration=2.0),
+        stretch(MATERIAL, spacing=0.05),
+        drape(replace(MATERIAL, shear=21.0), spacing=0.05),
+        replace(whole, options=SolverOptions(tolerance=0.02)),
+        replace(whole, start=ClothState(whole.start.positions + 1e-9, whole.start.velocities)),
+    ]
+    prints = {scene_fingerprint(other) for other in [whole, *others]}
+    assert len(prints) == len(others) + 1
+    for other in others:
+        with pytest.raises(InputError, match="another scene"):
+            CheckpointFile(path, other).read()
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no zip"])
+def test_a_damaged_file_is_named(tmp_path, content) -> None:
+    path = tmp_path / "c.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"c.npz: file is no checkpoint"):
+        CheckpointFile(path, scene()).read()
+
+
+def test_fingerprints_tell_kinds_apart() -> None:
+    values = [
+        1,
+        1.0,
+        True,
+        "1",
+        None,
+        (1,),
+        (1, 1),
+        {"a": 1},
+        {"a": 1.0},
+        np.ones(2),
+        np.ones((2, 1)),
+        [np.ones(1)],
+    ]
+    assert len({fingerprint(value) for value in values}) == len(values)
+    assert fingerprint(*values) == fingerprint(*values)
+    with pytest.raises(TypeError):
+        fingerprint(object())
