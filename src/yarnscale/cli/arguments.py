@@ -112,6 +112,20 @@ def _yarn_commands(add: _Add) -> None:
     command.add_argument("--as-drawn", action="store_true", help="write the drawing as it is, not relaxed")
     command.add_argument("--radius", type=_number, help="yarn radius [m]")
 
+    command = add(
+        "gallery", "gallery", "Write a page of built-in patterns, each drawn, at rest and stretched."
+    )
+    command.add_argument("names", nargs="*", metavar="NAME", help="names of built-in patterns (default: all)")
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the page and its pictures"
+    )
+    command.add_argument(
+        "--as-drawn",
+        action="store_true",
+        help="stretch the drawings as they are; faster than bringing them to rest",
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+
     command = add("relax", "yarns", "Relax a periodic cell under a macroscopic strain.")
     command.add_argument("pattern", metavar="PATTERN", help=_PATTERN)
     command.add_argument("--material", action="append", help=_MATERIAL)

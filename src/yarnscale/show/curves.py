@@ -51,8 +51,17 @@ def flat_placement(
     return place
 
 
-def periodic_curves(edges: NDArray[np.int64], place: Placement, *, rings: int = 1) -> list[Curve]:
-    """Curves of the primary tile and ``rings`` rings of copies around it, copies faded.
+def rings_for(period: NDArray[np.float64], radius: float) -> tuple[int, int]:
+    """Rings of copies along x and y around a cell of periods (2,) [m], for a piece that is about square."""
+    side = max(3.0 * float(np.max(period)), 32.0 * radius)
+    x, y = (int(np.clip(round(0.5 * (side / p - 1.0)), 1, 8)) for p in period)
+    return x, y
+
+
+def periodic_curves(
+    edges: NDArray[np.int64], place: Placement, *, rings: int | tuple[int, int] = 1
+) -> list[Curve]:
+    """Curves of the primary tile and ``rings`` rings of copies around it (along x and y), copies faded.
 
     edges: (n, 4) rows (v0, v1, dx, dy), one per vertex v0, every yarn a periodic loop: the edge ends at
     the copy of v1 in the tile (dx, dy) further. A yarn is joined through all tiles it passes, so that
@@ -61,8 +70,8 @@ def periodic_curves(edges: NDArray[np.int64], place: Placement, *, rings: int = 
     following = {v: (w, dx, dy) for v, w, dx, dy in edges.tolist()}
     preceding = {w: (v, -dx, -dy) for v, w, dx, dy in edges.tolist()}
     yarn_of = _yarn_numbers(following)
-    tiles = range(-rings, rings + 1)
-    waiting = dict.fromkeys((v, a, b) for v in following for a in tiles for b in tiles)
+    x, y = (range(-n, n + 1) for n in ((rings, rings) if isinstance(rings, int) else rings))
+    waiting = dict.fromkeys((v, a, b) for v in following for a in x for b in y)
     curves = []
     while waiting:
         seed = next(iter(waiting))

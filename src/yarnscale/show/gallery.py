@@ -1,15 +1,19 @@
-"""A page of patterns: each drawn, relaxed at rest and stretched, with its numbers."""
+"""A page of patterns: each drawn, at rest and stretched, with its numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from yarnscale.cell import Equilibrium, PeriodicCell
-from yarnscale.cell.rest import settled
+from yarnscale.cell.rest import RestShape, settled
+from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.show.curves import periodic_curves
+from yarnscale.show.curves import periodic_curves, rings_for
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 from yarnscale.show.tubes import yarn_picture
 from yarnscale.yarn import library
@@ -24,17 +28,39 @@ STATES: dict[str, ShellStrain] = {
 }
 """Caption -> state that the gallery shows."""
 COLUMNS = ("state", "status", "iterations", "time [s]", "energy [J/m²]", "closest yarns [diameters]")
-SIZE = (560, 420)
+SIZE = (480, 480)
 
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """A pattern of the gallery with its equilibria, in the order of the states asked for."""
+    """A pattern of the gallery with its equilibria, in the order of the states asked for.
+
+    clearance: closest approach of the drawn yarns' centre lines [diameters]. rest: how the pattern came to rest; None
+    where it is shown as drawn.
+    """
 
     pattern: YarnPattern
     material: YarnMaterial
     clearance: float
     states: Mapping[str, Equilibrium]
+    rest: RestShape | None = None
+
+    @property
+    def good(self) -> bool:
+        """Whether it is at rest, and all states are equilibria of the same fabric."""
+        found = all(state.outcome == "converged" for state in self.states.values())
+        return found and (self.rest is None or self.rest.converged)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Patterns done of all, the one just done, the seconds since the start and those left."""
+
+    done: int
+    total: int
+    name: str
+    seconds: float
+    seconds_left: float
 
 
 def write_gallery(
@@ -44,6 +70,7 @@ def write_gallery(
     states: Mapping[str, ShellStrain] = STATES,
     at_rest: bool = False,
     size: tuple[int, int] = SIZE,
+    progress: Callable[[Progress], None] | None = None,
 ) -> list[Exhibit]:
     """Build, relax and draw library patterns (all by default); ``index.html`` and pictures in ``folder``.
 
@@ -51,27 +78,44 @@ def write_gallery(
     which it is free of stress (`cell.rest.settled`); takes longer. Raises InputError for an unknown name or a
     folder that cannot be written, and PicturesUnavailable where the machine cannot draw.
     """
-    folder = Path(folder)
+    folder, began = Path(folder), time.perf_counter()
+    names = checked_names(library.names() if names is None else names)
     exhibits, sections = [], []
-    for name in library.names() if names is None else names:
+    for number, name in enumerate(names, start=1):
         structure = library.structure(name)
-        pattern, material = structure.build(name=name), YarnMaterial.preset(structure.material)
-        if at_rest:
-            pattern = settled(pattern, material).pattern
-        exhibit = relaxed(pattern, material, states=states)
+        drawn, material = structure.build(name=name), YarnMaterial.preset(structure.material)
+        rest = settled(drawn, material) if at_rest else None
+        exhibit = relaxed(drawn if rest is None else rest.pattern, material, states=states, rest=rest)
         exhibits.append(exhibit)
-        sections.append(_section(folder, name, structure, exhibit, size))
+        sections.append(_section(folder, name, structure, drawn, exhibit, size))
+        if progress is not None:
+            seconds = time.perf_counter() - began
+            progress(Progress(number, len(names), name, seconds, seconds / number * (len(names) - number)))
     facts = {
         "patterns": len(exhibits),
         "states": sum(len(exhibit.states) for exhibit in exhibits),
-        "converged": sum(state.converged for exhibit in exhibits for state in exhibit.states.values()),
+        "converged": sum(s.outcome == "converged" for exhibit in exhibits for s in exhibit.states.values()),
     }
+    if at_rest:
+        facts["at rest"] = sum(exhibit.rest is not None and exhibit.rest.converged for exhibit in exhibits)
     write_report(folder / "index.html", "Patterns at rest and stretched", sections, facts=facts)
     return exhibits
 
 
+def checked_names(names: Sequence[str]) -> list[str]:
+    """Names of library patterns, each once; InputError for one that there is not."""
+    for name in names:
+        if name not in library.names():
+            raise InputError("unknown pattern", expected=", ".join(library.names()), found=repr(name))
+    return list(dict.fromkeys(names))
+
+
 def relaxed(
-    pattern: YarnPattern, material: YarnMaterial, *, states: Mapping[str, ShellStrain] = STATES
+    pattern: YarnPattern,
+    material: YarnMaterial,
+    *,
+    states: Mapping[str, ShellStrain] = STATES,
+    rest: RestShape | None = None,
 ) -> Exhibit:
     """A pattern with its equilibria."""
     cell, found, last = PeriodicCell(pattern, material), {}, None
@@ -79,33 +123,45 @@ def relaxed(
         last = cell.relax(strain, start=last)
         found[caption] = last
     clearance = closest_approach(pattern).distance / (2.0 * pattern.radius)
-    return Exhibit(pattern, material, clearance, found)
+    return Exhibit(pattern, material, clearance, found, rest)
 
 
 def _section(
-    folder: Path, name: str, structure: library.Structure, exhibit: Exhibit, size: tuple[int, int]
+    folder: Path,
+    name: str,
+    structure: library.Structure,
+    drawn: YarnPattern,
+    exhibit: Exhibit,
+    size: tuple[int, int],
 ) -> Section:
     """Numbers and pictures of one pattern: as drawn, then every state, seen from the right side."""
-    pattern = exhibit.pattern
-    cell = PeriodicCell(pattern, exhibit.material)
-    shown: dict[str, Equilibrium | None] = {"as drawn": None, **exhibit.states}
-    pictures = []
-    for number, (caption, state) in enumerate(shown.items()):
+    shown: list[tuple[str, YarnPattern, Equilibrium | None]] = [("as drawn", drawn, None)]
+    shown += [(caption, exhibit.pattern, state) for caption, state in exhibit.states.items()]
+    rings, pieces, pictures = rings_for(drawn.period, drawn.radius), [], []
+    for caption, pattern, state in shown:
+        place = PeriodicCell(pattern, exhibit.material).placement(state)
+        pieces.append((caption, periodic_curves(pattern.edges, place, rings=rings)))
+    room = np.max(
+        [np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for _, piece in pieces], axis=0
+    )
+    for number, (caption, piece) in enumerate(pieces):
         path = folder / f"{name}-{number}.png"
-        curves = periodic_curves(pattern.edges, cell.placement(state), rings=1)
-        yarn_picture(path, curves, pattern.radius, camera="top", size=size)
+        yarn_picture(path, piece, drawn.radius, camera="top", size=size, room=room + 2 * drawn.radius)
         pictures.append(Picture(path, caption))
     rows = [_row(caption, state) for caption, state in exhibit.states.items()]
-    return Section(name, [structure.definition, _facts(structure, exhibit)], [Table(COLUMNS, rows)], pictures)
+    return Section(
+        name, [structure.definition, *_facts(structure, exhibit)], [Table(COLUMNS, rows)], pictures
+    )
 
 
 def _row(caption: str, state: Equilibrium) -> list[Cell]:
     """Cells of `COLUMNS`."""
-    solved = [caption, state.status.value, state.iterations, state.seconds]
+    status = "crossed: yarns went through each other" if state.crossed else state.status.value
+    solved: list[Cell] = [caption, status, state.iterations, state.seconds]
     return [*solved, state.energy_density, state.min_distance_over_diameter]
 
 
-def _facts(structure: library.Structure, exhibit: Exhibit) -> str:
+def _facts(structure: library.Structure, exhibit: Exhibit) -> list[str]:
     """Chart or draft and size in a sentence; rows from the top one down, as charts are read."""
     pattern = exhibit.pattern
     if structure.draft is None:
@@ -115,8 +171,16 @@ def _facts(structure: library.Structure, exhibit: Exhibit) -> str:
             "".join("x" if over else "." for over in row) for row in structure.draft[::-1]
         )
     px, py = pattern.period * 1e3
-    return (
+    how = "drawn" if exhibit.rest is None else "lying"
+    sentences = [
         f"{source}; {len(pattern.edges)} vertices, period {px:.3g} × {py:.3g} mm, yarn radius "
-        f"{pattern.radius * 1e3:g} mm, drawn with centre lines {exhibit.clearance:.2f} diameters apart at the "
+        f"{pattern.radius * 1e3:g} mm, {how} with centre lines {exhibit.clearance:.2f} diameters apart at the "
         f"closest, material {exhibit.material.name}."
-    )
+    ]
+    if exhibit.rest is not None:
+        ratio = float(exhibit.rest.stress.ratios.max())
+        sentences.append(
+            f"Settled in {exhibit.rest.seconds:.1f} s: {exhibit.rest.status.value}; stress at rest "
+            f"{100 * ratio:.2g} % of that at 5 % strain."
+        )
+    return sentences

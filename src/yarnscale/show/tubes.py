@@ -27,12 +27,14 @@ def yarn_picture(
     surface: NDArray[np.float64] | None = None,
     camera: Camera | Sequence[float] = "oblique",
     size: tuple[int, int] = theme.PICTURE_SIZE,
+    room: Sequence[float] | None = None,
 ) -> None:
     """Draw yarns as round tubes and write a PNG file.
 
     curves: centre lines [m] (``periodic_curves`` makes them from a pattern). radius: of the yarn [m].
     surface: points of a midsurface on a grid [m], shape (rows, columns, 3), drawn translucent.
     camera: "top" (course to the right, wale up), "oblique", "side", or a direction to the eye (3,).
+    room: least size of what the picture holds [m], (3,), for a series on one scale.
 
     Raises InputError on points that are not finite or a file that cannot be written, and
     PicturesUnavailable where the machine has no OpenGL.
@@ -59,6 +61,8 @@ def yarn_picture(
         framed = [_framed(c, radius) for c in curves]
         if surface is not None:
             framed.append(np.asarray(surface, dtype=float).reshape(-1, 3))
+        if room is not None:
+            framed.append(_box(np.vstack(framed), np.asarray(room, dtype=float)))
         aim(plotter, np.vstack(framed), camera=camera)
 
 
@@ -82,6 +86,12 @@ def tube_mesh(curves: Sequence[Curve], radius: float) -> pv.PolyData:
 def _framed(curve: Curve, radius: float) -> NDArray[np.float64]:
     """Corners that enclose a tube, for the camera, shape (2 k, 3)."""
     return np.vstack([curve.points - radius, curve.points + radius])
+
+
+def _box(points: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two corners of a box of this size around the middle of points (n, 3)."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return np.stack([middle - 0.5 * room, middle + 0.5 * room])
 
 
 def _add_surface(plotter: Any, surface: NDArray[np.float64]) -> None:

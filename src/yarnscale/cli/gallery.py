@@ -1,0 +1,30 @@
+"""Command ``gallery``: a page of built-in patterns."""
+
+from __future__ import annotations
+
+import argparse
+
+from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.show.canvas import require_renderer
+from yarnscale.show.gallery import checked_names, write_gallery
+
+
+def gallery(options: argparse.Namespace) -> int:
+    """Relax, draw, write the page."""
+    names = checked_names(options.names) or None
+    require_renderer()
+    folder, line = writable_folder(options.out), ProgressLine("gallery")
+    exhibits = write_gallery(
+        folder, names=names, at_rest=not options.as_drawn,
+        progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, p.name),
+    )  # fmt: skip
+    failed = [exhibit.pattern.name for exhibit in exhibits if not exhibit.good]
+    if options.json:
+        print_json({"patterns": [exhibit.pattern.name for exhibit in exhibits], "failed": failed})
+    else:
+        print(
+            f"{folder / 'index.html'}: {len(exhibits)} patterns, {len(exhibits) - len(failed)} as they should be"
+        )
+        if failed:
+            print("look at " + ", ".join(failed))
+    return 1 if failed else 0
