@@ -89,8 +89,13 @@ class ClothContact:
         found = [part.hessian(positions) for part in self.parts]
         if not found:
             return np.zeros(0, np.int64), np.zeros(0)
-        keys, place = np.unique(np.concatenate([k for k, _ in found]), return_inverse=True)
-        return keys, np.bincount(place, np.concatenate([e for _, e in found]), len(keys)).astype(np.float64)
+        if len(found) == 1 and isinstance(self.parts[0], SurfaceContact):
+            return found[0]
+        keys = np.concatenate([k for k, _ in found])
+        order = np.argsort(keys, kind="stable")  # sorted runs merge in linear time
+        keys = keys[order]
+        first = np.flatnonzero(np.diff(keys, prepend=-1) > 0)
+        return keys[first], np.add.reduceat(np.concatenate([e for _, e in found])[order], first)
 
     def bound(self, positions: Floats, step: Floats) -> float:
         """Fraction of a step, of the shape of the positions, after which nothing touches, in (0, 1]."""

@@ -178,7 +178,9 @@ class PatternGrowth:
     def _grow(self, keys: NDArray[np.int64]) -> None:
         # Contacts that have gone make room: only the latest and the base are kept when too many have gathered.
         kept = self._keys if len(self._keys) < 1.5 * len(self._base_keys) else self._base_keys
-        self._keys = np.union1d(kept, keys)
+        # Sorted runs merge in linear time; the union of numpy hashes them.
+        merged = np.sort(np.concatenate([kept, keys]), kind="stable")
+        self._keys = merged[np.diff(merged, prepend=-1) > 0]
         self.pattern = SymmetricPattern.from_keys(self.base.size, self._keys)
         self._base_slots = np.searchsorted(self._keys, self._base_keys)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import ipctk
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,6 +57,7 @@ class SurfaceContact:
         self.narrow = ipctk.AdditiveCCD()
         self.candidates = ipctk.Candidates()
         self.path: tuple[Floats, Floats] | None = None
+        self._found: tuple[Floats, ipctk.NormalCollisions] | None = None
         self.slack = settings.thickness
         self.tangential, self.friction, self.origin = ipctk.TangentialCollisions(), None, np.zeros((0, 3))
 
@@ -92,17 +94,11 @@ class SurfaceContact:
     def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
         everything = self._all(positions)
         clamp = ipctk.PSDProjectionMethod.CLAMP
-        found = [self.barrier.hessian(self._collisions(positions), self.mesh, everything, clamp)]
+        matrix = self.barrier.hessian(self._collisions(positions), self.mesh, everything, clamp)
         if self.friction is not None:
-            found.append(self.friction.hessian(self.tangential, self.mesh, self._slip(everything), clamp))
-        size = 3 * self.rows
-        keys, entries = [], []
-        for matrix in found:
-            full = matrix.tocoo()
-            lower = (full.row >= full.col) & (full.row < size)
-            keys.append(full.col[lower].astype(np.int64) * size + full.row[lower])
-            entries.append(full.data[lower])
-        return np.concatenate(keys), np.concatenate(entries)
+            matrix = matrix + self.friction.hessian(self.tangential, self.mesh, self._slip(everything), clamp)
+        matrix.sort_indices()
+        return _lower_entries(matrix.indptr, matrix.indices, matrix.data, 3 * self.rows)
 
     def bound(self, positions: Floats, step: Floats) -> float:
         start, end = self._all(positions), self._all(positions + step)
@@ -127,6 +123,8 @@ class SurfaceContact:
 
     def _collisions(self, positions: Floats) -> ipctk.NormalCollisions:
         """Pairs closer than the thickness; candidates are searched anew only off the path they were built for."""
+        if self._found is not None and np.array_equal(self._found[0], positions):
+            return self._found[1]
         if not self._covered(positions):
             inflation = 0.5 * self.settings.thickness + self.slack
             self.candidates.build(self.mesh, self._all(positions), inflation)
@@ -134,6 +132,7 @@ class SurfaceContact:
         collisions = ipctk.NormalCollisions()
         collisions.use_area_weighting = True
         collisions.build(self.candidates, self.mesh, self._all(positions), self.settings.thickness)
+        self._found = (positions.copy(), collisions)
         return collisions
 
     def _covered(self, positions: Floats) -> bool:
@@ -148,3 +147,22 @@ class SurfaceContact:
         fraction = float(np.vdot(moved, step)) / length
         off = np.abs(moved - fraction * step).max()
         return bool(-1e-9 <= fraction <= 1 + 1e-9 and off <= 1e-9 * (1.0 + np.abs(moved).max()))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _lower_entries(starts, rows, values, size):
+    """Keys ``column·size + row`` and entries of the lower triangle of the leading ``size`` rows, by columns."""
+    count = 0
+    for column in range(size):
+        for k in range(starts[column], starts[column + 1]):
+            count += column <= rows[k] < size
+    keys, entries = np.empty(count, np.int64), np.empty(count)
+    place = 0
+    for column in range(size):
+        for k in range(starts[column], starts[column + 1]):
+            row = rows[k]
+            if column <= row < size:
+                keys[place] = np.int64(column) * size + row
+                entries[place] = values[k]
+                place += 1
+    return keys, entries
