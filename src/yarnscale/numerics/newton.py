@@ -125,7 +125,7 @@ def minimise(
     backtracks: int = 6,
     check_minimum: bool = True,
     backend: str | None = None,
-    linear: ConstrainedSolver | None = None,
+    linear: ConstrainedSolver | SaddleSolver | None = None,
 ) -> Solution:
     """Minimise ``objective`` from ``start`` (n,) under linear constraints.
 
@@ -137,8 +137,16 @@ def minimise(
     """
     return _Minimisation(
         objective, constraints, bound, after_step, tolerance, max_iterations, shift or ShiftRule(), backtracks,
-        check_minimum, linear if linear is not None else ConstrainedSolver(constraints, backend),
+        check_minimum, linear if linear is not None else _linear_solver(constraints, backend),
     ).run(np.array(start, dtype=np.float64))  # fmt: skip
+
+
+def _linear_solver(
+    constraints: LinearConstraints | SparseConstraints | None, backend: str | None
+) -> ConstrainedSolver | SaddleSolver:
+    if isinstance(constraints, SparseConstraints):
+        return SaddleSolver(constraints)
+    return ConstrainedSolver(constraints, backend)
 
 
 @dataclass

@@ -1,0 +1,141 @@
+"""Energy, mass and contact constraints of a fabric of spline yarns (LOD03 §2 and §5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, kron
+
+from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
+from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
+from yarnscale.fabric.spline_yarn import SEGMENT_MASS, SPLINE_SEGMENT, shape_at_rest
+from yarnscale.numerics.assembly import StencilSet
+from yarnscale.numerics.block_pattern import BlockPattern
+from yarnscale.numerics.energy import lower_triangle
+from yarnscale.numerics.factor import SymmetricPattern
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-3
+"""Curvature times yarn radius below which |κ| is rounded off."""
+_NO_ROTATION = np.empty((0, 3, 3))
+
+
+class SplineEnergy:
+    """Elastic energy of the yarns about their shape at rest, gravity not included.
+
+    Full vectors hold the control points one after another, 3 n. ``pattern`` is that of Hessian and mass matrix.
+    """
+
+    def __init__(self, fabric: SplineFabric) -> None:
+        self.fabric = fabric
+        self.size = 3 * fabric.yarn_count * fabric.points_per_yarn
+        speed, curvature = shape_at_rest(fabric.control.reshape(-1, 3), fabric.segments)
+        material, radius = fabric.material, fabric.radius
+        count = len(fabric.segments)
+        parameters = np.column_stack(
+            [
+                speed, curvature, np.full(count, material.stretch_stiffness(radius)),
+                np.full(count, material.bending_stiffness(radius)), np.full(count, _ROUNDING / radius),
+            ]
+        )  # fmt: skip
+        unknowns = (3 * fabric.segments[:, :, None] + np.arange(3)).reshape(count, -1)
+        self._stencils = StencilSet(SPLINE_SEGMENT, unknowns, parameters, 4)
+        blocks = BlockPattern.of(np.full(self.size // 3, 3), [unknowns])
+        self.pattern: SymmetricPattern = blocks.pattern
+        self._slots = blocks.slots(unknowns)
+        self.lengths = speed @ GAUSS_WEIGHTS
+        """Length of every segment at rest [m]."""
+        self.masses = material.mass_per_length(radius) * self.lengths
+        """Mass of every segment [kg], spread evenly over its parameter."""
+        self.mass_entries = self._mass_entries()
+
+    def value(self, control: Array) -> float:
+        """Energy [J]."""
+        return self._stencils.value(control)
+
+    def gradient(self, control: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (3n,) [N]."""
+        gradient = np.zeros(self.size)
+        return self._stencils.gradient(control, gradient), gradient
+
+    def hessian(self, control: Array) -> tuple[float, Array, Array]:
+        """Energy [J], gradient (3n,) [N] and entries of the Hessian in ``pattern`` [N/m]."""
+        gradient, entries = np.zeros(self.size), np.zeros(self.pattern.entries)
+        value = self._stencils.hessian(control, gradient, self._slots, _NO_ROTATION, entries)
+        return value, gradient, entries
+
+    def weight(self, acceleration: Array) -> Array:
+        """Generalised force of a uniform acceleration (3,) [m/s²] on the control points, (3n,) [N]."""
+        shares = GAUSS_WEIGHTS @ blending(GAUSS_POINTS)
+        nodal = np.zeros(self.size // 3)
+        np.add.at(nodal, self.fabric.segments, self.masses[:, None] * shares)
+        return (nodal[:, None] * np.asarray(acceleration)).ravel()
+
+    def mass_matrix(self) -> csr_array:
+        """Mass matrix of one component, (n, n) [kg]; the same for x, y and z, and constant."""
+        segments, count = self.fabric.segments, self.size // 3
+        blocks = self.masses[:, None, None] * SEGMENT_MASS
+        rows, columns = np.broadcast_arrays(segments[:, :, None], segments[:, None, :])
+        return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))
+
+    def _mass_entries(self) -> Array:
+        lower = lower_triangle(12)
+        entries = np.zeros(self.pattern.entries)
+        wide = np.kron(SEGMENT_MASS, np.eye(3))
+        for k, (i, j) in enumerate(lower):
+            if wide[i, j] != 0.0:
+                slots = self._slots[:, k, :].ravel()[: len(self.masses)]
+                np.add.at(entries, slots, self.masses * wide[i, j])
+        return entries
+
+
+@dataclass(frozen=True, eq=False)
+class ContactOffsets:
+    """Contacts as constraints: the vector between the two points turns with the yarns but keeps its length.
+
+    Constraints are linear with constant rows; only their right-hand side follows the turning frames, of which the two
+    unit tangents t, s make an orthogonal one: t + s, t − s and their cross product.
+    """
+
+    fabric: SplineFabric
+    local: Array
+    """Offsets in the frames at rest, (k, 3) [m]."""
+
+    @classmethod
+    def of(cls, fabric: SplineFabric) -> ContactOffsets:
+        """Contacts as they are at rest."""
+        control = fabric.control.reshape(-1, 3)
+        gap = fabric.at(control, fabric.first) - fabric.at(control, fabric.second)
+        return cls(fabric, np.einsum("kci,kc->ki", _frames(fabric, control), gap))
+
+    def matrix(self) -> csr_array:
+        """Rows (3k, 3n) that give the gaps of all contacts."""
+        return point_rows(self.fabric, self.fabric.first) - point_rows(self.fabric, self.fabric.second)
+
+    def wanted(self, control: Array) -> Array:
+        """Gaps (3k,) that the contacts should have where the yarns are directed as in control points (3n,)."""
+        frames = _frames(self.fabric, control.reshape(-1, 3))
+        return np.einsum("kci,ki->kc", frames, self.local).ravel()
+
+
+def point_rows(fabric: SplineFabric, points: CurvePoints) -> csr_array:
+    """Rows (3k, 3n) that give positions of points on yarns."""
+    index, weights = fabric.rows(points)
+    row = np.repeat(np.arange(len(points)), index.shape[1])
+    count = fabric.yarn_count * fabric.points_per_yarn
+    one = csr_array((weights.ravel(), (row, index.ravel())), shape=(len(points), count))
+    return csr_array(kron(one, np.eye(3)))
+
+
+def _frames(fabric: SplineFabric, control: Array) -> Array:
+    """Orthonormal frames at the contacts as columns, (k, 3, 3)."""
+    first, second = fabric.at(control, fabric.first, 1), fabric.at(control, fabric.second, 1)
+    t = first / np.linalg.norm(first, axis=1)[:, None]
+    s = second / np.linalg.norm(second, axis=1)[:, None]
+    along, across = t + s, t - s
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    return np.stack([along, across, np.cross(along, across)], axis=2)

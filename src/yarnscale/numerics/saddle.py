@@ -1,0 +1,135 @@
+"""Many sparse linear constraints: KKT systems factored whole, as L D Lᵀ, instead of eliminating the constraints.
+
+The number of positive pivots tells whether the matrix is positive definite on the constraints: by Sylvester's law it
+is the number of unknowns exactly then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import qdldl
+from numpy.typing import NDArray
+from scipy.sparse import bmat, csc_array, csr_array, diags_array
+
+from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
+from yarnscale.numerics.kkt import QuadraticModel
+
+Array = NDArray[np.float64]
+
+_SOFTNESS = 1e-10
+"""−softness·I in the corner of the constraints, in units of the matrix: pivots exist, refinement undoes it."""
+_REFINEMENTS = 3
+
+
+@dataclass(eq=False)
+class SparseConstraints:
+    """``matrix @ x = right`` with many rows, independent of each other: matrix (m, n) sparse, right (m,)."""
+
+    matrix: csr_array
+    right: Array
+    _normal: Factorisation | None = field(init=False, default=None, repr=False)
+
+    def project(self, vector: Array) -> Array:
+        """Part of a gradient that the constraints leave free, (n,)."""
+        if self._normal is None:
+            # A Cholesky factor of C Cᵀ; the constraints touch few unknowns each, so that it is sparse too.
+            self._normal = _normal_factor(self.matrix)
+        return vector - self.matrix.T @ self._normal.solve(self.matrix @ vector)
+
+    def with_right(self, right: Array) -> SparseConstraints:
+        """The same rows with other right-hand sides; they share what is factored."""
+        other = SparseConstraints(self.matrix, right)
+        other._normal = self._normal
+        return other
+
+
+def _normal_factor(matrix: csr_array) -> Factorisation:
+    product = csc_array(matrix @ matrix.T)
+    pattern, entries = _lower(product)
+    factor = factorisation(pattern)
+    values = entries.copy()
+    while not factor.factor(values):  # dependent rows
+        values[pattern.diagonal] += 1e-12 * float(np.abs(entries).max())
+        if values[pattern.diagonal].max() > 2.0 * float(np.abs(entries).max()):
+            raise ArithmeticError("constraints that cannot be told apart")
+    return factor
+
+
+def _lower(matrix: csc_array) -> tuple[SymmetricPattern, Array]:
+    """Lower triangle of a symmetric matrix whose diagonal is present."""
+    entries = matrix.tocoo()
+    below = entries.row >= entries.col
+    size = int(matrix.indptr.size - 1)
+    keys = entries.col[below].astype(np.int64) * size + entries.row[below]
+    order = np.argsort(keys)
+    return SymmetricPattern.from_keys(size, keys[order]), np.asarray(entries.data[below][order], np.float64)
+
+
+@dataclass
+class SaddleSolver:
+    """Factor and solve of K p + Cᵀ λ = b, C p = d; stands beside ``kkt.ConstrainedSolver``."""
+
+    constraints: SparseConstraints
+    factorisations: int = 0
+    _pattern: SymmetricPattern | None = None
+    _system: csc_array | None = None
+    _places: NDArray[np.int64] | None = None
+    _solver: object | None = None
+    _scale: float = 1.0
+    _values: Array | None = None
+
+    def factorise(self, model: QuadraticModel, shift: float) -> bool:
+        """Factor the model's matrix with this shift; False where it is not positive definite on the constraints."""
+        values = model.values(shift)
+        if not np.isfinite(values).all():
+            return False
+        self.factorisations += 1
+        fresh = self._solver is None or model.pattern is not self._pattern
+        if fresh:
+            self._lay_out(model.pattern)
+        assert self._system is not None and self._places is not None
+        # Rows of the constraints at the size of the matrix: pivots of one magnitude.
+        self._scale = float(np.abs(values[model.pattern.diagonal]).mean())
+        system = self._system
+        entries = self._scale * system.data
+        entries[self._places] = values
+        upper = csc_array((entries, system.indices, system.indptr), shape=system.shape)
+        self._values = values
+        if fresh:
+            self._solver = qdldl.Solver(upper, upper=True)
+        else:
+            self._solver.update(upper, upper=True)  # type: ignore[union-attr]
+        pivots = self._solver.factors()[1]  # type: ignore[union-attr]
+        return int((pivots > 0).sum()) == model.pattern.size
+
+    def _lay_out(self, pattern: SymmetricPattern) -> None:
+        """Upper triangle of [H Cᵀ; C −softness], and where the entries of H go in it."""
+        self._pattern = pattern
+        n, m = pattern.size, len(self.constraints.right)
+        # Every entry of H carries its number, to be found again; the diagonal is there, so each has one.
+        numbers = csc_array((np.arange(1.0, pattern.entries + 1), pattern.rows, pattern.starts), shape=(n, n))
+        corner = diags_array(np.full(m, -_SOFTNESS))
+        system = csc_array(bmat([[numbers.T, self.constraints.matrix.T], [None, corner]]))
+        system.sort_indices()
+        columns = np.repeat(np.arange(n + m), np.diff(system.indptr))
+        own = np.flatnonzero(columns < n)
+        self._places = np.empty(pattern.entries, np.int64)
+        self._places[np.rint(system.data[own]).astype(np.int64) - 1] = own
+        self._system = system
+
+    def step(self, right: Array, gap: Array | None) -> Array:
+        """Solve K p + Cᵀ λ = right, C p = gap (None: 0) for a vector (n,) or columns (n, k)."""
+        if right.ndim == 2:
+            return np.column_stack([self.step(column, gap) for column in right.T])
+        assert self._solver is not None and self._pattern is not None and self._values is not None
+        n, rows, scale = self._pattern.size, self.constraints.matrix, self._scale
+        wanted = np.zeros(len(self.constraints.right)) if gap is None else gap
+        solution = np.zeros(n + len(wanted))
+        for _ in range(_REFINEMENTS):
+            p, force = solution[:n], solution[n:]
+            free = right - self._pattern.multiply(self._values, p) - scale * (rows.T @ force)
+            residual = np.concatenate([free, scale * (wanted - rows @ p)])
+            solution = solution + self._solver.solve(residual)  # type: ignore[attr-defined]
+        return solution[:n]
