@@ -1,12 +1,15 @@
-"""One BLAS thread for work on small arrays.
+"""One BLAS thread for work on small arrays, and parts of a long loop side by side.
 
 Matrices of a cell are small and called for thousands of times: threads of a BLAS library make that many times slower,
-the more so where several processes share the machine.
+the more so where several processes share the machine. Loops over the elements of a cloth are long and compiled without
+the interpreter's lock: plain threads share them.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib import import_module
@@ -17,6 +20,7 @@ from threadpoolctl import ThreadpoolController
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
+_T = TypeVar("_T")
 
 
 @cache
@@ -44,3 +48,24 @@ def on_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
             return function(*args, **kwargs)
 
     return limited
+
+
+def available_threads() -> int:
+    """Number of processors this process may use, or ``YARNSCALE_THREADS`` where that is smaller."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    processors = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+    wanted = os.environ.get("YARNSCALE_THREADS", "")
+    return max(1, min(processors, int(wanted))) if wanted.isdigit() else processors
+
+
+def run_parts(function: Callable[[_T], _R], parts: list[_T]) -> list[_R]:
+    """``function`` of every part, side by side: the first on this thread, the others on those of a pool."""
+    if len(parts) == 1:
+        return [function(parts[0])]
+    waiting = [_pool().submit(function, part) for part in parts[1:]]
+    return [function(parts[0]), *(task.result() for task in waiting)]
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max(1, available_threads() - 1), thread_name_prefix="yarnscale")

@@ -9,6 +9,7 @@ Newton starts with the positive one and moves to the exact one: exact + shift·(
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal, Protocol
 
 import numpy as np
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kernel import BLOCK, Kernel
+from yarnscale.numerics.threads import available_threads, run_parts
+from yarnscale.shell.density_loops import gathered_densities, spline_densities
 from yarnscale.shell.element_loops import (
     add_positive_hessian,
     exact_hessian_of_blocks,
@@ -25,7 +28,8 @@ from yarnscale.shell.element_loops import (
 from yarnscale.shell.elements import FreeEdges, ShellElements, shell_elements
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.moduli import positive_moduli
-from yarnscale.shell.strain import form_kernels
+from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.strain import follow_angles, form_kernels
 
 Floats = NDArray[np.float64]
 
@@ -58,18 +62,26 @@ class ShellEnergy:
     """Elastic energy of a mesh of one material at positions (nv, 3) [m].
 
     The fold angles are measured from reference angles kept here; call ``follow`` after every accepted motion.
+    threads: parts of the mesh that are evaluated side by side, None for as many as there are processors.
     """
 
     def __init__(
-        self, mesh: TriangleMesh, material: ElementMaterial, *, free_edges: FreeEdges = "extrapolate"
+        self,
+        mesh: TriangleMesh,
+        material: ElementMaterial,
+        *,
+        free_edges: FreeEdges = "extrapolate",
+        threads: int | None = None,
     ) -> None:
         self.mesh, self.material = mesh, material
         self.elements = shell_elements(mesh, free_edges=free_edges)
         self.pattern, self._slots = _pattern_and_slots(self.elements, mesh.vertex_count)
-        self._forms = np.empty((self.elements.blocks, 6, BLOCK))
-        self._parameters = np.zeros((material.parameter_count, BLOCK))
-        self._density = np.empty((1, BLOCK))
-        self._no_jacobian = np.empty((0, 0, 0))
+        blocks = self.elements.blocks
+        self._forms, self._densities = np.empty((blocks, 6, BLOCK)), np.empty((blocks, BLOCK))
+        self._nothing = np.empty((0, 0, 0))
+        count = min(available_threads() if threads is None else threads, max(1, blocks // LEAST_BLOCKS))
+        ends = np.linspace(0, blocks, count + 1).round().astype(int)
+        self._parts = [slice(begin, end) for begin, end in pairwise(ends)]
 
     @property
     def masses(self) -> Floats:
@@ -78,63 +90,70 @@ class ShellEnergy:
 
     def follow(self, positions: Floats) -> float:
         """Let the reference angles follow the motion; the largest |fold angle| [rad]."""
-        return self.elements.follow(positions)
+        elements = self.elements
+
+        def part(blocks: slice) -> float:
+            return follow_angles(positions, elements.stencils[blocks], elements.geometry[blocks])
+
+        return max(run_parts(part, self._parts))
 
     def value(self, positions: Floats) -> float:
         """Energy [J]; inf where the state is not admissible."""
-        elements, kernels = self.elements, self.material.kernels()
-        address = form_kernels().value.address
-        forms_of_blocks(
-            positions, elements.stencils, elements.geometry, address, self._no_jacobian, self._forms
-        )
-        total = 0.0
-        for block in range(elements.blocks):
-            self.material.gather(self._forms[block], BLOCK, self._parameters)
-            kernels.value(BLOCK, BLOCK, self._forms[block], self._parameters, self._density)
-            total += float(self._density[0] @ elements.areas[block])
+        total = float(np.vdot(self._evaluated(positions), self.elements.areas))
         return total if np.isfinite(total) else np.inf
 
     def densities(self, positions: Floats) -> Floats:
         """ψ of every element [J/m²], (blocks, BLOCK)."""
-        elements, kernels = self.elements, self.material.kernels()
-        forms = elements.forms(positions)
-        densities = np.empty((elements.blocks, 1, BLOCK))
-        for block in range(elements.blocks):
-            self.material.gather(forms[block], BLOCK, self._parameters)
-            kernels.value(BLOCK, BLOCK, forms[block], self._parameters, densities[block])
-        return densities[:, 0]
+        return self._evaluated(positions).copy()
+
+    def _evaluated(self, positions: Floats) -> Floats:
+        elements, nothing = self.elements, self._nothing
+        address = form_kernels().value.address
+
+        def part(blocks: slice) -> None:
+            stencils, geometry = elements.stencils[blocks], elements.geometry[blocks]
+            forms_of_blocks(positions, stencils, geometry, address, nothing, self._forms[blocks])
+            self._evaluate(self._forms[blocks], self._densities[blocks], nothing, nothing)
+
+        run_parts(part, self._parts)
+        return self._densities
 
     def linearise(self, positions: Floats, into: Linearisation | None = None) -> Linearisation:
         """Energy, gradient and what the Hessians need; ``into`` lends its memory, and is no longer valid."""
-        elements, kernels = self.elements, self.material.kernels()
+        elements = self.elements
         result = into if into is not None else Linearisation(self)
         result.positions = np.array(positions, dtype=np.float64)
         address = form_kernels().jacobian.address
-        forms_of_blocks(
-            result.positions, elements.stencils, elements.geometry, address, result.jacobian, self._forms
-        )
-        total = 0.0
-        for block in range(elements.blocks):
-            self.material.gather(self._forms[block], BLOCK, self._parameters)
-            kernels.second(
-                BLOCK, BLOCK, self._forms[block], self._parameters, self._density, result.stress[block],
-                result.moduli[block],
-            )  # fmt: skip
-            total += float(self._density[0] @ elements.areas[block])
+
+        def part(blocks: slice) -> Floats:
+            stencils, geometry = elements.stencils[blocks], elements.geometry[blocks]
+            jacobian, stress = result.jacobian[blocks], result.stress[blocks]
+            forms_of_blocks(result.positions, stencils, geometry, address, jacobian, self._forms[blocks])
+            self._evaluate(self._forms[blocks], self._densities[blocks], stress, result.moduli[blocks])
+            gradient = np.zeros_like(result.positions)
+            gradient_of_blocks(jacobian, stress, elements.areas[blocks], stencils, gradient)
+            return gradient
+
+        result.gradient = sum_of(run_parts(part, self._parts))
+        total = float(np.vdot(self._densities, elements.areas))
         result.value = total if np.isfinite(total) else np.inf
-        result.gradient = np.zeros_like(result.positions)
-        gradient_of_blocks(result.jacobian, result.stress, elements.areas, elements.stencils, result.gradient)
         return result
 
     def exact_hessian(self, linear: Linearisation) -> Floats:
         """Entries of the Hessian in ``pattern`` [N/m]."""
         elements = self.elements
-        values = np.zeros(self.pattern.entries + 1)  # the last one collects what belongs nowhere
-        exact_hessian_of_blocks(
-            linear.positions, elements.stencils, elements.geometry, elements.areas, linear.jacobian, linear.stress,
-            linear.moduli, form_kernels().curvature.address, self._slots, values,
-        )  # fmt: skip
-        return values[:-1]
+        address = form_kernels().curvature.address
+
+        def part(blocks: slice) -> Floats:
+            values = np.zeros(self.pattern.entries + 1)  # the last one collects what belongs nowhere
+            exact_hessian_of_blocks(
+                linear.positions, elements.stencils[blocks], elements.geometry[blocks], elements.areas[blocks],
+                linear.jacobian[blocks], linear.stress[blocks], linear.moduli[blocks], address,
+                self._slots[blocks], values,
+            )  # fmt: skip
+            return values
+
+        return sum_of(run_parts(part, self._parts))[:-1]
 
     def positive_hessian(self, linear: Linearisation) -> tuple[Floats, int]:
         """Entries of the positive model in ``pattern`` [N/m], and how many moduli were indefinite."""
@@ -146,16 +165,47 @@ class ShellEnergy:
 
     def _positive(self, linear: Linearisation, stress: Floats) -> tuple[Floats, int]:
         elements = self.elements
-        values = np.zeros(self.pattern.entries + 1)
-        positive, indefinite = np.empty((36, BLOCK)), 0
-        # Two calls a block: compiled as one, the eigenvalues take four times longer.
-        for b in range(elements.blocks):
-            indefinite += positive_moduli(linear.moduli[b], positive)
-            add_positive_hessian(
-                elements.geometry[b], elements.areas[b], linear.jacobian[b], stress[b], positive,
-                self._slots[b], values,
-            )  # fmt: skip
-        return values[:-1], indefinite
+
+        def part(blocks: slice) -> tuple[Floats, int]:
+            values = np.zeros(self.pattern.entries + 1)
+            positive, indefinite = np.empty((36, BLOCK)), 0
+            # Two calls a block: compiled as one, the eigenvalues take four times longer.
+            for b in range(blocks.start, blocks.stop):
+                indefinite += positive_moduli(linear.moduli[b], positive)
+                add_positive_hessian(
+                    elements.geometry[b], elements.areas[b], linear.jacobian[b], stress[b], positive,
+                    self._slots[b], values,
+                )  # fmt: skip
+            return values, indefinite
+
+        found = run_parts(part, self._parts)
+        return sum_of([values for values, _ in found])[:-1], sum(count for _, count in found)
+
+    def _evaluate(self, forms: Floats, densities: Floats, stress: Floats, moduli: Floats) -> None:
+        """Densities of blocks and, if ``moduli`` is not empty, their derivatives."""
+        material, kernels = self.material, self.material.kernels()
+        kernel = kernels.second if len(moduli) else kernels.value
+        if isinstance(material, SplineMaterial):
+            spline_densities(
+                material.packed, material.parameter_count, kernel.address, forms, densities, stress, moduli
+            )
+            return
+        parameters = np.zeros((len(forms), material.parameter_count, BLOCK))
+        for block, gathered in zip(forms, parameters, strict=True):
+            material.gather(block, BLOCK, gathered)
+        gathered_densities(parameters, kernel.address, forms, densities, stress, moduli)
+
+
+LEAST_BLOCKS = 4
+"""Blocks of elements that are worth a thread."""
+
+
+def sum_of(arrays: list[Floats]) -> Floats:
+    """The sum of arrays, in the first of them."""
+    total = arrays[0]
+    for array in arrays[1:]:
+        total += array
+    return total
 
 
 @dataclass(eq=False)

@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 BENDING_SCALE = 100.0
 """Curvatures are divided by 100 /m before eigenvalues are taken, else bending drowns in round-off."""
 
-FAST = {"cache": True, "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}, "error_model": "numpy"}
-"""Numba options of all loops over elements: no assumption that values are finite."""
+FAST = {
+    "cache": True,
+    "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"},
+    "error_model": "numpy",
+    "nogil": True,
+}
+"""Numba options of all loops over elements: no assumption that values are finite, free to run beside each other."""
 
 
 @numba.njit(**FAST)

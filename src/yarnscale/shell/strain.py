@@ -120,7 +120,7 @@ def form_kernels() -> FormKernels:
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def follow_angles(positions: NDArray, stencils: NDArray, geometry: NDArray) -> float:
     """Move the reference angles of ``geometry`` (nb, 15, B) to the present fold angles; the largest |angle|
     [rad].
@@ -130,31 +130,37 @@ def follow_angles(positions: NDArray, stencils: NDArray, geometry: NDArray) -> f
     largest = 0.0
     for block in range(stencils.shape[0]):
         for n in range(stencils.shape[1]):
-            stencil = stencils[block, n]
-            origin = positions[stencil[0]]
-            normal = _unit_cross(positions[stencil[1]] - origin, positions[stencil[2]] - origin)
+            x = stencils[block, n]
+            normal = _cross(_between(positions, x[0], x[1]), _between(positions, x[0], x[2]))
             for k in range(3):
                 if geometry[block, 9 + k, n] == 0.0:
                     continue
-                tail = positions[stencil[k]]
-                edge = positions[stencil[(k + 1) % 3]] - tail
-                other = _unit_cross(positions[stencil[3 + k]] - tail, edge)
-                turned = (
-                    (normal[1] * other[2] - normal[2] * other[1]) * edge[0]
-                    + (normal[2] * other[0] - normal[0] * other[2]) * edge[1]
-                    + (normal[0] * other[1] - normal[1] * other[0]) * edge[2]
+                edge = _between(positions, x[k], x[(k + 1) % 3])
+                other = _cross(_between(positions, x[k], x[3 + k]), edge)
+                turned = _cross(normal, other)
+                # Both with the factor |normal|·|other|, which the angle does not see.
+                sine = (turned[0] * edge[0] + turned[1] * edge[1] + turned[2] * edge[2]) / math.sqrt(
+                    edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2
                 )
-                sine = turned / math.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
                 cosine = normal[0] * other[0] + normal[1] * other[1] + normal[2] * other[2]
                 change = math.atan2(sine, cosine) - geometry[block, 12 + k, n]
-                change -= 2.0 * math.pi * np.round(change / (2.0 * math.pi))
-                geometry[block, 12 + k, n] += change
+                if abs(change) > math.pi:
+                    change -= 2.0 * math.pi * np.round(change / (2.0 * math.pi))
+                if change == change:  # no angle where an edge has no length
+                    geometry[block, 12 + k, n] += change
                 largest = max(largest, abs(geometry[block, 12 + k, n]))
     return largest
 
 
-@numba.njit(cache=True)
-def _unit_cross(a: NDArray, b: NDArray) -> tuple[float, float, float]:
-    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    length = math.sqrt(x * x + y * y + z * z)
-    return x / length, y / length, z / length
+@numba.njit(cache=True, inline="always")
+def _between(positions: NDArray, i: int, j: int) -> tuple[float, float, float]:
+    return (
+        positions[j, 0] - positions[i, 0],
+        positions[j, 1] - positions[i, 1],
+        positions[j, 2] - positions[i, 2],
+    )
+
+
+@numba.njit(cache=True, inline="always")
+def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
