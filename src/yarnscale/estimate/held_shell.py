@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.factor import SymmetricPattern, factorisation
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.kernel import BLOCK
 from yarnscale.numerics.newton import ShiftRule, Solution, minimise
@@ -26,22 +26,27 @@ from yarnscale.shell.orthotropic import OrthotropicMaterial
 Array = NDArray[np.float64]
 
 EXACT_FIRST = ShiftRule(
-    start=0.0, lowest=0.1, highest=1.0, growth=2.0, least=0.125, decay=0.5, lowest_is_zero=True
+    start=0.0, lowest=1e-6, highest=1.0, growth=2.0, least=0.125, decay=0.2, lowest_is_zero=True
 )
 """From the exact Hessian (0) towards the positive model (1) only where it is needed: starts are near."""
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Positions at rest (nv, 3) [m] and how they were found."""
+    """Positions at rest (nv, 3) [m] and how they were found.
+
+    stable: whether the energy is convex there; soft cloth in compression may buckle within its plane, element by
+    element, which no fit should follow.
+    """
 
     positions: Array
     solution: Solution
+    stable: bool
 
     @property
     def converged(self) -> bool:
         """Whether the residual is below the tolerance at a minimum."""
-        return self.solution.converged
+        return self.solution.converged and self.stable
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +71,7 @@ class HeldShell:
         self.energy = ShellEnergy(mesh, self._material)
         self.free = np.flatnonzero(free.ravel())
         self.pattern, self._chosen = _restricted(self.energy.pattern, self.free)
+        self._factor = factorisation(self.pattern)
 
     def solve(
         self,
@@ -83,7 +89,9 @@ class HeldShell:
             objective, start.ravel()[self.free], after_step=lambda x: self._follow(objective.full(x)),
             tolerance=self.tolerance, max_iterations=iterations, shift=EXACT_FIRST,
         )  # fmt: skip
-        return Equilibrium(objective.full(solution.x), solution)
+        positions = objective.full(solution.x)
+        stable = solution.converged and self._is_minimum(positions)
+        return Equilibrium(positions, solution, stable)
 
     def forces(
         self, material: OrthotropicMaterial, positions: Array, *, gravity: Sequence[float] = (0, 0, 0)
@@ -133,6 +141,9 @@ class HeldShell:
                 kernels.second(BLOCK, BLOCK, forms[block], factors, density, stress[block], moduli)
             gradient_of_blocks(linear.jacobian, stress, elements.areas, elements.stencils, result[row])
         return result.reshape(len(constants), -1)
+
+    def _is_minimum(self, positions: Array) -> bool:
+        return self._factor.factor(_HeldModel(self, self.energy.linearise(positions)).values(0.0))
 
     def _follow(self, positions: Array) -> None:
         self.energy.follow(positions)

@@ -147,12 +147,12 @@ class StretchCurve:
         return self.stretch_spread * np.gradient(self.load, self.stretch)
 
     def load_at(self, stretch: Array) -> Array:
-        """Line load at stretches inside the curve [N/m]."""
-        return np.interp(stretch, self.stretch, self.load)
+        """Line load at stretches inside the curve [N/m], by monotone cubics."""
+        return _between(stretch, self.stretch, self.load)
 
     def contraction_at(self, stretch: Array) -> Array | None:
         """Contraction at stretches inside the curve."""
-        return None if self.contraction is None else np.interp(stretch, self.stretch, self.contraction)
+        return None if self.contraction is None else _between(stretch, self.stretch, self.contraction)
 
     def stretch_at(self, load: float) -> float:
         """Stretch at a line load [N/m], the largest measured one where the load is beyond the curve."""
@@ -346,6 +346,13 @@ class SwatchMeasurements:
         return SwatchMeasurements(
             self.name, stretch, bend, self.yarns, self.area_density, self.pattern, self.photographs, self.notes
         )  # fmt: skip
+
+
+def _between(points: Array, x: Array, y: Array) -> Array:
+    """Monotone cubic interpolation, constant outside."""
+    from scipy.interpolate import PchipInterpolator
+
+    return PchipInterpolator(x, y)(np.clip(points, x[0], x[-1]))
 
 
 def _over(grid: Array, force: Array, values: Array) -> Array:

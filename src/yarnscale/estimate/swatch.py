@@ -105,8 +105,10 @@ class StretchSwatch:
             positions[k], converged[k] = found.positions, found.converged
             if found.converged:
                 last, last_stretch = found.positions, float(stretch)
-        measured = np.array([[m.value for m in self.measures(material, x)] for x in list(positions)])
-        return StretchResponse(stretches, measured[:, 0], measured[:, 1], converged, positions, iterations)
+        force, contraction = np.empty(len(stretches)), np.empty(len(stretches))
+        for k in range(len(stretches)):
+            force[k], contraction[k] = (measure.value for measure in self.measures(material, positions[k]))
+        return StretchResponse(stretches, force, contraction, converged, positions, iterations)
 
     def measures(self, material: OrthotropicMaterial, positions: Array) -> tuple[Measure, Measure]:
         """Force of a clamp [N] and contraction at positions (nv, 3)."""
@@ -120,11 +122,13 @@ class StretchSwatch:
     def derivatives(
         self, material: OrthotropicMaterial, response: StretchResponse, constants: Sequence[str]
     ) -> Array:
-        """d(force [N], contraction)/d(constants) of every state, shape (n, 2, constants)."""
-        states = response.positions
-        return np.array(
-            [self.shell.derivatives(material, x, self.measures(material, x), constants) for x in states]
-        )
+        """d(force [N], contraction)/d(constants), shape (n, 2, constants); NaN for states that did not converge."""
+        result = np.full((len(response.stretch), 2, len(constants)), np.nan)
+        for k in np.flatnonzero(response.converged):
+            positions = response.positions[k]
+            measures = self.measures(material, positions)
+            result[k] = self.shell.derivatives(material, positions, measures, constants)
+        return result
 
     def _step(
         self, material: OrthotropicMaterial, rest: Array, last: Array, last_stretch: float, stretch: float

@@ -88,6 +88,10 @@ class ShellMaterial(ABC):
         """Second derivative of ψ by the six strains, shape (..., 6, 6)."""
         return self._evaluate(strains, order=2)[2]
 
+    def form_derivatives(self, strains: ArrayLike) -> tuple[Array, Array, Array]:
+        """ψ (n,), its gradient (6, n) and second derivative (21, n, as ``LOWER``) by the forms, of strains (n, 6)."""
+        return self._run(checked_strains(strains), order=2)
+
     def _evaluate(self, strains: ArrayLike, *, order: int) -> tuple[Array, Array, Array]:
         strains = checked_strains(strains)
         flat = strains.reshape(-1, 6)

@@ -1,0 +1,189 @@
+"""What a yarn model is to reproduce: stress and contraction of fabric stretched uniformly (EST22 eq. 3 and §7.3.1).
+
+Swatches are not uniform, periodic cells are. The fitted shell translates: ``uniform_data`` takes its stress in
+uniform uniaxial stretch over the measured range, as EST22 does. Real fabric stiffens more than the shell can, and so do
+cells of yarn; ``corrected_data`` takes from the shell only the ratio of uniform to swatch and applies it to
+what was measured.
+
+Stress is the first Piola–Kirchhoff stress σ along the stretch [N/m]; errors and weights are of σ/(1 + s).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.measurements import (
+    COMFORT_LOAD,
+    POWER_LOAD,
+    Direction,
+    StretchTest,
+    SwatchMeasurements,
+)
+from yarnscale.estimate.shell_fit import FittedCurve, ShellFit
+from yarnscale.estimate.uniaxial import uniaxial
+
+Array = NDArray[np.float64]
+
+SAMPLES = 20
+"""Stretches per direction (EST22 §7.3.3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class UniformCurve:
+    """Uniform uniaxial stretch along one direction, free across; arrays (n,).
+
+    stretch s, contraction c: F = U diag(1 + s, 1 − c) Uᵀ. stress: first Piola–Kirchhoff [N/m].
+    comfort_stretch: the largest stretch of the comfort range. contraction_measured: whether swatches told c.
+    """
+
+    direction: Direction
+    stretch: Array
+    contraction: Array
+    stress: Array
+    comfort_stretch: float
+    contraction_measured: bool = True
+
+    @property
+    def second_stress(self) -> Array:
+        """Second Piola–Kirchhoff stress σ/(1 + s) [N/m], (n,)."""
+        return self.stress / (1.0 + self.stretch)
+
+    @property
+    def comfort(self) -> NDArray[np.bool_]:
+        """Which samples lie in the comfort range, (n,)."""
+        return self.stretch <= self.comfort_stretch * (1 + 1e-9)
+
+    @property
+    def stress_decay(self) -> Array:
+        """Weight of the stress: one in the comfort range, falling as the stress rises beyond (EST22 §7.3.1), (n,)."""
+        return _decay(self.second_stress, self.stretch, self.comfort_stretch)
+
+    @property
+    def contraction_decay(self) -> Array:
+        """Weight of the contraction, likewise; zero where it was not measured, (n,)."""
+        return self.contraction_measured * _decay(self.contraction, self.stretch, self.comfort_stretch)
+
+
+@dataclass(frozen=True)
+class UniformErrors:
+    """Mean errors over the largest target of the comfort range (EST22 §7.3.1, Fig. 15), as fractions.
+
+    comfort, full: of σ/(1 + s) in the comfort range and in all of it. compression: of c; None where not measured.
+    """
+
+    comfort: float
+    full: float
+    compression: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class UniformData:
+    """Uniform curves of one fabric, one per direction."""
+
+    name: str
+    curves: tuple[UniformCurve, ...]
+
+    @property
+    def stress_scale(self) -> float:
+        """Largest σ/(1 + s) of the comfort ranges [N/m], by which errors of stress are divided."""
+        return max(float(np.interp(c.comfort_stretch, c.stretch, c.second_stress)) for c in self.curves)
+
+    @property
+    def contraction_scale(self) -> float:
+        """Largest contraction of the comfort ranges, by which errors of contraction are divided."""
+        return max(float(np.interp(c.comfort_stretch, c.stretch, np.abs(c.contraction))) for c in self.curves)
+
+    def only(self, *directions: Direction) -> UniformData:
+        """The curves along these directions alone. Raises InputError where none is left."""
+        chosen = tuple(curve for curve in self.curves if curve.direction in directions)
+        if not chosen:
+            raise InputError(
+                f"directions of '{self.name}'",
+                expected=[c.direction.value for c in self.curves],
+                found="none",
+            )
+        return UniformData(self.name, chosen)
+
+    def errors(self, stresses: Sequence[Array], contractions: Sequence[Array]) -> UniformErrors:
+        """Errors of another model's first Piola–Kirchhoff stress [N/m] and contraction at the same stretches."""
+        full, comfort, compression = [], [], []
+        for curve, stress, contraction in zip(self.curves, stresses, contractions, strict=True):
+            difference = np.abs(stress / (1.0 + curve.stretch) - curve.second_stress) / self.stress_scale
+            full.append(difference)
+            comfort.append(difference[curve.comfort])
+            if curve.contraction_measured:
+                compression.append(np.abs(contraction - curve.contraction) / self.contraction_scale)
+        return UniformErrors(
+            float(np.concatenate(comfort).mean()),
+            float(np.concatenate(full).mean()),
+            float(np.concatenate(compression).mean()) if compression else None,
+        )
+
+
+def uniform_data(
+    fit: ShellFit,
+    measurements: SwatchMeasurements,
+    *,
+    samples: int = SAMPLES,
+    comfort_load: float = COMFORT_LOAD,
+) -> UniformData:
+    """Uniform curves of the fitted shell over the measured stretches (EST22 eq. 3), for every direction measured.
+
+    samples: per direction, evenly spaced from the first above zero to the largest; comfort_load: end of the comfort
+    range [N/m].
+    """
+    curves = []
+    for test in measurements.stretch:
+        largest, comfort = _range(test, comfort_load)
+        stretch = largest * np.arange(1, samples + 1) / samples
+        stress, contraction = uniaxial(fit.material, test.direction.angle, stretch)
+        measured = test.curve.contraction is not None
+        curves.append(UniformCurve(test.direction, stretch, contraction, stress, comfort, measured))
+    return UniformData(measurements.name, tuple(curves))
+
+
+def corrected_data(
+    fit: ShellFit,
+    measurements: SwatchMeasurements,
+    *,
+    samples: int = SAMPLES,
+    comfort_load: float = COMFORT_LOAD,
+) -> UniformData:
+    """The measured curves, times the fitted shell's ratio of uniform to swatch response at the same stretch."""
+    curves = []
+    for test, fitted in zip(measurements.stretch, _in_order(fit, measurements), strict=True):
+        largest, comfort = _range(test, comfort_load)
+        stretch = largest * np.arange(1, samples + 1) / samples
+        stress, contraction = uniaxial(fit.material, test.direction.angle, fitted.stretch)
+        load = test.curve.load_at(stretch) * np.interp(stretch, fitted.stretch, stress / fitted.load)
+        width = test.curve.contraction_at(stretch)
+        if width is None:
+            across = uniaxial(fit.material, test.direction.angle, stretch)[1]
+        else:
+            ratio = contraction / np.where(np.abs(fitted.contraction) > 1e-4, fitted.contraction, contraction)
+            across = width * np.interp(stretch, fitted.stretch, ratio)
+        curves.append(UniformCurve(test.direction, stretch, across, load, comfort, width is not None))
+    return UniformData(measurements.name, tuple(curves))
+
+
+def _in_order(fit: ShellFit, measurements: SwatchMeasurements) -> list[FittedCurve]:
+    by_direction = {curve.direction: curve for curve in fit.curves}
+    missing = [t.direction.value for t in measurements.stretch if t.direction not in by_direction]
+    if missing:
+        raise InputError("shell fit", expected=f"a fit along {', '.join(missing)}", found="none")
+    return [by_direction[test.direction] for test in measurements.stretch]
+
+
+def _range(test: StretchTest, comfort_load: float) -> tuple[float, float]:
+    """Largest stretch up to the power load, and that of the comfort range."""
+    return float(test.curve.up_to(POWER_LOAD).stretch[-1]), test.curve.stretch_at(comfort_load)
+
+
+def _decay(values: Array, stretch: Array, comfort_stretch: float) -> Array:
+    limit = max(float(np.interp(comfort_stretch, stretch, values)), 1e-12)
+    return limit / np.maximum(limit, values)
