@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from yarnscale.numerics.affine import AffineMap, CopiedNodes, MappedObjective
+from yarnscale.numerics.affine import AffineMap, CopiedNodes, MappedObjective, NodeMap
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.newton import minimise
 
@@ -138,3 +138,18 @@ def test_copied_nodes_are_an_affine_map(turned: bool) -> None:
     unknowns = nodes.unknowns(np.arange(20))
     expected = [3 * s + i for s in source for i in range(3)] + [9, 10]
     np.testing.assert_array_equal(unknowns, expected)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_node_map_is_its_kronecker_product(sparse: bool) -> None:
+    objective, rng = Quartic(12, 5), np.random.default_rng(6)
+    weights, offset = rng.normal(size=(4, 2)), rng.normal(size=12)
+    nodes = NodeMap(csr_array(weights) if sparse else weights, offset)
+    matrix = AffineMap(csr_array(np.kron(weights, np.eye(3))), offset)
+    x = rng.normal(size=6)
+    found, expected = (MappedObjective(objective, m).quadratic(x) for m in (nodes, matrix))
+    assert found[0] == pytest.approx(expected[0], rel=1e-13)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-12)
+    np.testing.assert_allclose(
+        dense(found[2])(found[2].values(0.3)), dense(expected[2])(expected[2].values(0.3))
+    )

@@ -1,8 +1,8 @@
 """Affine parametrisation q = B y + d of full degrees of freedom by free ones (theory §7).
 
-``AffineMap`` has any sparse B: pinned vertices, a bounding volume. ``CopiedNodes`` is the case where every full node is
-a turned and shifted copy of one free node, as periodic images are; its pull-back happens stencil by stencil
-(``assembly``).
+``AffineMap`` has any sparse B: pinned vertices. ``NodeMap`` has nodes that are weighted sums of others, as in a
+bounding volume. ``CopiedNodes`` is the case where every full node is a turned and shifted copy of one free node, as
+periodic images are; its pull-back happens stencil by stencil (``assembly``).
 """
 
 from __future__ import annotations
@@ -45,49 +45,117 @@ class AffineMap:
         """Gradient by the free degrees of freedom, Bᵀ g."""
         return self.matrix.T @ gradient
 
+    def pulled(self, inner: SymmetricPattern) -> _SparsePull:
+        """How matrices of this pattern are pulled back."""
+        return _SparsePull(self.matrix, inner)
 
-class _PulledModel:
-    def __init__(self, model: QuadraticModel, matrix: csr_array, pattern: SymmetricPattern | None) -> None:
-        self._model, self._matrix = model, matrix
-        self.pattern = pattern if pattern is not None else self._pattern()
 
-    def _product(self, values: Array) -> csc_array:
-        inner = self._model.pattern
-        lower = csc_array((values, inner.rows, inner.starts), shape=(inner.size, inner.size))
-        diagonal = csc_array((values[inner.diagonal], (np.arange(inner.size),) * 2), shape=lower.shape)
-        return csc_array(self._matrix.T @ (lower + lower.T - diagonal) @ self._matrix)
+@dataclass(frozen=True, eq=False)
+class NodeMap:
+    """Nodes as weighted sums of other nodes, the same for x, y and z: q = (weights ⊗ 1₃) y + offset.
 
-    def _pattern(self) -> SymmetricPattern:
-        _, size = cast("tuple[int, int]", self._matrix.shape)
-        ones = abs(self._matrix)
-        inner = self._model.pattern
-        lower = csc_array((np.ones(inner.entries), inner.rows, inner.starts), shape=(inner.size, inner.size))
-        product = (ones.T @ (lower + lower.T) @ ones).tocoo()
+    weights: (m, n) dense or sparse; offset: (3m,). A bounding volume maps so (LOD03 §3): the blocks of a Hessian are
+    pulled back by ``weights`` alone.
+    """
+
+    weights: Array | csr_array
+    offset: Array
+
+    def expand(self, free: Array) -> Array:
+        """Full degrees of freedom, (3m,)."""
+        return (self.weights @ free.reshape(-1, 3)).ravel() + self.offset
+
+    def pull_gradient(self, gradient: Array) -> Array:
+        """Gradient by the free degrees of freedom, (3n,)."""
+        return (self.weights.T @ gradient.reshape(-1, 3)).ravel()
+
+    def pulled(self, inner: SymmetricPattern) -> _NodePull:
+        """How matrices of this pattern are pulled back."""
+        return _NodePull(self.weights, inner)
+
+
+def _mirrored(pattern: SymmetricPattern, values: Array) -> csc_array:
+    """A symmetric matrix from its lower triangle."""
+    lower = csc_array((values, pattern.rows, pattern.starts), shape=(pattern.size, pattern.size))
+    diagonal = csc_array((values[pattern.diagonal], (np.arange(pattern.size),) * 2), shape=lower.shape)
+    return csc_array(lower + lower.T - diagonal)
+
+
+class _SparsePull:
+    """Bᵀ H B for a sparse B."""
+
+    def __init__(self, matrix: csr_array, inner: SymmetricPattern) -> None:
+        self._matrix, self._inner = matrix, inner
+        _, size = cast("tuple[int, int]", matrix.shape)
+        ones = abs(matrix)
+        product = (ones.T @ _mirrored(inner, np.ones(inner.entries)) @ ones).tocoo()
         below = product.row >= product.col
         keys = product.col[below].astype(np.int64) * size + product.row[below]
         diagonal = np.arange(size) * (size + 1)
-        return SymmetricPattern.from_keys(size, np.unique(np.concatenate([keys, diagonal])))
+        self._keys = np.unique(np.concatenate([keys, diagonal]))
+        self.pattern = SymmetricPattern.from_keys(size, self._keys)
+
+    def entries(self, values: Array) -> Array:
+        product = (self._matrix.T @ _mirrored(self._inner, values) @ self._matrix).tocoo()
+        below = product.row >= product.col
+        entries = np.zeros(self.pattern.entries)
+        keys = product.col[below].astype(np.int64) * self.pattern.size + product.row[below]
+        np.add.at(entries, np.searchsorted(self._keys, keys), product.data[below])
+        return entries
+
+
+class _NodePull:
+    """(W ⊗ 1₃)ᵀ H (W ⊗ 1₃) by its six different blocks Wᵀ H_kl W; every pair of nodes is taken to meet."""
+
+    def __init__(self, weights: Array | csr_array, inner: SymmetricPattern) -> None:
+        self._weights = weights
+        _, count = cast("tuple[int, int]", weights.shape)
+        self._count, size, nodes = count, 3 * count, inner.size // 3
+        column, row = np.triu_indices(size)
+        self.pattern = SymmetricPattern.from_keys(size, column * size + row)
+        self._row, self._column = row, column
+        columns = np.repeat(np.arange(inner.size), np.diff(inner.starts))
+        self._blocks = []
+        for k in range(3):
+            for other in range(k + 1):
+                # Lower entries of either order of the components make up the block (k, other).
+                own = np.flatnonzero((inner.rows % 3 == k) & (columns % 3 == other))
+                turned = np.flatnonzero((inner.rows % 3 == other) & (columns % 3 == k))
+                turned = turned[inner.rows[turned] // 3 != columns[turned] // 3] if k == other else turned
+                source = np.concatenate([own, turned])
+                r = np.concatenate([inner.rows[own], columns[turned]]) // 3
+                c = np.concatenate([columns[own], inner.rows[turned]]) // 3
+                marks = csr_array((np.arange(1.0, len(source) + 1), (r, c)), shape=(nodes, nodes))
+                order = source[np.rint(marks.data).astype(np.int64) - 1]
+                self._blocks.append((k, other, order, marks.indices, marks.indptr))
+
+    def entries(self, values: Array) -> Array:
+        nodes, whole = len(self._blocks[0][4]) - 1, np.empty((self._count, 3, self._count, 3))
+        for k, other, order, indices, indptr in self._blocks:
+            block = csr_array((values[order], indices, indptr), shape=(nodes, nodes))
+            pulled = self._weights.T @ (block @ self._weights)
+            pulled = pulled if isinstance(pulled, np.ndarray) else pulled.toarray()
+            whole[:, k, :, other], whole[:, other, :, k] = pulled, pulled.T
+        return whole.reshape(3 * self._count, -1)[self._row, self._column]
+
+
+class _PulledModel:
+    def __init__(self, model: QuadraticModel, pull: _SparsePull | _NodePull) -> None:
+        self._model, self._pull = model, pull
+        self.pattern = pull.pattern
 
     def values(self, shift: float) -> Array:
         """Entries of Bᵀ (H + shift·M) B."""
-        product = self._product(self._model.values(shift)).tocoo()
-        below = product.row >= product.col
-        size = self.pattern.size
-        columns = np.repeat(np.arange(size), np.diff(self.pattern.starts))
-        keys = columns * size + self.pattern.rows
-        entries = np.zeros(self.pattern.entries)
-        at = np.searchsorted(keys, product.col[below].astype(np.int64) * size + product.row[below])
-        np.add.at(entries, at, product.data[below])
-        return entries
+        return self._pull.entries(self._model.values(shift))
 
 
 class MappedObjective:
     """An objective of the full degrees of freedom, as an objective of the free ones."""
 
-    def __init__(self, objective: Objective, affine: AffineMap) -> None:
+    def __init__(self, objective: Objective, affine: AffineMap | NodeMap) -> None:
         self._objective, self._affine = objective, affine
         self._inner: SymmetricPattern | None = None
-        self._pattern: SymmetricPattern | None = None
+        self._pull: _SparsePull | _NodePull | None = None
 
     @property
     def residual_scale(self) -> float:
@@ -106,10 +174,9 @@ class MappedObjective:
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
         """Energy, Bᵀ g and the model Bᵀ H B."""
         value, gradient, model = self._objective.quadratic(self._affine.expand(x))
-        kept = self._pattern if model.pattern is self._inner else None
-        pulled = _PulledModel(model, self._affine.matrix, kept)
-        self._inner, self._pattern = model.pattern, pulled.pattern
-        return value, self._affine.pull_gradient(gradient), pulled
+        if self._pull is None or model.pattern is not self._inner:
+            self._inner, self._pull = model.pattern, self._affine.pulled(model.pattern)
+        return value, self._affine.pull_gradient(gradient), _PulledModel(model, self._pull)
 
 
 @dataclass(frozen=True, eq=False)
