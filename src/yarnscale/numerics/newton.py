@@ -296,7 +296,7 @@ class _Minimisation:
 
     def _leave_saddle(self, x: Array, value: float, model: QuadraticModel) -> tuple[bool, Array | None]:
         """Whether a stationary point is a minimum; else a point of lower energy along its falling direction, if any."""
-        if self.linear.factorise(model, self.rule.lowest):
+        if self.linear.factorise(model, 0.0 if self.rule.lowest_is_zero else self.rule.lowest):
             return True, None
         shift, self.shift = self.shift, self.rule.least
         if not self._factorise(model):
@@ -308,8 +308,9 @@ class _Minimisation:
             vector = self.linear.step(vector, None)
             vector /= np.linalg.norm(vector)
         curvature = float(vector @ pattern.multiply(exact, vector))
-        if curvature > -1e-7 * float(np.abs(exact[pattern.diagonal]).max()):
-            return True, None  # negative only across the constraints
+        negligible = 1e-12 if self.constraints is None else 1e-7  # negative only across the constraints
+        if curvature > -negligible * float(np.abs(exact[pattern.diagonal]).max()):
+            return True, None
         self.escapes += 1
         if self.escapes > _MOST_ESCAPES:
             return False, None

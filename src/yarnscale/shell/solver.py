@@ -106,13 +106,19 @@ class ClothSolver:
         self.scale = float(np.linalg.norm(self.masses)) * strength
 
     def step(
-        self, state: ClothState, duration: float, *, inertia: bool = True, iterations: int | None = None
+        self,
+        state: ClothState,
+        duration: float,
+        *,
+        inertia: bool = True,
+        iterations: int | None = None,
+        until: float | None = None,
     ) -> StepResult:
         """One implicit step of ``duration`` [s]; without inertia the cloth forgets its velocity first.
 
-        iterations: of Newton, None for those of the options.
-
-        ``duration`` may be inf: a static equilibrium. The result is to be kept only if its residual is acceptable.
+        ``duration`` may be inf: a static equilibrium. iterations: at most, None for those of the options. until: time
+        that handles and obstacles move to [s], None for the end of the step (of a static one: where they are).
+        The result is to be kept only if its residual is acceptable.
         """
         if not duration > 0:
             raise InputError("time step", expected="a positive number of seconds", found=duration)
@@ -122,7 +128,9 @@ class ClothSolver:
             self.contact.start_step(begin, min(duration, 1.0), state.time)
         static = math.isinf(duration)
         rule = None if static else step_rule(self.options.integrator, state, duration, inertia=inertia)
-        objective = self._objective(state, rule, state.time if static else state.time + duration)
+        if until is None:
+            until = state.time if static else state.time + duration
+        objective = self._objective(state, rule, until)
         moved = duration * state.velocities if inertia and not static else np.zeros_like(state.velocities)
         start = self._start(begin, self._with_obstacle_steps(begin, moved, objective)).ravel()
         limit = self.options.iterations if iterations is None else iterations
@@ -131,7 +139,7 @@ class ClothSolver:
         new = ClothState(
             positions,
             np.zeros_like(positions) if rule is None else rule.velocity(positions),
-            state.time if rule is None else state.time + duration,
+            until,
             self.energy.elements.reference_angles,
             Earlier(state.positions, state.velocities, duration) if rule is not None and inertia else None,
             obstacles if len(obstacles) else None,
