@@ -50,6 +50,53 @@ class Mannequin:
         return points @ rotation_matrix(np.array([0.0, 0.0, turned])).T
 
 
+@dataclass(frozen=True)
+class Pose:
+    """What the body does at a time [s]: see ``Mannequin.pose`` for angles [rad] and depth."""
+
+    time: float
+    lowered: float = 0.0
+    turned: float = 0.0
+    depth: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class MovingMannequin:
+    """A body that goes from pose to pose, easing in and out, as an obstacle for cloth. Raises InputError."""
+
+    body: Mannequin
+    poses: tuple[Pose, ...]
+
+    def __post_init__(self) -> None:
+        times = np.array([pose.time for pose in self.poses])
+        if len(times) == 0 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+            raise InputError("times of the poses", expected="increasing numbers [s]", found=times)
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is more than one pose."""
+        return len(self.poses) > 1
+
+    @property
+    def triangles(self) -> Integers:
+        """Corners (m, 3)."""
+        return self.body.triangles
+
+    def points(self, time: float) -> Floats:
+        """Vertices at a time, (n, 3) [m]."""
+        times = [pose.time for pose in self.poses]
+        place = float(np.interp(time, times, np.arange(len(times))))
+        before = min(int(place), len(times) - 1)
+        one, two = self.poses[before], self.poses[min(before + 1, len(times) - 1)]
+        share = place - before
+        share *= share * (3.0 - 2.0 * share)
+        return self.body.pose(
+            lowered=one.lowered + share * (two.lowered - one.lowered),
+            turned=one.turned + share * (two.turned - one.turned),
+            depth=one.depth + share * (two.depth - one.depth),
+        )
+
+
 @cache
 def mannequin(spacing: float = 0.02) -> Mannequin:
     """The body with edges of about ``spacing`` [m]. Raises InputError for sizes it cannot be made of."""
