@@ -15,7 +15,7 @@ from yarnscale.shell.checkpoint import Checkpoint
 from yarnscale.shell.orthotropic import OrthotropicMaterial
 from yarnscale.shell.scene import Scene, drape, stretch
 from yarnscale.shell.simulate import SolverOptions
-from yarnscale.shell.state import ClothState
+from yarnscale.shell.state import ClothState, Earlier
 
 MATERIAL = OrthotropicMaterial(
     stretch_weft=60.0,
@@ -37,7 +37,9 @@ def scene(**options) -> Scene:
 
 def checkpoint(frames: int = 2, status: Status | None = None) -> Checkpoint:
     rng = np.random.default_rng(3)
-    state = ClothState(rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), 0.3, rng.normal(size=(4, 3)))
+    earlier = Earlier(rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), 0.02)
+    places = [rng.normal(size=shape) for shape in ((9, 3), (9, 3), (4, 3), (5, 3))]
+    state = ClothState(places[0], places[1], 0.3, places[2], earlier, places[3])
     return Checkpoint(state, 0.1, frames, 0.4, True, 7, 31, 2, 0.025, 3, 0.5, status)
 
 
@@ -52,7 +54,14 @@ def test_a_checkpoint_comes_back(tmp_path, status) -> None:
     for field in fields(Checkpoint):
         if field.name != "state":
             assert getattr(read, field.name) == getattr(written, field.name), field.name
+    assert read.state.before is not None and written.state.before is not None
+    for field in fields(Earlier):
+        np.testing.assert_array_equal(
+            getattr(read.state.before, field.name), getattr(written.state.before, field.name)
+        )
     for field in fields(ClothState):
+        if field.name == "before":
+            continue
         np.testing.assert_array_equal(getattr(read.state, field.name), getattr(written.state, field.name))
 
 

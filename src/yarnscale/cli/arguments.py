@@ -73,6 +73,13 @@ def _number(text: str) -> float:
     return value
 
 
+def _positive(text: str) -> float:
+    value = _number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"expected a positive number; found {text!r}")
+    return value
+
+
 def parser() -> argparse.ArgumentParser:
     """The whole command line."""
     top = _Parser(prog="yarnscale", description="Knitted and woven cloth across scales.")
@@ -280,6 +287,34 @@ def _cloth_commands(add: _Add) -> None:
     )
     _cloth_output(command)
 
+    command = add("convert", "convert", "Convert the frames of a run: OBJ, glTF, USD, VTK, BCC, MP4, PNG.")
+    command.add_argument(
+        "frames", type=Path, metavar="DIR", help="folder that 'simulate' wrote, or one of frames"
+    )
+    command.add_argument(
+        "--to", choices=("obj", "gltf", "usd", "vtk", "bcc", "mp4", "png"), required=True,
+        help="format, see docs/output_formats.md",
+    )  # fmt: skip
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="PATH",
+        help="file .glb, .usdc, .usda, .pvd or .mp4; folder for obj, bcc and png",
+    )  # fmt: skip
+    command.add_argument(
+        "--yarns", type=Path, metavar="DIR", help="frames of yarn curves to go with the cloth"
+    )
+    command.add_argument("--fps", type=_positive, default=30.0, help="frames a second of USD and MP4 (30)")
+    command.add_argument("--speed", type=_positive, default=1.0, help="of an MP4, 1 is real time (1)")
+    command.add_argument(
+        "--colour", choices=("sides", "stretch"), default="sides", help="of cloth in MP4 and PNG (sides)"
+    )
+    command.add_argument(
+        "--camera", choices=("oblique", "top", "side"), default="oblique", help="of MP4 and PNG (oblique)"
+    )
+    command.add_argument("--wires", action="store_true", help="draw the edges of triangles in MP4 and PNG")
+    command.add_argument(
+        "--yarns-as", choices=("tubes", "lines"), default="tubes", help="in glTF, which has no curves (tubes)"
+    )
+
     command = add("demo", "demo", "Run the whole first job on a built-in pattern, with pictures and a page.")
     command.add_argument(
         "--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)"
@@ -290,4 +325,11 @@ def _cloth_output(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for frames and pictures"
     )
+    command.add_argument(
+        "--resume", action="store_true", help="go on from the last frame of a run that was interrupted"
+    )
+    command.add_argument(
+        "--format", action="append", choices=("obj", "gltf", "usd", "vtk", "mp4", "png"), default=[],
+        help="convert the frames at the end; may be given several times",
+    )  # fmt: skip
     command.add_argument("--json", action="store_true", help="print one JSON object")

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
 from yarnscale.files.atomic import write_text
+from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
+from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material
 from yarnscale.shell.scene import Scene, SceneResult, run_scene
 from yarnscale.shell.scene import drape as drape_scene
 from yarnscale.shell.scene import stretch as stretch_scene
 from yarnscale.shell.simulate import Progress
-from yarnscale.shell.state import ClothState
 
 FRAMES = 6
 """Moments that a contact sheet shows."""
@@ -42,8 +44,15 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def _run(scene: Scene, options: argparse.Namespace) -> int:
+    from yarnscale.cli.convert import NAMES, require, write
+    from yarnscale.files.animation import read_animation
+
+    for kind in options.format:
+        require(kind)
     folder = writable_folder(options.out)
-    result = simulate_into(scene, folder)
+    result = simulate_into(scene, folder, resume=options.resume)
+    for kind in options.format:
+        write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
     summary = result.summary()
     if options.json:
         print_json(summary)
@@ -54,47 +63,54 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     return 0 if result.converged else 1
 
 
-def simulate_into(scene: Scene, folder: Path) -> SceneResult:
-    """Run a scene; frames are written as they finish, pictures and numbers at the end."""
+def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneResult:
+    """Run a scene; frames are written as they finish, pictures and numbers at the end.
+
+    resume: go on from the last checkpoint in the folder, if there is one. Raises InputError where that is of another
+    scene.
+    """
     from yarnscale.files.obj import obj_text
 
-    frames = FrameFolder(folder / "frames", scene.cloth.mesh)
-    line = ProgressLine(scene.name)
-    kept: list[ClothState] = []
-    triangles = scene.cloth.mesh.triangles
-
-    def on_frame(number: int, state: ClothState) -> None:
-        frames.write(number, state)
-        kept.append(state)
-
-    began = time.perf_counter()
+    checkpoints = CheckpointFile(folder / CHECKPOINT, scene)
+    place = checkpoints.read() if resume else None
+    if place is None:
+        checkpoints.path.unlink(missing_ok=True)
+    cloth, kept = scene.cloth, place.frames if place is not None else 0
+    frames = FrameFolder(folder / "frames", cloth.mesh, obstacles=cloth.obstacles, keep=kept)
+    line, began = ProgressLine(scene.name), time.perf_counter()
+    before: list[float] = []
 
     def on_step(progress: Progress) -> None:
-        seconds = time.perf_counter() - began
-        left = seconds / progress.share - seconds if progress.share > 0 else float("nan")
+        if not before:
+            before.append(progress.share if place is not None else 0.0)
+        seconds, done = time.perf_counter() - began, progress.share - before[0]
+        left = seconds / done * (1.0 - progress.share) if done > 0 else float("nan")
         line.show(round(100 * progress.share), 100, seconds, left, f"{progress.iterations} iterations")
 
-    result = run_scene(scene, on_step=on_step, on_frame=on_frame)
-    mesh = scene.cloth.mesh
-    write_text(folder / "last.obj", obj_text(result.state.positions, triangles, mesh.material, mesh.corners))
-    draw_cloth(scene, kept, folder)
+    result = run_scene(
+        scene, on_step=on_step, on_frame=frames.write, on_checkpoint=checkpoints.write, resume=place
+    )
+    mesh = cloth.mesh
+    text = obj_text(result.state.positions, mesh.triangles, mesh.material, mesh.corners)
+    write_text(folder / "last.obj", text)
+    draw_cloth(folder)
     return result
 
 
-def draw_cloth(scene: Scene, states: list[ClothState], folder: Path) -> list[Path]:
-    """A contact sheet of moments and a large picture of the last one."""
-    from yarnscale.shell.obstacles import Sphere
+def draw_cloth(folder: Path) -> list[Path]:
+    """A contact sheet of moments and a large picture of the last one, from the frames in a folder."""
+    from yarnscale.files.cloth_frames import read_cloth_frames
     from yarnscale.show.cloth import ClothFrame, Solid, cloth_picture, contact_sheet
 
-    solids = [
-        Solid.sphere(obstacle.centre, obstacle.radius)
-        for obstacle in scene.cloth.obstacles
-        if isinstance(obstacle, Sphere)
-    ]
-    chosen = [states[round(i)] for i in np.linspace(0, len(states) - 1, min(FRAMES, len(states)))]
-    frames = [ClothFrame(s.positions, solids=solids, title=f"{s.time:.2f} s") for s in chosen]
-    triangles = scene.cloth.mesh.triangles
+    stored = read_cloth_frames(folder / "frames")
+    numbers = list(stored.paths)
+    chosen = [numbers[round(i)] for i in np.linspace(0, len(numbers) - 1, min(FRAMES, len(numbers)))]
+    frames = []
+    for number in chosen:
+        state, bodies = stored.state(number), stored.bodies(number)
+        solids = [] if bodies is None else [Solid(bodies, stored.body_triangles)]  # type: ignore[arg-type]
+        frames.append(ClothFrame(state.positions, solids=solids, title=f"{state.time:.2f} s"))
     paths = [folder / "frames.png", folder / "last.png"]
-    contact_sheet(paths[0], triangles, frames, columns=3)
-    cloth_picture(paths[1], triangles, ClothFrame(chosen[-1].positions, solids=solids))
+    contact_sheet(paths[0], stored.triangles, frames, columns=3)
+    cloth_picture(paths[1], stored.triangles, replace(frames[-1], title=""))
     return paths

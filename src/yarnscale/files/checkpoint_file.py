@@ -17,9 +17,11 @@ from yarnscale.files.fingerprint import fingerprint
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.checkpoint import Checkpoint
 from yarnscale.shell.scene import Scene
-from yarnscale.shell.state import ClothState
+from yarnscale.shell.state import ClothState, Earlier
 
 NAME = "checkpoint.npz"
+_INNER = {"state": ClothState, "before": Earlier}
+"""Fields that are dataclasses themselves."""
 INTERVAL = 5.0
 """Seconds between two checkpoints with no frame between them."""
 
@@ -75,12 +77,12 @@ def scene_fingerprint(scene: Scene) -> str:
     return fingerprint(scene.cloth, scene.start, scene.schedule, scene.options)
 
 
-def _flat(value: Checkpoint | ClothState, prefix: str) -> dict[str, NDArray]:
-    """Fields by name, those of a state with its name and a dot before them; None is left out."""
+def _flat(value: Checkpoint | ClothState | Earlier, prefix: str) -> dict[str, NDArray]:
+    """Fields by name, those of an inner dataclass with its name and a dot before them; None is left out."""
     found: dict[str, NDArray] = {}
     for field in dataclasses.fields(value):
         content, name = getattr(value, field.name), prefix + field.name
-        if isinstance(content, ClothState):
+        if isinstance(content, (ClothState, Earlier)):
             found |= _flat(content, f"{name}.")
         elif isinstance(content, Status):
             found[name] = np.array(content.name)
@@ -90,7 +92,7 @@ def _flat(value: Checkpoint | ClothState, prefix: str) -> dict[str, NDArray]:
 
 
 def _nested(arrays: dict[str, NDArray]) -> dict[str, object]:
-    """The reverse of ``_flat``: names with a dot make states."""
+    """The reverse of ``_flat``: names with a dot make inner dataclasses."""
     plain: dict[str, object] = {}
     inner: dict[str, dict[str, NDArray]] = {}
     for name, array in arrays.items():
@@ -99,4 +101,4 @@ def _nested(arrays: dict[str, NDArray]) -> dict[str, object]:
             inner.setdefault(first, {})[rest] = array
         else:
             plain[name] = array.item() if array.ndim == 0 else array
-    return plain | {name: ClothState(**_nested(part)) for name, part in inner.items()}  # type: ignore[arg-type]
+    return plain | {name: _INNER[name](**_nested(part)) for name, part in inner.items()}  # type: ignore[arg-type]

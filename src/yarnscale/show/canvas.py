@@ -73,13 +73,20 @@ def canvas(
     It is a ``pyvista.Plotter``, given as Any because type checkers do not see through its decorators.
     Raises PicturesUnavailable, and InputError when the file cannot be written.
     """
+    with screen(size, shape=shape) as plotter:
+        yield plotter
+        write_png(path, plotter.screenshot(return_img=True))
+
+
+@contextmanager
+def screen(size: tuple[int, int], *, shape: tuple[int, int] = (1, 1)) -> Iterator[Any]:
+    """A plotter that is asked for screenshots as often as one likes; as ``canvas`` otherwise."""
     require_renderer()
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(size), shape=shape, border=False)
     try:
         plotter.set_background(theme.PAPER)
-        yield plotter
         plotter.enable_anti_aliasing("ssaa")
-        write_png(path, plotter.screenshot(return_img=True))
+        yield plotter
     finally:
         plotter.close()
 

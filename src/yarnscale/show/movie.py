@@ -1,0 +1,277 @@
+"""Moving pictures of a run: one camera and one scale of colours for all frames, as MP4 or as PNG files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
+from yarnscale.files.atomic import replacement
+from yarnscale.files.tube_sweep import TubeSweep
+from yarnscale.show import theme
+from yarnscale.show.canvas import Camera, aim, light, screen, write_png
+
+Floats = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+
+MOVIE_SIZE = (1280, 960)
+_SIDES = 12
+_BAR = {
+    "color": theme.INK,
+    "n_labels": 4,
+    "fmt": "%.3g",
+    "height": 0.1,
+    "width": 0.5,
+    "position_x": 0.25,
+    "position_y": 0.03,
+    "title_font_size": 20,
+    "label_font_size": 17,
+}
+_LIMITS = (1.0, 99.0)
+"""Percentiles of the stretch over a run between which its colours run."""
+
+
+def write_movie(
+    path: str | os.PathLike[str],
+    animation: Animation,
+    *,
+    fps: float = 30.0,
+    speed: float = 1.0,
+    on_frame: Callable[[int], None] | None = None,
+    **look: Any,
+) -> None:
+    """Write an MP4 file (H.264).
+
+    Time runs ``speed`` times as fast as in the run; at every moment the frame nearest in time is shown, none is made
+    up. look: as of ``Film``. on_frame: called with the number of frames drawn. Raises InputError without the extra
+    ``export``, where the machine cannot draw, or where the file cannot be written.
+    """
+    try:
+        import av
+        from av.error import FFmpegError
+    except ImportError:
+        raise InputError(
+            "movies need the package av", expected="pip install 'yarnscale[export]'", found="none"
+        ) from None
+    order = playing_order(animation.times, fps=fps, speed=speed)
+    with replacement(path) as temporary, Film(animation, **look) as film:
+        try:
+            with av.open(str(temporary), "w", format="mp4") as container:
+                rate = Fraction(fps).limit_denominator(1001)
+                stream: Any = container.add_stream("libx264", rate=rate, options={"crf": "18"})
+                stream.width, stream.height = film.size
+                stream.pix_fmt = "yuv420p"
+                shown, pixels = -1, film.pixels(0)
+                for index in order:
+                    if index != shown:
+                        pixels, shown = film.pixels(index), index
+                        if on_frame is not None:
+                            on_frame(index + 1)
+                    container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+                container.mux(stream.encode())
+        except FFmpegError as error:
+            raise InputError("output cannot be written", where=path, found=error.strerror) from None
+
+
+def write_stills(
+    folder: str | os.PathLike[str],
+    animation: Animation,
+    *,
+    on_frame: Callable[[int], None] | None = None,
+    **look: Any,
+) -> None:
+    """Write ``frame_0000.png`` and so on into a folder that exists; arguments and errors as of ``write_movie``."""
+    with Film(animation, **look) as film:
+        for index in range(len(animation)):
+            write_png(Path(folder) / f"frame_{index:04d}.png", film.pixels(index))
+            if on_frame is not None:
+                on_frame(index + 1)
+
+
+def playing_order(times: Floats, *, fps: float, speed: float = 1.0) -> list[int]:
+    """For every picture of a movie the frame nearest to its time; the first and the last frame are shown."""
+    if not (np.isfinite(fps) and 0 < fps <= 1000 and np.isfinite(speed) and speed > 0):
+        raise InputError(
+            "fps and speed", expected="positive numbers, fps up to 1000", found=f"{fps}, {speed}"
+        )
+    count = round((times[-1] - times[0]) * fps / speed) + 1
+    moments = times[0] + np.arange(count) * speed / fps
+    if len(times) == 1:
+        return [0]
+    middles = 0.5 * (times[1:] + times[:-1])
+    order = np.searchsorted(middles, moments, side="right")
+    order[-1] = len(times) - 1
+    return order.tolist()
+
+
+class Film:
+    """Pictures of an animation, one by one; a context manager.
+
+    Cloth shows its right side in one colour and its wrong side in another, or its stretch; where there are yarns they
+    are drawn instead of it. The camera sees all frames and does not move.
+
+    colour: "sides" or "stretch", the larger principal stretch. camera: as of ``yarn_picture``. size:
+    width and height [pixels], made even. wires: draw the edges of triangles too. Raises InputError where there is
+    nothing to draw, the cloth has no material coordinates for its stretch, or the machine cannot draw.
+    """
+
+    def __init__(
+        self,
+        animation: Animation,
+        *,
+        colour: Literal["sides", "stretch"] = "sides",
+        camera: Camera | tuple[float, float, float] = "oblique",
+        size: tuple[int, int] = MOVIE_SIZE,
+        wires: bool = False,
+    ) -> None:
+        self.animation = animation
+        self.size = (size[0] // 2 * 2, size[1] // 2 * 2)
+        self._cloth = animation.cloth if animation.yarns is None else None
+        self._stretch = self._cloth if colour == "stretch" else None
+        if self._stretch is not None and self._stretch.material is None:
+            raise InputError("colour by stretch", expected="material coordinates", found="none")
+        corners, limits = self._survey()
+        self._context = screen(self.size)
+        self._plotter = self._context.__enter__()
+        light(self._plotter)
+        self._parts: list[tuple[pv.PolyData, Callable[[Moment], tuple[Floats, Floats]]]] = []
+        self._sweep = TubeSweep(animation.yarns, sides=_SIDES) if animation.yarns is not None else None
+        first = animation.moment(0)
+        if self._cloth is not None:
+            self._add_cloth(self._cloth, first, limits, wires)
+        if animation.bodies is not None:
+            self._add_bodies(animation.bodies, first)
+        if self._sweep is not None:
+            self._add_yarns(self._sweep, first)
+        self._caption = self._plotter.add_text(
+            "0 s", position=(0.025, 0.935), viewport=True, font_size=13, color=theme.INK
+        )
+        aspect = self.size[0] / self.size[1]
+        aim(self._plotter, corners, camera=camera, aspect=aspect, margin=1.12)
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._context.__exit__(*error)
+
+    def pixels(self, index: int) -> Pixels:
+        """Picture of a frame, (height, width, 3)."""
+        moment = self.animation.moment(index)
+        for mesh, shape in self._parts:
+            points, normals = shape(moment)
+            mesh.points = points
+            mesh.point_data["Normals"] = normals
+        if self._stretch is not None and moment.cloth is not None:
+            stretch = vertex_stretch(self._stretch, moment.cloth)
+            np.copyto(np.asarray(self._parts[0][0].point_data["stretch"]), stretch)
+            self._parts[0][0].GetPointData().GetArray("stretch").Modified()
+        self._caption.SetInput(f"{moment.time:.2f} s")
+        self._plotter.render()
+        return self._plotter.screenshot(return_img=True)
+
+    def _survey(self) -> tuple[Floats, tuple[float, float] | None]:
+        """Corners of the box around everything in all frames, and the limits of the stretch."""
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        limits = []
+        for moment in self.animation:
+            drawn = moment.yarns if self._cloth is None else moment.cloth
+            for points in (drawn, moment.bodies):
+                if points is not None and len(points):
+                    low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+            if self._stretch is not None and moment.cloth is not None:
+                limits.append(np.percentile(vertex_stretch(self._stretch, moment.cloth), _LIMITS))
+        if not np.isfinite(low).all():
+            raise InputError("animation", expected="something to draw", found="nothing")
+        box = np.stack([low, high])
+        corners = np.array(
+            [[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+        )
+        if not limits:
+            return corners, None
+        # A range of a thousandth at least, or noise would be drawn as colour.
+        least, most = float(np.min(limits)), float(np.max(limits))
+        return corners, (least, max(most, least + 1e-3))
+
+    def _add_cloth(
+        self, cloth: Surface, first: Moment, limits: tuple[float, float] | None, wires: bool
+    ) -> None:
+        def shape(moment: Moment) -> tuple[Floats, Floats]:
+            assert moment.cloth is not None
+            return moment.cloth, vertex_normals(moment.cloth, cloth.triangles)
+
+        mesh = self._part(cloth.triangles, shape, first)
+        look: dict[str, Any] = {"ambient": 0.3, "diffuse": 0.8, "specular": 0.04}
+        if wires:
+            look |= {"show_edges": True, "edge_color": theme.INK, "edge_opacity": 0.25}
+        if limits is None:
+            look |= {"color": theme.CLOTH_FRONT, "backface_params": {"color": theme.CLOTH_BACK}}
+        else:
+            assert first.cloth is not None
+            mesh.point_data["stretch"] = vertex_stretch(cloth, first.cloth)
+            bar = _BAR | {"title": "larger principal stretch"}
+            look |= {"scalars": "stretch", "cmap": theme.SEQUENTIAL, "clim": limits, "scalar_bar_args": bar}
+        self._plotter.add_mesh(mesh, interpolation="phong", **look)
+
+    def _add_bodies(self, bodies: Surface, first: Moment) -> None:
+        def shape(moment: Moment) -> tuple[Floats, Floats]:
+            assert moment.bodies is not None
+            return moment.bodies, vertex_normals(moment.bodies, bodies.triangles)
+
+        mesh = self._part(bodies.triangles, shape, first)
+        self._plotter.add_mesh(mesh, color=theme.OBSTACLE, interpolation="phong", ambient=0.3, specular=0.1)
+
+    def _add_yarns(self, sweep: TubeSweep, first: Moment) -> None:
+        def shape(moment: Moment) -> tuple[Floats, Floats]:
+            assert moment.yarns is not None and moment.radii is not None
+            return sweep.surface(moment.yarns, moment.radii)
+
+        curves = sweep.curves
+        mesh = self._part(sweep.triangles, shape, first)
+        palette = np.array([theme.yarn_colour(k) for k in range(len(theme.YARNS))])
+        colours = palette[np.repeat(curves.yarn % len(palette), np.diff(curves.offsets) * _SIDES)]
+        mesh.point_data["colour"] = np.rint(255 * colours).astype(np.uint8)
+        self._plotter.add_mesh(
+            mesh, scalars="colour", rgb=True, interpolation="phong", ambient=0.32, diffuse=0.85, specular=0.12
+        )
+
+    def _part(
+        self,
+        triangles: NDArray[np.int64],
+        shape: Callable[[Moment], tuple[Floats, Floats]],
+        first: Moment,
+    ) -> pv.PolyData:
+        points, normals = shape(first)
+        mesh = pv.PolyData.from_regular_faces(points, triangles)
+        mesh.point_data["Normals"] = normals
+        mesh.point_data.active_normals_name = "Normals"
+        self._parts.append((mesh, shape))
+        return mesh
+
+
+def largest_stretch(cloth: Surface, positions: Floats) -> Floats:
+    """Larger principal stretch of every triangle, (nt,): the larger singular value of ∂x/∂X."""
+    assert cloth.material is not None
+    rest = cloth.material[cloth.triangles if cloth.corners is None else cloth.corners]
+    now = positions[cloth.triangles]
+    rest_edges = np.stack([rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]], axis=2)
+    edges = np.stack([now[:, 1] - now[:, 0], now[:, 2] - now[:, 0]], axis=2)
+    gradient = edges @ np.linalg.inv(rest_edges)
+    metric = gradient.transpose(0, 2, 1) @ gradient
+    mean, half = 0.5 * (metric[:, 0, 0] + metric[:, 1, 1]), 0.5 * (metric[:, 0, 0] - metric[:, 1, 1])
+    return np.sqrt(mean + np.hypot(half, metric[:, 0, 1]))
+
+
+def vertex_stretch(cloth: Surface, positions: Floats) -> Floats:
+    """Mean of the larger principal stretch over the triangles of every vertex, (nv,)."""
+    corners, values = cloth.triangles.ravel(), np.repeat(largest_stretch(cloth, positions), 3)
+    shares = np.bincount(corners, minlength=len(positions))
+    return np.bincount(corners, values, len(positions)) / np.maximum(shares, 1)
