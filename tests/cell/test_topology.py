@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yarnscale.cell import PeriodicCell
+from yarnscale.cell import PeriodicCell, periodic
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.topology import _lasting, _pair_cuts, crossed, crossings, jump_is_safe
 from yarnscale.homogenize.worker import CODE_OF, record
@@ -141,3 +141,17 @@ def test_a_crossed_state_is_recorded_as_such() -> None:
     state = replace(cell.relax(), crossed=True)
     assert state.outcome == "crossed"
     assert record(state)["status"] == CODE_OF["crossed"]
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_state_that_seems_crossed_is_followed_from_rest(cut: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a way without a cut leads to is not crossed, whatever the straight motion from rest says."""
+    cell, strain = PeriodicCell(library.build("rib-1x1"), MATERIAL), ShellStrain(0.3, 0.2, 0.1)
+    expected = cell.relax(strain)
+    monkeypatch.setattr(periodic, "crossed", lambda energy, _: bool(energy.strain.vector.any()))
+    if cut:
+        monkeypatch.setattr(periodic, "safe_move", lambda energy, *_: energy.strain.s_x < 0.2)
+    state = cell.relax(strain)
+    assert state.converged
+    assert state.crossed == cut
+    assert state.energy_density == pytest.approx(expected.energy_density, rel=1e-6)

@@ -15,7 +15,7 @@ from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
 from yarnscale.cell.stiffness import CellStiffness, Materials, materials_of
-from yarnscale.cell.topology import crossed, jump_is_safe
+from yarnscale.cell.topology import crossed, jump_is_safe, safe_move
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Solution, Status, minimise
@@ -29,6 +29,8 @@ LARGEST_HALVING = 4
 """How often the way from rest to a state is halved when the direct solve does not converge."""
 FEWEST_STEPS = 4
 """Steps from rest to a state where the direct way was no good."""
+FOLLOWED_STEPS = 8
+"""Steps from rest to a state that seems to be crossed, each looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,29 +146,64 @@ class PeriodicCell:
         ways.append(lambda: self._continued(rest, target, None, LARGEST_HALVING))
         if target.any():
             ways.append(lambda: self._stepwise(target))
-        energy, solution = self._first_good(ways)
+        energy, solution, intact = self._first_good(ways)
         if self.sliding:
             solution = self._released(energy, solution, seed)
         if self.starts > 1:
             solution = self._lowest(energy, solution)
-        return self._equilibrium(energy, solution, time.perf_counter() - began)
+        intact = intact or not (math.isfinite(solution.value) and crossed(energy, solution.x))
+        return self._equilibrium(energy, solution, time.perf_counter() - began, crossed=not intact)
 
     def _first_good(
         self, ways: list[Callable[[], tuple[CellEnergy, Solution]]]
-    ) -> tuple[CellEnergy, Solution]:
-        """The first way to an equilibrium that converges and is not crossed; else the best outcome of all."""
+    ) -> tuple[CellEnergy, Solution, bool]:
+        """The first way to an equilibrium that converges and is not crossed; else the best outcome of all.
+
+        Also whether it was followed from rest without a cut, which outweighs its comparison with the rest shape: yarns
+        that swing around each other on a curved way seem to have passed through on a straight one.
+        """
         best, rank = None, -1
         for way in ways:
             energy, solution = way()
             intact = math.isfinite(solution.value) and not crossed(energy, solution.x)
             if solution.converged and intact:
-                return energy, solution
+                return energy, solution, False
             # Not converged is better than crossed: it is the right fabric.
             here = 2 * intact + solution.converged
             if here > rank:
                 best, rank = (energy, solution), here
         assert best is not None
-        return best
+        if best[1].converged:
+            followed = self._followed(best[0].strain.vector)
+            if followed is not None:
+                return *followed, True
+        return *best, False
+
+    def _followed(self, strain: Array) -> tuple[CellEnergy, Solution] | None:
+        """The equilibrium reached from rest in equal steps, on none of which a yarn passes another; None: no such way.
+
+        Both motions of a step are looked at: with the state at fixed fluctuation, and to the new equilibrium.
+        """
+        n, energy = len(self.pattern.edges), self.energy(ShellStrain())
+        solution = self._minimised(energy, energy.start())
+        intact = solution.converged and not crossed(energy, solution.x)
+        spent = np.array([solution.iterations, solution.factorisations])
+        for step in range(1, FOLLOWED_STEPS + 1):
+            if not intact:
+                return None
+            before, energy = (
+                energy.strain,
+                self.energy(ShellStrain.from_vector(step / FOLLOWED_STEPS * strain)),
+            )
+            start = energy.start(solution.x[: 3 * n].reshape(n, 3), solution.x[3 * n :])
+            if not jump_is_safe(energy, start, before):
+                return None
+            solution = self._minimised(energy, start)
+            spent += solution.iterations, solution.factorisations
+            intact = solution.converged and safe_move(energy, start, solution.x)
+        if not intact:
+            return None
+        return energy, replace(solution, iterations=int(spent[0]), factorisations=int(spent[1]))
 
     def _released(
         self, energy: CellEnergy, solution: Solution, seed: tuple[ShellStrain, Array, Array] | None
@@ -252,7 +289,9 @@ class PeriodicCell:
             factorisations=solution.factorisations + spent[1],
         )
 
-    def _equilibrium(self, energy: CellEnergy, solution: Solution, seconds: float) -> Equilibrium:
+    def _equilibrium(
+        self, energy: CellEnergy, solution: Solution, seconds: float, *, crossed: bool
+    ) -> Equilibrium:
         n, unit = len(self.pattern.edges), energy.unit / self.pattern.area
         gaps = energy.gaps(solution.x)
         return Equilibrium(
@@ -270,7 +309,7 @@ class PeriodicCell:
             seconds=seconds,
             contacts=int((gaps < 1.0).sum()),
             min_distance_over_diameter=float(gaps.min(initial=np.inf)),
-            crossed=math.isfinite(solution.value) and crossed(energy, solution.x),
+            crossed=crossed,
         )
 
     def placement(self, state: Equilibrium | None) -> Callable[[NDArray[np.int64], NDArray[np.int64]], Array]:
