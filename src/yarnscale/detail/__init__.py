@@ -1,0 +1,1 @@
+"""Yarns on a deformed cloth: the relaxed yarns of the cell, mapped onto the mesh by its local strain."""

@@ -1,0 +1,163 @@
+"""Yarns on a moving cloth: laid out once, placed in every frame.
+
+A yarn vertex with reference coordinates (ξ, h) lies at
+
+    x = φ(ξ) + Q(ξ) (û + h e3),
+
+as in the cell (theory §2, C1), with the cloth's surface φ for the cell's, and Q, whose columns are ∂φ/∂ξ · I^(−1/2) and
+the normal, for R. On a uniformly stretched or cylindrically bent cloth that is the cell's own equilibrium. Everything
+that enters is continuous across triangles, so the yarns are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.detail.fluctuations import FluctuationTable, fluctuation
+from yarnscale.detail.surface import SurfaceFit
+from yarnscale.detail.tiling import YarnLayout
+from yarnscale.errors import InputError
+from yarnscale.shell.mesh import TriangleMesh
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_CRUSHED = 1e-6
+"""Area over rest area below which a surface has no normal of its own; the triangle's stands in for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class YarnDetail:
+    """The yarns of a cloth: fluctuations of the pattern, its layout on the mesh, and the fit of the mesh's surface."""
+
+    table: FluctuationTable
+    mesh: TriangleMesh
+    layout: YarnLayout
+    surface: SurfaceFit
+
+    @classmethod
+    def of(cls, table: FluctuationTable, mesh: TriangleMesh) -> YarnDetail:
+        """Lay the table's pattern over a mesh. Raises InputError where no yarn fits on any panel."""
+        return cls(table, mesh, YarnLayout.of(table.pattern, mesh), SurfaceFit.of(mesh))
+
+    @property
+    def radius(self) -> float:
+        """Radius of the yarns [m]."""
+        return self.table.pattern.radius
+
+    def curves(self, positions: Floats) -> Floats:
+        """Yarn vertices [m], shape (n, 3) in the order of ``layout``, of the mesh deformed to positions (nv, 3) [m].
+
+        Raises InputError on positions of another mesh or that are not finite.
+        """
+        return self._placed(positions)[0]
+
+    def states(self, positions: Floats) -> Floats:
+        """(s_x, s_a, s_y, II11, II22) [-, 1/m] at every yarn vertex, shape (n, 5); arguments as for ``curves``."""
+        return self._placed(positions)[1]
+
+    def _placed(self, positions: Floats) -> tuple[Floats, Floats]:
+        positions = np.ascontiguousarray(positions, dtype=np.float64)
+        if positions.shape != (self.mesh.vertex_count, 3):
+            raise InputError(
+                "positions of the cloth", expected=(self.mesh.vertex_count, 3), found=positions.shape
+            )
+        if not np.isfinite(positions).all():
+            raise InputError("positions of the cloth", expected="finite numbers", found="others")
+        gradient, second = self.surface.forms(positions)
+        return _place(
+            positions,
+            self.mesh.triangles,
+            self.mesh.corners,
+            self.mesh.material,
+            gradient,
+            second,
+            self.layout.triangle,
+            self.layout.place,
+            self.layout.material,
+            self.layout.vertex,
+            self.table.pattern.vertices,
+            self.table.axes,
+            self.table.values,
+        )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _place(
+    positions, triangles, corners, material, gradient, second, triangle, place, xi, vertex, rest, axes, values
+):
+    """Positions (n, 3) and states (n, 5) of yarn vertices."""
+    count = len(triangle)
+    out, states = np.empty((count, 3)), np.empty((count, 5))
+    surface, slope, moved = np.empty(3), np.empty((2, 3)), np.empty(3)
+    for k in range(count):
+        t = triangle[k]
+        _surface_at(positions, triangles[t], corners[t], material, gradient, place[k], xi[k], surface, slope)
+        a, b = slope[0], slope[1]
+        n0, n1, n2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+        area = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+        if area < _CRUSHED:
+            _facet(positions, triangles[t], corners[t], material, slope)
+            n0, n1, n2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+            area = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+        long_a = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+        long_b = np.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
+        if area <= 1e-12 * long_a * long_b or long_a == 0.0 or long_b == 0.0:
+            # Crushed to a line: no frame, no detail; the yarn stays on the surface.
+            out[k] = surface
+            states[k] = 0.0
+            continue
+        n0, n1, n2 = n0 / area, n1 / area, n2 / area
+        along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+        state = states[k]
+        state[0], state[1], state[2] = long_a - 1.0, along / (long_a * long_b), long_b - 1.0
+        ends = corners[t]
+        state[3] = state[4] = 0.0
+        for c in range(3):
+            state[3] += place[k, c] * second[ends[c], 0]
+            state[4] += place[k, c] * second[ends[c], 2]
+        fluctuation(values, axes, state, vertex[k], moved)
+        # In the frame (t, n × t), t = a/|a|, the gradient is upper triangular; its polar rotation has this angle.
+        m11, m12, m22 = long_a, along / long_a, area / long_a
+        size = np.sqrt((m11 + m22) ** 2 + m12 * m12)
+        cosine, sine = (m11 + m22) / size, -m12 / size
+        first = cosine * moved[0] - sine * moved[1]
+        other = sine * moved[0] + cosine * moved[1]
+        height = rest[vertex[k], 2] + moved[2]
+        t0, t1, t2 = a[0] / long_a, a[1] / long_a, a[2] / long_a
+        out[k, 0] = surface[0] + first * t0 + other * (n1 * t2 - n2 * t1) + height * n0
+        out[k, 1] = surface[1] + first * t1 + other * (n2 * t0 - n0 * t2) + height * n1
+        out[k, 2] = surface[2] + first * t2 + other * (n0 * t1 - n1 * t0) + height * n2
+    return out, states
+
+
+@numba.njit(cache=True, inline="always")
+def _surface_at(positions, vertices, points, material, gradient, place, xi, surface, slope):
+    """φ into ``surface`` (3,) and the interpolated ∂φ/∂ξ into ``slope`` (2, 3)."""
+    surface[:] = 0.0
+    slope[:] = 0.0
+    for c in range(3):
+        share, p = place[c], points[c]
+        du, dv = 0.5 * (xi[0] - material[p, 0]), 0.5 * (xi[1] - material[p, 1])
+        for d in range(3):
+            own, other = gradient[p, 0, d], gradient[p, 1, d]
+            surface[d] += share * (positions[vertices[c], d] + own * du + other * dv)
+            slope[0, d] += share * own
+            slope[1, d] += share * other
+
+
+@numba.njit(cache=True)
+def _facet(positions, vertices, points, material, slope):
+    """∂φ/∂ξ of the flat triangle, into ``slope`` (2, 3)."""
+    u0, u1 = material[points[1], 0] - material[points[0], 0], material[points[1], 1] - material[points[0], 1]
+    v0, v1 = material[points[2], 0] - material[points[0], 0], material[points[2], 1] - material[points[0], 1]
+    inverse = 1.0 / (u0 * v1 - u1 * v0)
+    for d in range(3):
+        e = positions[vertices[1], d] - positions[vertices[0], d]
+        f = positions[vertices[2], d] - positions[vertices[0], d]
+        slope[0, d] = (e * v1 - f * u1) * inverse
+        slope[1, d] = (f * u0 - e * v0) * inverse

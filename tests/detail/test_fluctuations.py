@@ -1,0 +1,89 @@
+"""The table of sampled fluctuations: what is exact, what stands in for what is missing, what it refuses."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.detail.fluctuations import FluctuationTable, detail_grid
+from yarnscale.errors import InputError
+from yarnscale.homogenize.plan import StrainGrid, scattered_axes
+from yarnscale.homogenize.sample import create_store
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.homogenize.worker import CODE_OF
+
+
+def test_sampled_states_are_exact(table: FluctuationTable, store: SampleStore) -> None:
+    vertices = np.arange(len(table.pattern.vertices))
+    for number in np.flatnonzero(store.status() == CODE_OF["converged"]):
+        states = np.broadcast_to(store.states[number], (len(vertices), 5))
+        found = table.at(states, vertices)
+        np.testing.assert_allclose(found, store.read(number, "fluctuation"), atol=1e-15)
+    assert table.replaced == 0
+
+
+def test_between_samples_it_is_linear_and_outside_it_stays(table: FluctuationTable) -> None:
+    vertices = np.zeros(3, np.int64)
+    low, high = np.array([0.05, 0.0, 0.1, 0.0, 0.0]), np.array([0.2, 0.0, 0.1, 0.0, 0.0])
+    found = table.at(np.stack([low, high, 0.25 * low + 0.75 * high]), vertices)
+    np.testing.assert_allclose(found[2], 0.25 * found[0] + 0.75 * found[1], atol=1e-15)
+    outside = table.at(np.array([[-0.9, 0.9, 5.0, 1e4, -1e4], [0.05, 0.15, 0.25, 40.0, -40.0]]), vertices[:2])
+    np.testing.assert_array_equal(outside[0], outside[1])
+
+
+def test_bending_about_both_axes_adds_up(table: FluctuationTable) -> None:
+    flat = np.array([0.2, 0.0, 0.25, 0.0, 0.0])
+    along_x, along_y = np.array([0.2, 0.0, 0.25, 40.0, 0.0]), np.array([0.2, 0.0, 0.25, 0.0, -40.0])
+    found = table.at(np.stack([flat, along_x, along_y, along_x + along_y - flat]), np.full(4, 3))
+    np.testing.assert_allclose(found[3], found[1] + found[2] - found[0], atol=1e-15)
+
+
+def test_the_nearest_state_stands_in_for_one_that_failed(
+    store: SampleStore, cell: PeriodicCell, tmp_path: Path
+) -> None:
+    shutil.copytree(store.path, tmp_path / "copy")
+    copy = SampleStore(tmp_path / "copy")
+    flat = np.flatnonzero((copy.states == [0.2, 0.15, 0.25, 0.0, 0.0]).all(axis=1))[0]
+    bent = np.flatnonzero((copy.states == [0.05, 0.0, 0.1, 40.0, 0.0]).all(axis=1))[0]
+    for number in (flat, bent):
+        names = ("energy_density", "iterations", "seconds", "residual", "min_distance_over_diameter", "stress",
+                 "fluctuation", "twist")  # fmt: skip
+        result = {name: copy.read(number, name) for name in names}
+        copy.write(
+            number, {**result, "fluctuation": result["fluctuation"] * np.nan, "status": CODE_OF["crossed"]}
+        )
+    table = FluctuationTable.from_store(copy, cell.pattern)
+    # The failed flat state takes its two bent ones with it: they count from it.
+    assert table.replaced == 4 and np.isfinite(table.values).all()
+    vertices = np.arange(3)
+    found = table.at(np.broadcast_to(copy.states[flat], (3, 5)), vertices)
+    neighbours = np.flatnonzero((np.abs(copy.states - copy.states[flat]) > 0).sum(axis=1) == 1)
+    flats = [n for n in neighbours if (copy.states[n, 3:] == 0).all()]
+    assert any(np.allclose(found, copy.read(n, "fluctuation")[:3], atol=1e-15) for n in flats)
+
+
+def test_what_makes_no_table_is_refused(store: SampleStore, cell: PeriodicCell, tmp_path: Path) -> None:
+    other = replace(cell.pattern, radius=1.01 * cell.pattern.radius)
+    with pytest.raises(InputError, match="samples of another pattern"):
+        FluctuationTable.from_store(store, other)
+    states = scattered_axes(np.zeros((2, 5)))
+    scattered = create_store(tmp_path / "scattered", cell, states, scattered=True)
+    with pytest.raises(InputError, match="a grid of strains"):
+        FluctuationTable.from_store(scattered, cell.pattern)
+    bent = create_store(tmp_path / "bent", cell, StrainGrid(lambda_x=(10.0,)).axes, scattered=False)
+    with pytest.raises(InputError, match="flat states"):
+        FluctuationTable.from_store(bent, cell.pattern)
+    empty = create_store(tmp_path / "empty", cell, StrainGrid().axes, scattered=False)
+    with pytest.raises(InputError, match="a converged flat state"):
+        FluctuationTable.from_store(empty, cell.pattern)
+
+
+def test_the_default_grid_scales_with_the_yarn(cell: PeriodicCell) -> None:
+    grid = detail_grid(cell)
+    assert 0.0 in grid.s_x and 0.0 in grid.s_a and 0.0 in grid.lambda_x
+    assert max(grid.lambda_y) * cell.pattern.radius == pytest.approx(0.08)
