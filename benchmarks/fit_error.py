@@ -26,7 +26,6 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cli.yarns import material_for
 from yarnscale.files.patterns import read_pattern
 from yarnscale.homogenize.fit import FitOptions, FitReport, fit_spline_material, validate
-from yarnscale.homogenize.homogenize import SampledStates
 from yarnscale.homogenize.plan import (
     StrainRange,
     axes_and_planes,
@@ -35,6 +34,7 @@ from yarnscale.homogenize.plan import (
     scattered_axes,
 )
 from yarnscale.homogenize.sample import create_store, sample
+from yarnscale.homogenize.states import SampledStates
 from yarnscale.shell.spline_material import SplineMaterial
 from yarnscale.shell.spline_patches import PLANES
 from yarnscale.shell.tables import BicubicSpline, CubicSpline

@@ -15,10 +15,11 @@ from yarnscale.cli.yarns import material_for
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import read_pattern
-from yarnscale.homogenize.homogenize import Homogenization, SampledStates, strains6
+from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
-from yarnscale.homogenize.observations import InPlane
+from yarnscale.homogenize.observations import InPlane, strains_of
 from yarnscale.homogenize.plan import StrainRange
+from yarnscale.homogenize.states import SampledStates
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.show.report import Picture, Section, Table, write_report
 
@@ -141,7 +142,7 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
 
 def _errors(outcome: Homogenization, states: SampledStates) -> np.ndarray:
     good = states.converged
-    fitted = outcome.material.energy_density(strains6(states.strains[good]))
+    fitted = outcome.material.energy_density(strains_of(states.strains[good]))
     rest = float(outcome.material.energy_density(np.zeros((1, 6)))[0])
     return np.abs(fitted - states.energies[good]) / max(
         float(np.abs(states.energies[good] - rest).max()), 1e-300

@@ -29,13 +29,21 @@ from numpy.typing import ArrayLike, NDArray
 from yarnscale.errors import InputError
 from yarnscale.homogenize.axis_fit import AxisTerm, fit_axis
 from yarnscale.homogenize.inside_fit import InsideFit
-from yarnscale.homogenize.observations import SHEAR, FitOptions, Observations, observations, side_energies
+from yarnscale.homogenize.observations import (
+    IN_STRESS,
+    SHEAR,
+    FitOptions,
+    Observations,
+    observations,
+    side_energies,
+    strains_of,
+)
 from yarnscale.homogenize.plane_fit import PlaneFit
 from yarnscale.shell.material import ShellMaterial
 from yarnscale.shell.spline_material import SplineMaterial
 from yarnscale.shell.spline_patches import AXES
 
-__all__ = ["FitOptions", "FitReport", "fit_spline_material", "validate"]
+__all__ = ["FitOptions", "FitReport", "fit_spline_material", "strains_of", "validate"]
 
 Array = NDArray[np.float64]
 
@@ -188,12 +196,6 @@ def _thinned(states: Array, gap: Array, span: Array, *, count: int = 100) -> tup
     return states[kept], gap[kept]
 
 
-def strains_of(states: ArrayLike) -> Array:
-    """Six strains of a shell from (s_x, s_a, s_y, λ_x, λ_y): II = diag(λ_x, λ_y), shape (n, 6)."""
-    states = np.asarray(states, dtype=np.float64)
-    return np.insert(states, 4, 0.0, axis=1)
-
-
 @dataclass(frozen=True)
 class FitReport:
     """Errors of a material at states, as fractions of the largest energy above rest, or largest |stress|, among them.
@@ -240,7 +242,7 @@ def validate(
     largest = max(float(np.max(data.energies)) - rest, 1e-300)
     energy = np.abs(material.energy_density(six) - data.energies) / largest
     median, high = np.full(5, np.nan), np.full(5, np.nan)
-    stress = np.abs(material.stress(six)[:, [0, 1, 2, 3, 5]] - data.stresses)
+    stress = np.abs(material.stress(six)[:, IN_STRESS] - data.stresses)
     for k in range(len(AXES)):
         known = np.isfinite(data.stresses[:, k])
         if np.any(known):

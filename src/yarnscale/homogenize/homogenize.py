@@ -21,34 +21,13 @@ from yarnscale.homogenize.plan import (
     scattered_axes,
 )
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
+from yarnscale.homogenize.states import SampledStates
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.homogenize.worker import CODE_OF, STRAINS
 from yarnscale.shell.spline_material import SplineMaterial
 
 Array = NDArray[np.float64]
-_IN_STRESS = [0, 1, 2, 3, 5]
-"""Components of stress that belong to s_x, s_a, s_y, λ_x and λ_y."""
 UNSEEN_SHARE = 0.1
 """Random states that judge the fit, as a share of the solves for it."""
-
-
-@dataclass(frozen=True, eq=False)
-class SampledStates:
-    """Finished states as plain arrays: strains (n, 5), energies (n,) [J/m²], stresses (n, 5), converged (n,)."""
-
-    strains: Array
-    energies: Array
-    stresses: Array
-    converged: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, store: SampleStore) -> SampledStates:
-        """The states of a store that were solved."""
-        status = store.status()
-        solved = np.flatnonzero((status != 0) & (status != CODE_OF["excluded"]))
-        energies = np.array([store.read(int(i), "energy_density") for i in solved]).reshape(-1)
-        stresses = np.array([store.read(int(i), "stress") for i in solved]).reshape(-1, 6)[:, _IN_STRESS]
-        return cls(store.states[solved], energies, stresses, status[solved] == CODE_OF["converged"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,11 +104,3 @@ def homogenize(
         max(s.peak_worker_megabytes for s in summaries),
     )
     return Homogenization(material, samples, unseen, report, total)
-
-
-def strains6(states: Array) -> Array:
-    """Strain vectors (n, 6) of sampled states (n, 5) in the order of ``STRAINS``."""
-    full = np.zeros((len(states), 6))
-    full[:, _IN_STRESS] = states
-    assert states.shape[1] == len(STRAINS)
-    return full

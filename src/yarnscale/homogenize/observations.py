@@ -18,6 +18,8 @@ InPlane = Literal["pairwise", "full"]
 
 SHEAR = 1
 """Index of s_a."""
+IN_STRESS = [0, 1, 2, 3, 5]
+"""Components of stress that belong to s_x, s_a, s_y, λ_x and λ_y."""
 _ON_AXIS = 1e-9
 """Strains below this fraction of the sampled range count as zero."""
 
@@ -119,6 +121,12 @@ def observations(
     if not np.any(keep):
         raise InputError("samples", expected="at least one valid state", found="none")
     return Observations(strain[keep], energy[keep], stress[keep], weight[keep])
+
+
+def strains_of(states: ArrayLike) -> Array:
+    """Six strains of a shell from (s_x, s_a, s_y, λ_x, λ_y): II = diag(λ_x, λ_y), shape (n, 6)."""
+    states = np.asarray(states, dtype=np.float64)
+    return np.insert(states, 4, 0.0, axis=1)
 
 
 def side_energies(data: Observations, constant: float) -> Array:

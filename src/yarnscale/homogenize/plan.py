@@ -124,7 +124,7 @@ def axes_planes_and_inside(bounds: Array, solves: int) -> Array:
                 state = np.zeros(5)
                 state[i], state[j] = u, v
                 states.append(state)
-    inside = _scattered(bounds, max(solves - len(states), 12))
+    inside = scattered(bounds, max(solves - len(states), 12))
     return np.concatenate([states, inside])
 
 
@@ -132,12 +132,15 @@ COMPRESSED_SHARE = 0.15
 """Scattered states that are compressed along a direction: less than its part of the range, for they buckle."""
 
 
-def _scattered(bounds: Array, count: int) -> Array:
-    """States with all in-plane strains, evenly spread and closer to the ends of the range; half are bent."""
+def scattered(bounds: Array, count: int, *, skip: int = 0) -> Array:
+    """States with all in-plane strains, (count, 5), evenly spread and closer to the ends of the range; half are bent.
+
+    bounds: (5, 2). skip: how many states of the sequence are left out at its beginning.
+    """
     root = 1.0
     for _ in range(60):
         root = (1 + root) ** (1 / 5)  # of x⁵ = x + 1: the additive sequence that fills four dimensions evenly
-    places = (0.5 + np.arange(1, count + 1)[:, None] * root ** -np.arange(1.0, 5.0)) % 1.0
+    places = (0.5 + np.arange(skip + 1, skip + count + 1)[:, None] * root ** -np.arange(1.0, 5.0)) % 1.0
     places = 0.6 * places + 0.4 * (0.5 - 0.5 * np.cos(np.pi * places))
     low, high = bounds[:, 0], bounds[:, 1]
     states = np.zeros((count, 5))
