@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 Bound = Callable[[Array, Array], float]
 
 
+_SHIFTS = (1.0, 1.0 + 1e-8, 1.0 + 1e-5, 1.0 + 1e-2, 2.0)
+"""Shifts that are tried for a factor: beyond 1, models add what round-off asks for."""
+
+
 @dataclass(frozen=True)
 class KeepRule:
     """How long a factor is kept.
@@ -51,7 +55,8 @@ def minimise_keeping_factors(
 ) -> Solution:
     """Minimise ``objective`` from ``start`` (n,); arguments as those of ``newton.minimise``.
 
-    The positive model, shift 1, must be positive definite. linear: a solver without constraints, to keep its analysis.
+    The positive model, shift 1, must be positive definite up to round-off. linear: a solver without constraints, to
+    keep its analysis.
     """
     solver = linear if linear is not None else ConstrainedSolver(None, None)
     run = _Run(objective, bound, after_step, tolerance, max_iterations, keep, solver)
@@ -111,14 +116,16 @@ class _Run:
         self.age = 0
         if not (math.isfinite(value) and np.isfinite(gradient).all()):
             return None
-        return (value, gradient) if self.linear.factorise(model, 1.0) else None
+        good = any(self.linear.factorise(model, shift) for shift in _SHIFTS)
+        return (value, gradient) if good else None
 
     def _advance(
         self, x: Array, value: float, gradient: Array, residual: float
     ) -> tuple[Array, float, Array] | None:
         """A point of lower energy with its energy and gradient, or None where even a new factor finds none."""
-        if self.age > 0 and (self.age >= self.keep.iterations or residual > self.keep.while_below):
-            self._renew(x)
+        outdated = self.age >= self.keep.iterations or residual > self.keep.while_below
+        if self.age > 0 and outdated and self._renew(x) is None:
+            return None
         for _ in range(2):
             moved = self._search(x, value, gradient, self._direction(gradient), residual)
             if moved is not None or self.age == 0:

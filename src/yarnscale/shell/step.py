@@ -24,6 +24,8 @@ from yarnscale.shell.energy import Floats, Linearisation, ShellEnergy
 from yarnscale.shell.state import Attachment
 
 STANDARD_GRAVITY = 9.81
+ROUND_OFF = 1e-9
+"""Share of the diagonal that is added to the positive model."""
 
 
 class ContactEnergy(Protocol):
@@ -187,7 +189,11 @@ class PatternGrowth:
 
 @dataclass(eq=False)
 class StepModel:
-    """Hessian H_exact + shift·(H_positive − H_exact), shift clipped to [0, 1], with each part made when needed."""
+    """Hessian H_exact + shift·(H_positive − H_exact), with each part made when needed; shift from 0.
+
+    From 1 on the diagonal grows by (shift − 1) of itself, at least by ``ROUND_OFF``: where triangles have hardly
+    any area, entries are so far apart that round-off makes even the positive model indefinite.
+    """
 
     objective: StepObjective
     linear: Linearisation
@@ -226,9 +232,11 @@ class StepModel:
         if self.objective.resistance is not None:
             damping = self.objective.resistance.entries
             elastic[: len(damping)] += damping
-        if self._touching is None:
-            return elastic
-        return self._growth.spread(elastic, *self._touching)
+        if self._touching is not None:
+            elastic = self._growth.spread(elastic, *self._touching)
+        if shift >= 1.0:
+            elastic[self.pattern.diagonal] *= max(shift, 1.0 + ROUND_OFF)
+        return elastic
 
     def _part(self, kind: str) -> Floats:
         if kind not in self._parts:
