@@ -190,7 +190,7 @@ position = [0, 0, -3]
         (
             "vertex = [0.0, 0.0]",
             "[[obstacles]]\nshape = 'cube'",
-            "expected sphere or plane or mesh; found 'cube'",
+            "expected sphere or plane or mesh or mannequin; found 'cube'",
         ),
         ("vertex = [0.0, 0.0]", "vertex = [0.0, 0.0]\n[contact]\nself_contact = 1", "expected true or false"),
     ],

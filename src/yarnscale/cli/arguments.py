@@ -281,9 +281,18 @@ def _cloth_commands(add: _Add) -> None:
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="shell material")
     _cloth_output(command)
 
-    command = add("simulate", "cloth", "Simulate a scene file.")
+    command = add("simulate", "cloth", "Simulate a scene file, or a ready scene such as the sweater.")
     command.add_argument(
-        "scene", type=Path, metavar="SCENE.toml", help="scene file, see docs/scene_format.md"
+        "scene",
+        metavar="SCENE",
+        help="scene file (.toml, see docs/scene_format.md) or: stretch-course, stretch-wale, drape, drape-on-ball, "
+        "hang, twist, ring, scarf, tshirt, sweater",
+    )
+    command.add_argument(
+        "--material", type=Path, metavar="MATERIAL.json", help="shell material of a ready scene"
+    )
+    command.add_argument(
+        "--spacing", type=_number, metavar="H", help="edge length of the triangles of a ready scene [m]"
     )
     _cloth_output(command)
 

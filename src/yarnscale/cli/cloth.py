@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
@@ -37,10 +38,28 @@ def drape(options: argparse.Namespace) -> int:
 
 
 def simulate(options: argparse.Namespace) -> int:
-    """Simulate a scene file."""
-    from yarnscale.files.scene_toml import read_scene
+    """Simulate a scene file or a ready scene."""
+    return _run(_scene(options), options)
 
-    return _run(read_scene(options.scene), options)
+
+def _scene(options: argparse.Namespace) -> Scene:
+    from yarnscale.files.scene_toml import read_scene
+    from yarnscale.shell.ready import READY, ready_scene
+
+    if options.scene in READY:
+        if options.material is None:
+            raise InputError(
+                "ready scene", where=options.scene, expected="--material MATERIAL.json", found="none"
+            )
+        return ready_scene(options.scene, read_material(options.material), spacing=options.spacing)
+    if not Path(options.scene).exists():
+        raise InputError(
+            "no such scene", where=options.scene, expected="a scene file or one of " + ", ".join(READY)
+        )
+    for name in ("material", "spacing"):
+        if getattr(options, name) is not None:
+            raise InputError(f"option --{name}", where=options.scene, expected="it in the scene file")
+    return read_scene(options.scene)
 
 
 def _run(scene: Scene, options: argparse.Namespace) -> int:

@@ -1,0 +1,76 @@
+"""The cloth of a scene file: sheets, garments that the project makes, and meshes from OBJ files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+
+from yarnscale.files.obj_garment import read_garment
+from yarnscale.files.scene_section import Section
+from yarnscale.shell.mesh import TriangleMesh, disk, rectangle
+from yarnscale.shell.state import ClothState
+from yarnscale.shell.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
+
+CUTS = {"sweater": SWEATER, "tshirt": T_SHIRT}
+"""Garments by name."""
+_PLACE = ("position", "tilt")
+_SIZES = tuple(field.name for field in fields(ShirtCut))
+
+
+def read_mesh(section: Section) -> TriangleMesh:
+    """The mesh that the table [mesh] describes. Raises InputError."""
+    if "file" in section.content:
+        return _from_file(section)
+    shape = section.choice_or("shape", "rectangle", ("rectangle", "disk", *CUTS))
+    if shape in CUTS:
+        section.known("shape", "spacing", *_SIZES, *_PLACE)
+        sizes = {name: section.number(name) for name in _SIZES if name in section.content}
+        cut = section.build(lambda: replace(CUTS[shape], **sizes))
+        return section.build(lambda: shirt(shape, cut, section.number_or("spacing", 0.02)).mesh)
+    grain = math.radians(section.number_or("grain", 0.0))
+    if shape == "disk":
+        section.known("shape", "radius", "spacing", "grain", *_PLACE)
+        radius, spacing = section.number("radius"), section.number("spacing")
+        return section.build(lambda: disk(radius, spacing, grain=grain))
+    section.known("shape", "width", "height", "spacing", "grain", "irregularity", "seed", *_PLACE)
+    width, height, spacing = (section.number(key) for key in ("width", "height", "spacing"))
+    return section.build(
+        lambda: rectangle(
+            width,
+            height,
+            spacing,
+            grain=grain,
+            irregularity=section.number_or("irregularity", 0.0),
+            seed=section.integer_or("seed", 0),
+        )
+    )
+
+
+def read_start(section: Section, mesh: TriangleMesh) -> ClothState:
+    """The mesh as cut or assembled, turned about the x-axis by ``tilt`` degrees, then shifted by ``position``."""
+    tilt = math.radians(section.number_or("tilt", 0.0))
+    x, y, z = mesh.assembled.T
+    c, s = math.cos(tilt), math.sin(tilt)
+    turned = np.column_stack([x, c * y - s * z, s * y + c * z])
+    positions = turned + section.vector_or("position", (0.0, 0.0, 0.0))
+    return ClothState(positions, np.zeros_like(positions))
+
+
+def _from_file(section: Section) -> TriangleMesh:
+    section.known("file", "material_file", "scale", "material_scale", "grain", "weld", *_PLACE)
+    flat = section.beside(section.text("material_file")) if "material_file" in section.content else None
+    for key in ("scale", "material_scale"):
+        if key in section.content:
+            section.number(key, positive=True)
+    return section.build(
+        lambda: read_garment(
+            section.beside(section.text("file")),
+            material=flat,
+            scale=section.number_or("scale", 1.0),
+            material_scale=section.number_or("material_scale", 1.0),
+            grain=math.radians(section.number_or("grain", 0.0)),
+            weld=section.number_or("weld", 0.0),
+        )
+    )
