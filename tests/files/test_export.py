@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,15 @@ def test_usd_is_read_with_its_units_times_points_and_widths(tmp_path: Path) -> N
     assert sizes == (8, 1)
     halfway = 0.5 * (moment(0).cloth + moment(1).cloth)  # type: ignore[operator]
     np.testing.assert_allclose(cloth.GetPointsAttr().Get(24 * 0.55), halfway, atol=1e-6)
+
+
+def test_usd_passes_its_own_validators(tmp_path: Path) -> None:
+    usd: Any = pytest.importorskip("pxr.Usd", reason="extra 'export'")
+    validation: Any = pytest.importorskip("pxr.UsdValidation", reason="older than usd-core 25.5")
+    write_usd(tmp_path / "a.usdc", WHOLE)
+    validators = validation.ValidationRegistry().GetOrLoadAllValidators()
+    found = validation.ValidationContext(validators).Validate(usd.Stage.Open(str(tmp_path / "a.usdc")))
+    assert len(validators) > 5 and [error.GetMessage() for error in found] == []
 
 
 def test_usd_keeps_the_material_points_of_a_seam(tmp_path: Path) -> None:
@@ -303,3 +313,26 @@ def test_a_file_that_cannot_be_written_is_an_error_and_leaves_nothing(tmp_path: 
     with pytest.raises(InputError, match="damaged"):
         write(kept, replace(WHOLE, moment=breaks))
     assert kept.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes")
+@pytest.mark.parametrize("suffix", ["glb", "usdc", "usda", "pvd"])
+def test_a_disk_that_is_full_is_an_error_and_leaves_no_file(tmp_path: Path, suffix) -> None:
+    import resource
+
+    if suffix.startswith("usd"):
+        pytest.importorskip("pxr.Usd", reason="extra 'export'")
+    path = tmp_path / f"a.{suffix}"
+    write_gltf(tmp_path / "warm.glb", WHOLE)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, hard))
+    try:
+        with pytest.raises(InputError, match=r"cannot be written; found .*too large"):
+            if suffix == "pvd":
+                VtkSeries(path, WHOLE).write(0, moment(0))
+            else:
+                (write_gltf if suffix == "glb" else write_usd)(path, WHOLE)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    # Files that were finished before the disk was full may stay; none is cut off.
+    assert not path.exists() and not [p for p in tmp_path.rglob("*") if ".part" in p.name]
