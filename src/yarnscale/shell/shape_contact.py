@@ -49,6 +49,7 @@ class ShapeContact:
         self.count, self.triangles = mesh.vertex_count, mesh.triangles
         areas = mesh.areas if isinstance(shape, Sphere) else mesh.vertex_areas
         self.weights = areas * settings.stiffness
+        self.shape_radius = shape.radius if isinstance(shape, Sphere) else math.inf
         self._still = shape.points(0.0)[0]
         self.held: _Touch | None = None
         self.grip, self.origin, self.reach = np.zeros(0), np.zeros((0, 3)), 1.0
@@ -87,9 +88,11 @@ class ShapeContact:
 
     def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
         touch = self._touch(positions)
-        bend = barrier(touch.distances, self.settings.thickness)[2] * self.weights[touch.which]
-        # Curvature of the distance contributes negative terms, left out.
-        found = [self._entries(touch, np.maximum(bend, 0.0)[:, None, None] * _outer(touch.normals))]
+        _, slope, bend = barrier(touch.distances, self.settings.thickness)
+        areas = self.weights[touch.which]
+        found = [self._entries(touch, np.maximum(bend * areas, 0.0)[:, None, None] * _outer(touch.normals))]
+        if isinstance(self.shape, Sphere):
+            found.append(self._tilt_entries(touch, positions, -slope * areas))
         if self.held is not None:
             sliding, _, rate, change = self._slip(positions)
             length = np.linalg.norm(sliding, axis=1)
@@ -186,21 +189,66 @@ class ShapeContact:
 
     def _entries(self, touch: _Touch, blocks: Floats) -> tuple[Integers, Floats]:
         """Keys and entries of second derivatives (n, 3, 3) by the points, in the lower triangle, not yet summed."""
-        vertices, weights = touch.vertices, touch.weights
+        weights, count = touch.weights, len(touch.weights)
         if self.guest is not None:
-            vertices = np.column_stack([vertices, np.full(len(vertices), self.guest)])
-            weights = np.column_stack([weights, np.full(len(weights), -1.0)])
-        return lower_entries(vertices, weights, blocks, self.size)
+            weights = np.column_stack([weights, np.full(count, -1.0)])
+        wide = 3 * weights.shape[1]
+        entries = np.einsum("na,nb,nij->naibj", weights, weights, blocks).reshape(count, wide, wide)
+        return _lower_entries(self._involved(touch), entries, self.size)
+
+    def _tilt_entries(self, touch: _Touch, positions: Floats, forces: Floats) -> tuple[Integers, Floats]:
+        """Stiffness against tilting: the positive part of −∇²d times forces (n,) [N], see ``_tilts``."""
+        corners = positions[touch.vertices]
+        factors = _tilts(corners, touch.weights, touch.normals, touch.distances + self.shape_radius)
+        count, wide = len(factors), 3 * factors.shape[1]
+        factors = factors.transpose(0, 2, 1, 3).reshape(count, 3, wide)
+        if self.guest is None:
+            factors = factors[:, :, :-3]
+        scaled = (forces * (touch.distances + self.shape_radius))[:, None, None] * factors
+        return _lower_entries(self._involved(touch), np.einsum("nci,ncj->nij", factors, scaled), self.size)
+
+    def _involved(self, touch: _Touch) -> Integers:
+        """Rows of the positions that each point depends on, (n, k)."""
+        if self.guest is None:
+            return touch.vertices
+        return np.column_stack([touch.vertices, np.full(len(touch.vertices), self.guest)])
 
 
-def lower_entries(vertices: Integers, weights: Floats, blocks: Floats, size: int) -> tuple[Integers, Floats]:
-    """Keys ``column·size + row`` and entries, row ≥ column, of Σ w_i w_j B: vertices, weights (n, k), B (n, 3, 3)."""
+def _tilts(corners: Floats, weights: Floats, normals: Floats, distances: Floats) -> Floats:
+    """How the direction from the centre to the closest points of triangles (n, 3, 3) turns: (n, 4, 3, 3).
+
+    distances: from the centre, (n,). The closest point lies on a face, an edge or a corner, with barycentric weights
+    w, gradients g of w along it, and the projection P onto it. To second order in moves x of the corners and c of
+    the centre, −∇²d = d |Σ C_j x_j + C c|² − |…|²/d with C_j = g_j nᵀ + w_j P/d and C = −P/d. The last term, the
+    curvature of the ball, is left out.
+    """
+    gradients, projection = np.zeros_like(corners), np.zeros_like(corners)
+    used = weights > 0
+    on_face = used.all(axis=1)
+    along = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)[on_face]
+    dual = np.linalg.solve(np.einsum("nai,nbi->nab", along, along), along)
+    gradients[on_face, 1:] = dual
+    gradients[on_face, 0] = -dual.sum(axis=1)
+    projection[on_face] = np.eye(3) - _outer(normals[on_face])
+    on_edge = np.flatnonzero(used.sum(axis=1) == 2)
+    pairs = np.nonzero(used[on_edge])[1].reshape(-1, 2)
+    edges = corners[on_edge, pairs[:, 1]] - corners[on_edge, pairs[:, 0]]
+    edges /= np.einsum("ni,ni->n", edges, edges)[:, None]
+    gradients[on_edge, pairs[:, 1]] = edges
+    gradients[on_edge, pairs[:, 0]] = -edges
+    projection[on_edge] = _outer(edges / np.linalg.norm(edges, axis=1)[:, None])
+    spin = projection / distances[:, None, None]
+    turned = gradients[:, :, :, None] * normals[:, None, None, :] + weights[:, :, None, None] * spin[:, None]
+    return np.concatenate([turned, -spin[:, None]], axis=1)
+
+
+def _lower_entries(vertices: Integers, entries: Floats, size: int) -> tuple[Integers, Floats]:
+    """Keys ``column·size + row``, row ≥ column, and entries of symmetric (n, 3k, 3k) by vertices (n, k), not summed."""
     unknowns = (3 * vertices[:, :, None] + np.arange(3)).reshape(len(vertices), 3 * vertices.shape[1])
-    entries = np.einsum("na,nb,nij->naibj", weights, weights, blocks)
-    row = np.broadcast_to(unknowns[:, :, None], (*unknowns.shape, unknowns.shape[1]))
+    row = np.broadcast_to(unknowns[:, :, None], entries.shape)
     column = row.transpose(0, 2, 1)
     lower = row >= column
-    return (column * size + row)[lower], entries.reshape(row.shape)[lower]
+    return (column * size + row)[lower], entries[lower]
 
 
 def _combine(touch: _Touch, positions: Floats) -> Floats:
