@@ -76,20 +76,32 @@ class Identifiability:
 
     singular_values: (k,), change of the normalised residual per unit of an unknown; vectors: (k, k), one a row, in the
     order of ``names``; the unknowns are logarithms (or for k_xy and area terms shares) of the constants.
-    at_bounds: constants that ended at a bound.
+    resolution: (k,), one where the data alone decide, zero where the prior does. at_bounds: constants that ended at a
+    bound.
     """
 
     names: tuple[str, ...]
     singular_values: Array
     vectors: Array
+    resolution: Array
     at_bounds: tuple[str, ...] = ()
 
+    @classmethod
+    def of(
+        cls, names: tuple[str, ...], sensitivity: Array, weights: Array, at_bounds: tuple[str, ...]
+    ) -> Identifiability:
+        """From d(residual)/d(unknowns) (n, k) and the weights of the prior (k,)."""
+        _, values, vectors = np.linalg.svd(sensitivity, full_matrices=True)
+        singular = np.zeros(len(names))
+        singular[: len(values)] = values
+        felt = sensitivity.T @ sensitivity
+        resolution = np.diag(np.linalg.solve(felt + np.diag(weights**2), felt)).copy()
+        return cls(names, singular, vectors, resolution, at_bounds)
+
     @property
-    def open(self) -> tuple[str, ...]:
-        """Constants that mostly follow the prior: those that lie in combinations the data hardly feel."""
-        weak = self.vectors[self.singular_values < 3 * _PRIOR]
-        share = (weak**2).sum(axis=0)
-        return tuple(name for name, part in zip(self.names, share, strict=True) if part > 0.5)
+    def undetermined(self) -> tuple[str, ...]:
+        """Constants that follow the prior more than the data."""
+        return tuple(name for name, share in zip(self.names, self.resolution, strict=True) if share < 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,13 +261,10 @@ class _Problem:
         )  # fmt: skip
 
     def identifiability(self, unknowns: Array) -> Identifiability:
-        _, values, vectors = np.linalg.svd(self._sensitivity(unknowns), full_matrices=True)
-        values = np.append(values, np.zeros(len(unknowns) - len(values)))
         low, high = self.unknowns.bounds
         at = (unknowns < low + 1e-4) | (unknowns > high - 1e-4)
-        return Identifiability(
-            MEMBRANE, values, vectors, tuple(n for n, b in zip(MEMBRANE, at, strict=True) if b)
-        )
+        names = tuple(name for name, bound in zip(MEMBRANE, at, strict=True) if bound)
+        return Identifiability.of(MEMBRANE, self._sensitivity(unknowns), self.prior_weights, names)
 
     def _differences(self, target: _Target, load: Array, contraction: Array) -> Array:
         scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
