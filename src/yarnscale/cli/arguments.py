@@ -296,6 +296,25 @@ def _cloth_commands(add: _Add) -> None:
     )
     _cloth_output(command)
 
+    command = add(
+        "detail", "detail", "Put the relaxed yarns of a pattern on the frames of a simulated cloth."
+    )
+    command.add_argument(
+        "frames", type=Path, metavar="DIR", help="folder that 'simulate' wrote, or one of frames"
+    )
+    command.add_argument("--pattern", required=True, metavar="PATTERN", help=_PATTERN)
+    command.add_argument("--material", action="append", help=_MATERIAL)
+    command.add_argument(
+        "--samples", type=Path, metavar="STORE",
+        help="grid that 'sample' wrote (default: one of 1225 states, made once beside the yarns)",
+    )  # fmt: skip
+    command.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for frames of curves (default: DIR/yarns)"
+    )
+    command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the last frame's yarns")
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+    _workers(command)
+
     command = add("convert", "convert", "Convert the frames of a run: OBJ, glTF, USD, VTK, BCC, MP4, PNG.")
     command.add_argument(
         "frames", type=Path, metavar="DIR", help="folder that 'simulate' wrote, or one of frames"

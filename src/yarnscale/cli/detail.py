@@ -1,0 +1,146 @@
+"""The command ``detail``: the yarns of a simulated cloth, frame by frame."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.cli.console import ProgressLine, print_json, writable_file, writable_folder
+from yarnscale.cli.materials import worker_count
+from yarnscale.cli.yarns import material_for
+from yarnscale.detail.fluctuations import FluctuationTable, detail_grid
+from yarnscale.detail.yarns import YarnDetail
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_text
+from yarnscale.files.cloth_frames import MESH, ClothFrames, frame_paths, read_cloth_frames
+from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
+from yarnscale.files.patterns import read_pattern
+from yarnscale.homogenize.sample import check_resumable, create_store
+from yarnscale.homogenize.sample import sample as run_sample
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.shell.mesh import TriangleMesh
+
+SAMPLES = "samples"
+ORIGIN = "origin.json"
+"""In the folder of the yarns: the store of samples, and what the frames were made from."""
+
+
+def detail(options: argparse.Namespace) -> int:
+    """Put yarns on the frames of a run."""
+    writable_file(options.picture, ".png")
+    frames = read_cloth_frames(_frame_folder(options.frames))
+    out = options.out or options.frames / "yarns"
+    table, summary = _table(options, out)
+    first = frames.state(next(iter(frames.paths)))
+    mesh = TriangleMesh(frames.material, frames.triangles, 0.0, frames.corners, first.positions)
+    yarns = YarnDetail.of(table, mesh)
+    done, seconds = _write(yarns, frames, out, resume=options.resume)
+    if options.picture is not None:
+        _draw(options.picture, yarns, frames)
+    summary |= {
+        "curves": len(yarns.layout.yarn),
+        "yarn_vertices": yarns.layout.vertex_count,
+        "frames": len(frames.paths),
+        "frames_written": done,
+        "seconds_per_frame": seconds / done if done else None,
+    }
+    if options.json:
+        print_json(summary)
+    else:
+        each = f", {summary['seconds_per_frame']:.2g} s each" if done else ""
+        print(
+            f"{out}: {summary['curves']} curves, {summary['yarn_vertices']} vertices; "
+            f"{done} of {len(frames.paths)} frames written{each}"
+        )
+    return 0
+
+
+def _frame_folder(folder: Path) -> Path:
+    """Where the cloth's frames lie: in the folder itself or in ``frames`` within."""
+    inner = folder / "frames"
+    return inner if (inner / MESH).is_file() and not (folder / MESH).is_file() else folder
+
+
+def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, dict[str, object]]:
+    """The table from the store given, or from one of the command's own, which is made or finished."""
+    pattern = read_pattern(options.pattern)
+    if options.samples is not None:
+        store = SampleStore(options.samples)
+        return FluctuationTable.from_store(store, pattern), _origin(store, out, resume=options.resume)
+    cell = PeriodicCell(pattern, material_for(pattern, options.material))
+    axes, path = detail_grid(cell).axes, writable_folder(out) / SAMPLES
+    if path.exists():
+        store = SampleStore(path)
+        check_resumable(store, cell, axes)
+    else:
+        store = create_store(path, cell, axes, scattered=False)
+    line = ProgressLine(f"sampling {pattern.name}")
+    run_sample(
+        cell, store, workers=worker_count(options),
+        progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
+    )  # fmt: skip
+    table = FluctuationTable.from_store(store, pattern)
+    return table, _origin(store, out, resume=options.resume) | {"states_replaced": table.replaced}
+
+
+def _origin(store: SampleStore, out: Path, *, resume: bool) -> dict[str, object]:
+    """Note what the frames are made from; on ``resume`` InputError where those there were made from something else."""
+    provenance = store.attributes["provenance"]
+    names = ("pattern", "pattern_hash", "material", "sliding")
+    note = {name: provenance.get(name) for name in names} | {
+        "states": [np.unique(values).tolist() for values in store.states.T]
+    }
+    text = json.dumps(note, indent=1) + "\n"
+    path = writable_folder(out) / ORIGIN
+    if resume and path.is_file() and path.read_text(encoding="utf-8") != text:
+        raise InputError(
+            "cannot resume: frames of other yarns", where=out, expected="the same pattern and samples"
+        )
+    write_text(path, text)
+    return {"pattern": provenance["pattern"]}
+
+
+def _write(yarns: YarnDetail, frames: ClothFrames, out: Path, *, resume: bool) -> tuple[int, float]:
+    """Write a frame of curves for every frame of the cloth; how many were written and the seconds that took."""
+    layout = yarns.layout
+    curves = CurveSet(layout.offsets, yarns.radius, closed=layout.closed, yarn=layout.yarn)
+    there = _finished(out, layout.offsets, frames) if resume else set()
+    todo = [number for number in frames.paths if number not in there]
+    folder = CurveFolder(out, curves, keep=max(there, default=-1) + 1)
+    line, began = ProgressLine("yarns"), time.perf_counter()
+    for done, number in enumerate(todo, start=1):
+        state = frames.state(number)
+        folder.write(number, yarns.curves(state.positions), state.time)
+        seconds = time.perf_counter() - began
+        line.show(done, len(todo), seconds, seconds / done * (len(todo) - done))
+    return len(todo), time.perf_counter() - began
+
+
+def _finished(out: Path, offsets: np.ndarray, frames: ClothFrames) -> set[int]:
+    """Numbers of frames that need not be written again: of these curves, and younger than the cloth's."""
+    try:
+        with np.load(out / CURVES, allow_pickle=False) as stored:
+            if not np.array_equal(stored["offsets"], offsets):
+                return set()
+    except (OSError, ValueError, KeyError):
+        return set()
+    there = frame_paths(out)
+    return {
+        number
+        for number, path in frames.paths.items()
+        if number in there and there[number].stat().st_mtime >= path.stat().st_mtime
+    }
+
+
+def _draw(path: Path, yarns: YarnDetail, frames: ClothFrames) -> None:
+    from yarnscale.show.detail import yarn_cloth_picture
+
+    last = frames.state(max(frames.paths))
+    layout = yarns.layout
+    curves = CurveSet(layout.offsets, yarns.radius, closed=layout.closed, yarn=layout.yarn)
+    yarn_cloth_picture(path, curves, yarns.curves(last.positions))

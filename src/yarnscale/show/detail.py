@@ -1,0 +1,109 @@
+"""Pictures of cloth with its yarns: the whole of it, or a near view of a part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.files.curve_frames import CurveSet
+from yarnscale.files.tube_sweep import TubeSweep
+from yarnscale.show import theme
+from yarnscale.show.canvas import Camera, aim, canvas, light
+from yarnscale.show.cloth import Solid
+from yarnscale.show.curves import Curve, smooth_curve
+
+FAR_SIDES, NEAR_SIDES = 6, 20
+"""Corners of a tube's cross section."""
+NEAR_POINTS = 60_000
+"""With fewer points in view, yarns are drawn smooth and round."""
+
+Floats = NDArray[np.float64]
+
+
+def yarn_cloth_picture(
+    path: str | Path,
+    curves: CurveSet,
+    positions: Floats,
+    *,
+    about: Sequence[float] | None = None,
+    width: float | None = None,
+    solids: Sequence[Solid] = (),
+    camera: Camera | Sequence[float] = "oblique",
+    size: tuple[int, int] = theme.PICTURE_SIZE,
+) -> None:
+    """Draw the yarns of a cloth and write a PNG file.
+
+    positions: points of the curves [m], (n, 3). about, width: draw only what lies in a cube of this width [m] around a
+    point (3,) [m]; None draws everything. solids: bodies beside the cloth.
+
+    Raises InputError on positions that are not finite, a view without yarns or a file that cannot be written.
+    """
+    positions = np.asarray(positions, dtype=float)
+    if positions.shape != (curves.point_count, 3) or not np.isfinite(positions).all():
+        raise InputError(
+            "points of the yarns", expected=f"finite, ({curves.point_count}, 3)", found=positions.shape
+        )
+    middle, reach = None, np.inf
+    if about is not None and width is not None:
+        middle, reach = np.asarray(about, dtype=float), 0.5 * width
+    pieces = _pieces(curves, positions, middle, reach)
+    if not pieces:
+        raise InputError("near view of yarns", expected="yarns around its point", found="none")
+    near = sum(len(piece.points) for piece in pieces) < NEAR_POINTS
+    radius = float(curves.radii.max())
+    seen = np.vstack([piece.points for piece in pieces])
+    with canvas(path, size=size) as plotter:
+        light(plotter)
+        plotter.add_mesh(
+            _tubes(pieces, radius, near=near),
+            scalars="colour",
+            rgb=True,
+            interpolation="phong",
+            ambient=0.3,
+            diffuse=0.85,
+            specular=0.1,
+        )
+        if middle is None:
+            for solid in solids:
+                body = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
+                plotter.add_mesh(body, color=solid.colour, smooth_shading=True, ambient=0.3, specular=0.1)
+                seen = np.vstack([seen, solid.vertices])
+        plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)
+        aim(plotter, seen, camera=camera, margin=1.04 if middle is None else 0.9)
+
+
+def _pieces(curves: CurveSet, positions: Floats, middle: Floats | None, reach: float) -> list[Curve]:
+    """The parts of curves within ``reach`` of the middle, in a cube."""
+    pieces = []
+    for k, yarn in enumerate(curves.yarn.tolist()):
+        points = positions[curves.offsets[k] : curves.offsets[k + 1]]
+        if middle is None:
+            pieces.append(Curve(points, yarn, bool(curves.closed[k])))
+            continue
+        inside = (np.abs(points - middle) < reach).all(axis=1)
+        cuts = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+        pieces += [Curve(points[a:b], yarn) for a, b in cuts.reshape(-1, 2) if b - a > 2]
+    return pieces
+
+
+def _tubes(pieces: Sequence[Curve], radius: float, *, near: bool) -> pv.PolyData:
+    """Tubes about curves, coloured by yarn; near ones smoothed."""
+    sides = NEAR_SIDES if near else FAR_SIDES
+    lines = [smooth_curve(piece, per_segment=4)[0] if near else piece.points for piece in pieces]
+    offsets = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
+    yarn = np.array([piece.yarn for piece in pieces])
+    closed = np.array([piece.closed and not near for piece in pieces])
+    sweep = TubeSweep(CurveSet(offsets, radius, closed=closed, yarn=yarn), sides=sides)
+    points, normals = sweep.surface(np.vstack(lines), sweep.curves.radii)
+    mesh = pv.PolyData.from_regular_faces(points, sweep.triangles)
+    mesh.point_data["Normals"] = normals
+    mesh.point_data.active_normals_name = "Normals"
+    palette = np.array([theme.yarn_colour(k) for k in range(len(theme.YARNS))])
+    colours = palette[np.repeat(yarn % len(palette), np.diff(offsets) * sides)]
+    mesh.point_data["colour"] = np.rint(255 * colours).astype(np.uint8)
+    return mesh

@@ -1,0 +1,89 @@
+"""The command ``detail``: curves for every frame, taken up again, and refusals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.files.animation import read_animation
+from yarnscale.files.cloth_frames import FrameFolder
+from yarnscale.files.patterns import write_pattern
+from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.sample import create_store
+from yarnscale.homogenize.worker import solve
+from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.state import ClothState
+from yarnscale.yarn import library
+from yarnscale.yarn.material import PRESETS
+
+MESH = rectangle(0.04, 0.03, 0.008)
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A pattern file, and samples of it at two stretches."""
+    folder = tmp_path_factory.mktemp("inputs")
+    cell = PeriodicCell(library.build("plain"), PRESETS["hylc2020-stockinette"])
+    write_pattern(cell.pattern, folder / "plain.json")
+    store = create_store(folder / "samples", cell, StrainGrid(s_x=(0.0, 0.1)).axes, scattered=False)
+    for number, state in enumerate(store.states):
+        store.write(number, solve(cell, state, None)[0])
+    return folder / "plain.json", folder / "samples"
+
+
+def simulated(folder: Path, count: int = 3) -> Path:
+    """A run of a sheet that is stretched and lifted."""
+    frames = FrameFolder(folder / "frames", MESH)
+    for number in range(count):
+        positions = np.column_stack(
+            [MESH.material * [1 + 0.05 * number, 1.0], np.full(MESH.vertex_count, 0.1 * number)]
+        )
+        frames.write(number, ClothState(positions, np.zeros_like(positions), 0.1 * number))
+    return folder
+
+
+def test_every_frame_gets_yarns_that_go_with_the_cloth(
+    run: Callable, inputs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = simulated(tmp_path)
+    outcome = run("detail", folder, "--pattern", inputs[0], "--samples", inputs[1], "--json")
+    assert outcome.status == 0
+    summary = json.loads(outcome.out)
+    animation = read_animation(folder)
+    assert len(animation) == 3 and animation.yarns is not None
+    assert summary["frames_written"] == 3 and summary["yarn_vertices"] == animation.yarns.point_count
+    for number, moment in enumerate(animation):
+        assert moment.yarns is not None
+        assert moment.yarns[:, 2].mean() == pytest.approx(0.1 * number, abs=1e-4)
+        assert np.ptp(moment.yarns[:, 0]) == pytest.approx(0.04 * (1 + 0.05 * number), rel=0.05)
+
+
+def test_resume_writes_what_is_missing_or_old_only(
+    run: Callable, inputs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = simulated(tmp_path)
+    call = ("detail", folder, "--pattern", inputs[0], "--samples", inputs[1], "--json")
+    run(*call)
+    written = {path.name: path.read_bytes() for path in (folder / "yarns").glob("frame_*.npz")}
+    (folder / "yarns" / "frame_0001.npz").unlink()
+    again = json.loads(run(*call, "--resume").out)
+    assert again["frames_written"] == 1
+    assert {p.name: p.read_bytes() for p in (folder / "yarns").glob("frame_*.npz")} == written
+    assert json.loads(run(*call, "--resume").out)["frames_written"] == 0
+
+
+def test_other_patterns_and_folders_are_refused(
+    refused: Callable[..., str], inputs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = simulated(tmp_path, 1)
+    other = refused("detail", folder, "--pattern", "twill-2x2", "--samples", inputs[1])
+    assert "samples of another pattern" in other
+    assert "folder does not exist" in refused("detail", tmp_path / "none", "--pattern", inputs[0])
+    assert "no sample store" in refused(
+        "detail", folder, "--pattern", inputs[0], "--samples", tmp_path / "no"
+    )
