@@ -15,8 +15,8 @@ from yarnscale.yarn.pattern import YarnPattern
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-FEWEST_VERTICES = 3
-"""Shorter snippets, at the corners of a panel, are left out."""
+SHORTEST = 12.0
+"""Pieces of yarn shorter than so many radii, less than a stitch cut off at the border, are left out."""
 LARGEST_TILING = 200_000_000
 """Most copies of vertices in the boxes around the panels."""
 _ON_EDGE = -1e-9
@@ -87,10 +87,24 @@ def _panel_layout(
         )
     owner, place = _locate(corners, rest, pattern.period, low, shape)
     chain, lengths, closed = _chains(
-        owner, pattern.next_vertex, pattern.edges[:, 2:].copy(), pattern.previous_vertex, FEWEST_VERTICES
+        owner, pattern.next_vertex, pattern.edges[:, 2:].copy(), pattern.previous_vertex
     )
+    chain, lengths, closed = _long_enough(pattern, chain, lengths, closed)
     flat = owner.ravel()[chain]
     return chain % len(rest), own[flat], place.reshape(-1, 3)[chain], lengths, closed
+
+
+def _long_enough(
+    pattern: YarnPattern, chain: Integers, lengths: Integers, closed: NDArray[np.bool_]
+) -> tuple[Integers, Integers, NDArray[np.bool_]]:
+    """The pieces that are long enough to be yarns."""
+    ends = np.cumsum(lengths)
+    rest = pattern.rest_length[chain % len(pattern.vertices)]
+    walked = np.concatenate([[0.0], np.cumsum(rest)])
+    whole = walked[ends] - walked[ends - lengths]
+    open_length = np.where(closed, whole, whole - rest[ends - 1])
+    kept = (open_length >= SHORTEST * pattern.radius) & (lengths > 2)
+    return chain[np.repeat(kept, lengths)], lengths[kept], closed[kept]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -126,7 +140,7 @@ def _locate(corners, rest, period, low, shape):
 
 
 @numba.njit(cache=True)
-def _chains(owner, following, steps, preceding, fewest):
+def _chains(owner, following, steps, preceding):
     """Flat indices of copies inside, in order along each yarn; of each piece its number of vertices, whether closed."""
     across, along, n = owner.shape
     used = np.zeros(owner.shape, np.bool_)
@@ -151,9 +165,6 @@ def _chains(owner, following, steps, preceding, fewest):
                         chain[filled] = (a * along + b) * n + i
                         filled += 1
                         a, b, i = a + steps[i, 0], b + steps[i, 1], following[i]
-                    if filled - begin < fewest:
-                        filled = begin
-                        continue
                     lengths[pieces], rings[pieces] = filled - begin, closed == 1
                     pieces += 1
     return chain[:filled], lengths[:pieces], rings[:pieces]
