@@ -13,9 +13,9 @@ class Checkpoint:
     """A run between two steps.
 
     state: reached. begin: time at which the schedule began [s]. frames: written so far; next_frame: time from which
-    the next is due [s]; shown: whether the state is the last frame. steps, iterations, loose: work done, as in
-    ``Run``. rest_step: length of the next step on the way to rest [s], None during the dynamics; rest_steps: done of
-    these. unrest: of the last step. status: how the run ended, None while it goes on.
+    the next is due [s]; shown: whether the state is the last frame. steps, iterations, loose, crossed: work done and
+    frames that intersect, as in ``Run``. rest_step: length of the next step on the way to rest [s], None during the
+    dynamics; rest_steps: done of these. unrest: of the last step. status: how the run ended, None while it goes on.
     """
 
     state: ClothState
@@ -30,3 +30,4 @@ class Checkpoint:
     rest_steps: int = 0
     unrest: float = 0.0
     status: Status | None = None
+    crossed: int = 0

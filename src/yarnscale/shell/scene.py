@@ -59,6 +59,7 @@ class SceneResult:
     simulated_seconds: float
     seconds: float
     measures: Mapping[str, float] = field(default_factory=dict)
+    intersections: int = 0
 
     @property
     def converged(self) -> bool:
@@ -75,6 +76,7 @@ class SceneResult:
             "steps": self.steps,
             "newton_iterations": self.newton_iterations,
             "loose_steps": self.loose_steps,
+            "intersections": self.intersections,
             "simulated_seconds": self.simulated_seconds,
             "seconds": self.seconds,
         }
@@ -111,6 +113,7 @@ def run_scene(
         run.state.time - scene.start.time,
         time.perf_counter() - begin,
         measures,
+        run.intersections,
     )
 
 

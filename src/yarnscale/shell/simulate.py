@@ -73,6 +73,8 @@ class Run:
     loose_steps: int
     """Steps kept with a residual above the tolerance (but acceptable)."""
     unrest: float
+    intersections: int = 0
+    """Frames, the last state among them, in which surfaces cross that are to meet: 0, or contact has failed."""
 
     @property
     def converged(self) -> bool:
@@ -116,13 +118,14 @@ class _Runner:
     rest_step: float | None = None
     rest_steps: int = 0
     unrest: float = 0.0
+    crossed: int = 0
 
     def run(self, place: Checkpoint) -> Run:
         state, schedule = place.state, self.schedule
         self.begin, self.rest_step, self.rest_steps = place.begin, place.rest_step, place.rest_steps
         self.steps, self.iterations, self.loose = place.steps, place.iterations, place.loose
         self.frames, self.next_frame, self.unrest = place.frames, place.next_frame, place.unrest
-        self.shown = state if place.shown else None
+        self.shown, self.crossed = state if place.shown else None, place.crossed
         if place.status is not None:
             return self._finish(state, place.status)
         if place.steps == 0:
@@ -189,9 +192,12 @@ class _Runner:
     def _frame(self, state: ClothState, *, last: bool = False) -> None:
         interval = self.schedule.frame_interval
         due = interval is not None and state.time >= self.next_frame - 1e-9
-        if self.on_frame is not None and (due or last) and state is not self.shown:
-            self.on_frame(self.frames, state)
-            self.frames, self.shown = self.frames + 1, state
+        if (due or last) and state is not self.shown:
+            self.crossed += self.solver.intersects(state)
+            if self.on_frame is not None:
+                self.on_frame(self.frames, state)
+                self.frames += 1
+            self.shown = state
         if due and interval is not None:
             self.next_frame += interval * max(1, math.ceil((state.time - self.next_frame) / interval + 1e-9))
 
@@ -212,10 +218,11 @@ class _Runner:
                 self.rest_steps,
                 self.unrest,
                 status,
+                self.crossed,
             )
         )
 
     def _finish(self, state: ClothState, status: Status) -> Run:
         self._frame(state, last=True)
         self._checkpoint(state, status)
-        return Run(state, status, self.steps, self.iterations, self.loose, self.unrest)
+        return Run(state, status, self.steps, self.iterations, self.loose, self.unrest, self.crossed)
