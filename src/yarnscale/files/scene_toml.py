@@ -20,6 +20,7 @@ from yarnscale.shell.ready import READY, ready_scene
 from yarnscale.shell.scene import Scene
 from yarnscale.shell.simulate import Schedule, SolverOptions
 from yarnscale.shell.state import ClothState
+from yarnscale.shell.thickness import cloth_thickness
 
 
 def read_scene(path: str | os.PathLike[str]) -> Scene:
@@ -33,13 +34,14 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     name = root.text_or("name", path.stem)
     if "scene" in root.content or "garment" in root.content:
         return replace(_ready(root, material), name=name)
-    root.known("name", "material", "gravity", "damping", "stiffness_damping", "free_edges", "mesh", "schedule",
-               "handles", "contact", "obstacles")  # fmt: skip
+    root.known("name", "material", "gravity", "damping", "stiffness_damping", "air_drag", "free_edges", "mesh",
+               "schedule", "handles", "contact", "obstacles")  # fmt: skip
     section = root.section("mesh")
     mesh = read_mesh(section)
     start = read_start(section, mesh)
     obstacles = tuple(read_obstacle(item) for item in root.sections("obstacles"))
-    contact = _contact(root.section("contact")) if "contact" in root.content or obstacles else None
+    usual = ContactSettings(thickness=cloth_thickness(material, mesh))
+    contact = _contact(root.section("contact"), usual) if "contact" in root.content or obstacles else None
     cloth = root.build(
         lambda: Cloth(
             mesh,
@@ -50,6 +52,7 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
             obstacles=obstacles,
             damping=root.number_or("damping", 0.0),
             stiffness_damping=root.number_or("stiffness_damping", 0.0),
+            air_drag=root.number_or("air_drag", 0.0),
             free_edges=root.choice_or("free_edges", "extrapolate", ("extrapolate", "zero")),  # type: ignore[arg-type]
         )
     )
@@ -59,7 +62,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
 def _ready(root: Section, material: ElementMaterial) -> Scene:
     """A ready scene, with what the file says otherwise."""
     key = "scene" if "scene" in root.content else "garment"
-    root.known("name", "material", key, "spacing", "gravity", "damping", "schedule", "contact", "obstacles")
+    root.known("name", "material", key, "spacing", "gravity", "damping", "air_drag", "schedule", "contact",
+               "obstacles")  # fmt: skip
     name = root.choice_or(key, "", tuple(READY))
     spacing = root.number("spacing", positive=True) if "spacing" in root.content else None
     scene = root.build(lambda: ready_scene(name, material, spacing=spacing))
@@ -67,12 +71,13 @@ def _ready(root: Section, material: ElementMaterial) -> Scene:
     if "obstacles" in root.content:
         cloth = replace(cloth, obstacles=tuple(read_obstacle(item) for item in root.sections("obstacles")))
     if "contact" in root.content:
-        cloth = replace(cloth, contact=_contact(root.section("contact")))
+        cloth = replace(cloth, contact=_contact(root.section("contact"), cloth.contact or ContactSettings()))
     cloth = root.build(
         lambda: replace(
             cloth,
             gravity=root.vector_or("gravity", cloth.gravity),
             damping=root.number_or("damping", cloth.damping),
+            air_drag=root.number_or("air_drag", cloth.air_drag),
         )
     )
     schedule, options = _schedule(root.section("schedule"), scene.schedule, scene.options)
@@ -101,9 +106,8 @@ def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:
     return section.build(lambda: Handle(name, chosen, start.positions[chosen], motion))
 
 
-def _contact(section: Section) -> ContactSettings:
+def _contact(section: Section, default: ContactSettings) -> ContactSettings:
     section.known("thickness", "pressure", "self_contact", "friction", "slip")
-    default = ContactSettings()
     return section.build(
         lambda: ContactSettings(
             thickness=section.number_or("thickness", default.thickness),

@@ -50,8 +50,8 @@ class Cloth:
 
     gravity: acceleration [m/s²]. contact: None where nothing may touch. damping: rate [1/s] at which free
     motion decays (Rayleigh's mass term); stiffness_damping: time [s] by which elastic forces lead the strain
-    (Rayleigh's stiffness term), with a damping ratio of half of it times the angular frequency. free_edges: see
-    ``elements``.
+    (Rayleigh's stiffness term), with a damping ratio of half of it times the angular frequency. air_drag: force per
+    area and square of the speed across the surface [kg/m³], see ``air``. free_edges: see ``elements``.
     """
 
     mesh: TriangleMesh
@@ -63,6 +63,7 @@ class Cloth:
     damping: float = 0.0
     free_edges: FreeEdges = "extrapolate"
     stiffness_damping: float = 0.0
+    air_drag: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
@@ -71,5 +72,7 @@ class Cloth:
             raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
         if not (math.isfinite(self.stiffness_damping) and self.stiffness_damping >= 0):
             raise InputError("stiffness_damping", expected="zero or more [s]", found=self.stiffness_damping)
+        if not (math.isfinite(self.air_drag) and self.air_drag >= 0):
+            raise InputError("air_drag", expected="zero or more [kg/m³]", found=self.air_drag)
         if self.obstacles and self.contact is None:
             raise InputError("obstacles", expected="contact settings with them", found="none")

@@ -18,6 +18,7 @@ from yarnscale.errors import InputError
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
+from yarnscale.shell.air import drag_entries
 from yarnscale.shell.cloth import Cloth, Handle
 from yarnscale.shell.contact import ClothContact
 from yarnscale.shell.energy import ShellEnergy
@@ -253,6 +254,18 @@ class ClothSolver:
             fraction *= 0.25
         return positions
 
+    def _viscosity(self, state: ClothState) -> Floats:
+        """Force against the velocity of the start of a step, by stiffness and by the air, as entries [kg/s]."""
+        cloth, entries = self.cloth, np.zeros(self.energy.pattern.entries)
+        if cloth.stiffness_damping > 0:
+            linear = self.energy.linearise(state.positions)
+            entries += cloth.stiffness_damping * self.energy.rate_stiffness(linear)
+        if cloth.air_drag > 0:
+            entries += drag_entries(
+                cloth.mesh, self.energy.pattern, state.positions, state.velocities, cloth.air_drag
+            )
+        return entries
+
     def _objective(self, state: ClothState, rule: StepRule | None, time: float) -> StepObjective:
         cloth = self.cloth
         weights, centre, resistance = np.zeros_like(self.masses), state.positions, None
@@ -261,9 +274,8 @@ class ClothSolver:
             # ½ (inertia |x − y|² + drag |x − past|²) is one square about a point between the two.
             centre = (inertia * rule.coasting + drag * rule.positions) / (inertia + drag)
             weights = (inertia + drag) * self.masses
-            if cloth.stiffness_damping > 0:
-                stiffness = self.energy.rate_stiffness(self.energy.linearise(state.positions))
-                resistance = Resistance(cloth.stiffness_damping * rule.rate * stiffness, rule.positions)
+            if cloth.stiffness_damping > 0 or cloth.air_drag > 0:
+                resistance = Resistance(rule.rate * self._viscosity(state), rule.positions)
         held = [handle.attachment(time) for handle in cloth.handles]
         if self.contact is not None and self.contact.guests:
             held.append(self.contact.attachment(time))

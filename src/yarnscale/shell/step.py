@@ -64,7 +64,7 @@ class StepObjective:
     terms than contact and the attachment that places them.
 
     weights: masses·rate² [N/m], (nv,), zero for a static equilibrium; centre: y (nv, 3); load: constant forces
-    (nv, 3) [N]; scale: gradient norm that counts as 1 [N]; resistance: damping by stiffness, if any.
+    (nv, 3) [N]; scale: gradient norm that counts as 1 [N]; resistance: damping by stiffness and by the air, if any.
     """
 
     energy: ShellEnergy

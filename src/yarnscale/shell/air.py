@@ -1,0 +1,42 @@
+"""Drag of the air on cloth that moves across its surface: force per area = drag · |v_n| v_n against the motion.
+
+Of the two speeds |v_n| is taken from the start of the step, v_n from its end: linear in the unknowns and stable for
+any step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.shell.mesh import TriangleMesh
+
+Floats = NDArray[np.float64]
+
+
+def drag_entries(
+    mesh: TriangleMesh, pattern: SymmetricPattern, positions: Floats, velocities: Floats, drag: float
+) -> Floats:
+    """Entries in the elastic ``pattern`` of the matrix D with force −D v [kg/s].
+
+    positions [m], velocities [m/s]: of the start of the step, (nv, 3); drag: [kg/m³]. Every vertex has a third of its
+    triangles' area and their mean normal: D has a block drag · A |v·n| n nᵀ for each.
+    """
+    x = positions[mesh.triangles]
+    sixth = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 6.0
+    corners = mesh.triangles.ravel()
+    areas = np.column_stack(
+        [np.bincount(corners, np.repeat(sixth[:, k], 3), mesh.vertex_count) for k in range(3)]
+    )
+    size = np.maximum(np.linalg.norm(areas, axis=1), 1e-300)
+    normals = areas / size[:, None]
+    blocks = normals[:, :, None] * normals[:, None, :]
+    blocks *= (drag * size * np.abs(np.einsum("ni,ni->n", velocities, normals)))[:, None, None]
+    entries = np.zeros(pattern.entries)
+    # Rows are sorted and a vertex has its whole block: below the diagonal of a column come the rows of its vertex.
+    diagonal = pattern.diagonal.reshape(-1, 3)
+    for column in range(3):
+        for row in range(column, 3):
+            entries[diagonal[:, column] + row - column] = blocks[:, row, column]
+    return entries
