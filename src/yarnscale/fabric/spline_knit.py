@@ -130,38 +130,51 @@ def jersey(
     lean = np.arange(SEGMENTS_PER_STITCH)[:, None] / SEGMENTS_PER_STITCH * np.array([width, 0.0, 0.0])
     # A spline reproduces straight motion, so only the periodic part of the stitch asks for a solve.
     loop = control_of_periodic(stitch.points - lean)
-    count = SEGMENTS_PER_STITCH * columns
-    knots = np.arange(-1, count + 2)  # control point j acts most at knot j − 1
-    row = loop[knots % SEGMENTS_PER_STITCH] + knots[:, None] / SEGMENTS_PER_STITCH * np.array([width, 0, 0])
-    row = row - [columns * width / 2 + stitch.points[0, 0], 0.0, 0.0]
+    lap = np.array([width, 0.0, 0.0])
+    row = _row(loop, lap, columns) - [columns * width / 2 + stitch.points[0, 0], 0.0, 0.0]
     control = row + (np.arange(rows)[:, None, None] - (rows - 1) / 2) * np.array([0.0, height, 0.0])
-    none = CurvePoints(np.empty(0, np.int64), np.empty(0))
-    line = SplineFabric(control[:1], radius, material, none, none, none).lines(control[0], _DENSE)[0]
-    low, high, top = _stitch_places(line, height, columns)
-    return SplineFabric(control, radius, material, *_contacts(low, high, rows, count), _tops(top, rows))
+    low, high, top = _stitch_places(_row(loop, lap, 3), radius, material, height)
+    contacts = _contacts(_repeated(low, columns), _repeated(high, columns), rows)
+    tops = _repeated(top, columns)
+    return SplineFabric(control, radius, material, *contacts, CurvePoints(np.full(len(tops), rows - 1), tops))
 
 
-def _stitch_places(line: Array, height: float, columns: int) -> tuple[Array, Array, Array]:
-    """Places of a row in contacts: on its legs and on its heads (2 a stitch each); and its tops (1 a stitch).
+def _row(loop: Array, lap: Array, columns: int) -> Array:
+    """Control points of a row from those of one stitch, periodic up to ``lap`` [m]."""
+    knots = np.arange(-1, SEGMENTS_PER_STITCH * columns + 2)  # control point j acts most at knot j − 1
+    return loop[knots % SEGMENTS_PER_STITCH] + knots[:, None] / SEGMENTS_PER_STITCH * lap
+
+
+def _repeated(place: Array, columns: int) -> Array:
+    """Places on one stitch, on all stitches of a row."""
+    return (SEGMENTS_PER_STITCH * np.arange(columns)[:, None] + place).ravel()
+
+
+def _stitch_places(
+    row: Array, radius: float, material: YarnMaterial, height: float
+) -> tuple[Array, Array, Array]:
+    """Where a stitch takes part in contacts: on its legs (2), on its head (2); and its top (1).
 
     In the plan a row crosses the one below four times a stitch; twice it lies in front of it: legs on a head.
+    ``row``: control points of three stitches, of which the middle one has all its neighbours.
     """
+    none = CurvePoints(np.empty(0, np.int64), np.empty(0))
+    line = SplineFabric(row[None], radius, material, none, none, none).lines(row, _DENSE)[0]
     below = line - [0.0, height, 0.0]
     on_row, on_below = line_crossings(line[:, :2], below[:, :2])
-    depth = np.arange(len(line))
-    front = np.interp(on_row, depth, line[:, 2]) > np.interp(on_below, depth, below[:, 2])
-    if front.sum() != 2 * columns:
+    index, stitch = np.arange(len(line)), _DENSE * SEGMENTS_PER_STITCH
+    front = np.interp(on_row, index, line[:, 2]) > np.interp(on_below, index, below[:, 2])
+    chosen = front & (on_row >= stitch) & (on_row < 2 * stitch)
+    if chosen.sum() != 2:
         raise InputError(
-            "loops of the jersey do not interlock", expected=f"{2 * columns} contacts", found=int(front.sum())
+            "loops of the jersey do not interlock", expected="2 contacts", found=int(chosen.sum())
         )
-    per_stitch = len(line) // columns
-    tops = [
-        per_stitch * i + int(line[per_stitch * i : per_stitch * (i + 1), 1].argmax()) for i in range(columns)
-    ]
-    return on_row[front] / _DENSE, on_below[front] / _DENSE, np.array(tops) / _DENSE
+    top = stitch + int(line[stitch : 2 * stitch, 1].argmax())
+    low, high = ((on[chosen] - stitch) / _DENSE for on in (on_row, on_below))
+    return low, high, np.array([top - stitch]) / _DENSE
 
 
-def _contacts(low: Array, high: Array, rows: int, end: int) -> tuple[CurvePoints, CurvePoints]:
+def _contacts(low: Array, high: Array, rows: int) -> tuple[CurvePoints, CurvePoints]:
     """Legs of each row on heads of the row below; the first row's loops closed with itself, and its beginning tied."""
     legs = low.reshape(-1, 2)  # left and right leg of each stitch
     closing = (
@@ -175,7 +188,3 @@ def _contacts(low: Array, high: Array, rows: int, end: int) -> tuple[CurvePoints
         np.concatenate([still, upper - 1]), np.concatenate([closing[1], np.tile(high, rows - 1)])
     )
     return first, second
-
-
-def _tops(place: Array, rows: int) -> CurvePoints:
-    return CurvePoints(np.full(len(place), rows - 1), place)

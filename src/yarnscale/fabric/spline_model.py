@@ -1,8 +1,6 @@
-"""Energy, mass and contact constraints of a fabric of spline yarns (LOD03 §2 and §5)."""
+"""Energy and mass of a fabric of spline yarns (LOD03 §2 and §5)."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +16,7 @@ from yarnscale.numerics.factor import SymmetricPattern
 
 Array = NDArray[np.float64]
 
-_ROUNDING = 1e-3
+_ROUNDING = 1e-8
 """Curvature times yarn radius below which |κ| is rounded off."""
 _NO_ROTATION = np.empty((0, 3, 3))
 
@@ -37,7 +35,7 @@ class SplineEnergy:
         count = len(fabric.segments)
         parameters = np.column_stack(
             [
-                speed, curvature, np.full(count, material.stretch_stiffness(radius)),
+                speed, np.hypot(curvature, _ROUNDING / radius), np.full(count, material.stretch_stiffness(radius)),
                 np.full(count, material.bending_stiffness(radius)), np.full(count, _ROUNDING / radius),
             ]
         )  # fmt: skip
@@ -92,35 +90,6 @@ class SplineEnergy:
         return entries
 
 
-@dataclass(frozen=True, eq=False)
-class ContactOffsets:
-    """Contacts as constraints: the vector between the two points turns with the yarns but keeps its length.
-
-    Constraints are linear with constant rows; only their right-hand side follows the turning frames, of which the two
-    unit tangents t, s make an orthogonal one: t + s, t − s and their cross product.
-    """
-
-    fabric: SplineFabric
-    local: Array
-    """Offsets in the frames at rest, (k, 3) [m]."""
-
-    @classmethod
-    def of(cls, fabric: SplineFabric) -> ContactOffsets:
-        """Contacts as they are at rest."""
-        control = fabric.control.reshape(-1, 3)
-        gap = fabric.at(control, fabric.first) - fabric.at(control, fabric.second)
-        return cls(fabric, np.einsum("kci,kc->ki", _frames(fabric, control), gap))
-
-    def matrix(self) -> csr_array:
-        """Rows (3k, 3n) that give the gaps of all contacts."""
-        return point_rows(self.fabric, self.fabric.first) - point_rows(self.fabric, self.fabric.second)
-
-    def wanted(self, control: Array) -> Array:
-        """Gaps (3k,) that the contacts should have where the yarns are directed as in control points (3n,)."""
-        frames = _frames(self.fabric, control.reshape(-1, 3))
-        return np.einsum("kci,ki->kc", frames, self.local).ravel()
-
-
 def point_rows(fabric: SplineFabric, points: CurvePoints) -> csr_array:
     """Rows (3k, 3n) that give positions of points on yarns."""
     index, weights = fabric.rows(points)
@@ -128,14 +97,3 @@ def point_rows(fabric: SplineFabric, points: CurvePoints) -> csr_array:
     count = fabric.yarn_count * fabric.points_per_yarn
     one = csr_array((weights.ravel(), (row, index.ravel())), shape=(len(points), count))
     return csr_array(kron(one, np.eye(3)))
-
-
-def _frames(fabric: SplineFabric, control: Array) -> Array:
-    """Orthonormal frames at the contacts as columns, (k, 3, 3)."""
-    first, second = fabric.at(control, fabric.first, 1), fabric.at(control, fabric.second, 1)
-    t = first / np.linalg.norm(first, axis=1)[:, None]
-    s = second / np.linalg.norm(second, axis=1)[:, None]
-    along, across = t + s, t - s
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    return np.stack([along, across, np.cross(along, across)], axis=2)

@@ -31,18 +31,15 @@ class SparseConstraints:
     right: Array
     _normal: Factorisation | None = field(init=False, default=None, repr=False)
 
+    def __post_init__(self) -> None:
+        self.matrix.sort_indices()
+
     def project(self, vector: Array) -> Array:
         """Part of a gradient that the constraints leave free, (n,)."""
         if self._normal is None:
             # A Cholesky factor of C Cᵀ; the constraints touch few unknowns each, so that it is sparse too.
             self._normal = _normal_factor(self.matrix)
         return vector - self.matrix.T @ self._normal.solve(self.matrix @ vector)
-
-    def with_right(self, right: Array) -> SparseConstraints:
-        """The same rows with other right-hand sides; they share what is factored."""
-        other = SparseConstraints(self.matrix, right)
-        other._normal = self._normal
-        return other
 
 
 def _normal_factor(matrix: csr_array) -> Factorisation:
@@ -69,13 +66,16 @@ def _lower(matrix: csc_array) -> tuple[SymmetricPattern, Array]:
 
 @dataclass
 class SaddleSolver:
-    """Factor and solve of K p + Cᵀ λ = b, C p = d; stands beside ``kkt.ConstrainedSolver``."""
+    """Factor and solve of K p + Cᵀ λ = b, C p = d; stands beside ``kkt.ConstrainedSolver``.
+
+    ``constraints`` may be exchanged between solves for others whose rows have the same sparsity.
+    """
 
     constraints: SparseConstraints
     factorisations: int = 0
     _pattern: SymmetricPattern | None = None
     _system: csc_array | None = None
-    _places: NDArray[np.int64] | None = None
+    _order: NDArray[np.int64] | None = None
     _solver: object | None = None
     _scale: float = 1.0
     _values: Array | None = None
@@ -89,13 +89,13 @@ class SaddleSolver:
         fresh = self._solver is None or model.pattern is not self._pattern
         if fresh:
             self._lay_out(model.pattern)
-        assert self._system is not None and self._places is not None
+        assert self._system is not None and self._order is not None
+        rows = self.constraints.matrix
         # Rows of the constraints at the size of the matrix: pivots of one magnitude.
         self._scale = float(np.abs(values[model.pattern.diagonal]).mean())
-        system = self._system
-        entries = self._scale * system.data
-        entries[self._places] = values
-        upper = csc_array((entries, system.indices, system.indptr), shape=system.shape)
+        corner = np.full(len(self.constraints.right), -_SOFTNESS)
+        entries = np.concatenate([values, self._scale * rows.data, self._scale * corner])[self._order]
+        upper = csc_array((entries, self._system.indices, self._system.indptr), shape=self._system.shape)
         self._values = values
         if fresh:
             self._solver = qdldl.Solver(upper, upper=True)
@@ -105,19 +105,18 @@ class SaddleSolver:
         return int((pivots > 0).sum()) == model.pattern.size
 
     def _lay_out(self, pattern: SymmetricPattern) -> None:
-        """Upper triangle of [H Cᵀ; C −softness], and where the entries of H go in it."""
+        """Upper triangle of [H Cᵀ; C −softness], and in which order the entries of its parts stand in it."""
         self._pattern = pattern
-        n, m = pattern.size, len(self.constraints.right)
-        # Every entry of H carries its number, to be found again; the diagonal is there, so each has one.
-        numbers = csc_array((np.arange(1.0, pattern.entries + 1), pattern.rows, pattern.starts), shape=(n, n))
-        corner = diags_array(np.full(m, -_SOFTNESS))
-        system = csc_array(bmat([[numbers.T, self.constraints.matrix.T], [None, corner]]))
-        system.sort_indices()
-        columns = np.repeat(np.arange(n + m), np.diff(system.indptr))
-        own = np.flatnonzero(columns < n)
-        self._places = np.empty(pattern.entries, np.int64)
-        self._places[np.rint(system.data[own]).astype(np.int64) - 1] = own
-        self._system = system
+        n, rows = pattern.size, self.constraints.matrix
+        m = len(self.constraints.right)
+        # Every entry carries its number in (H, C, corner), to be found again; none is zero, so that none is dropped.
+        numbers = 1.0 + np.arange(pattern.entries + rows.data.size + m)
+        upper, below, corner = np.split(numbers, [pattern.entries, pattern.entries + rows.data.size])
+        matrix = csc_array((upper, pattern.rows, pattern.starts), shape=(n, n)).T
+        constraints = csr_array((below, rows.indices, rows.indptr), shape=rows.shape).T
+        self._system = csc_array(bmat([[matrix, constraints], [None, diags_array(corner)]]))
+        self._system.sort_indices()
+        self._order = np.rint(self._system.data).astype(np.int64) - 1
 
     def step(self, right: Array, gap: Array | None) -> Array:
         """Solve K p + Cᵀ λ = right, C p = gap (None: 0) for a vector (n,) or columns (n, k)."""

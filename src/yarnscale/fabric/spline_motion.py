@@ -1,0 +1,280 @@
+"""Motion of spline yarns: of all control points under contact constraints, or of a bounding volume without them.
+
+Both are the same equations, M q̈ = Q with q = Γ α in the reduced case, M_V = Γᵀ M Γ and Q_V = Γᵀ Q (LOD03 §5). A step
+is explicit (symplectic Euler; the constant mass matrix is factored once) or implicit (Euler; Newton).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.spline_contacts import SplineContacts
+from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
+from yarnscale.fabric.spline_model import SplineEnergy, point_rows
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.numerics.affine import MappedObjective, NodeMap
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints
+from yarnscale.numerics.newton import Objective, ShiftRule, Status, minimise
+from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
+
+Array = NDArray[np.float64]
+Method = Literal["explicit", "implicit"]
+
+STANDARD_GRAVITY = (0.0, -9.81, 0.0)
+"""Down the wales [m/s²]: fabric hangs by its last row."""
+_MOST_DENSE = 300
+"""Control points of a volume up to which Γ is multiplied as a dense matrix."""
+_SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class YarnMotion:
+    """Where control points are and how fast: of yarns, or of a volume; both (n, 3), [m] and [m/s], at a time [s]."""
+
+    positions: Array
+    velocities: Array
+    time: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class MotionStep:
+    """One step: the new motion, how it ended and the Newton iterations (explicit steps have none)."""
+
+    motion: YarnMotion
+    status: Status
+    iterations: int = 0
+
+
+class _StepObjective:
+    """½ w |q − centre|²_M + E(q) − load·q of a step, w = 1/Δt² + damping/Δt."""
+
+    def __init__(self, moving: SplineMotion, weight: float, centre: Array) -> None:
+        self._moving, self._weight, self._centre = moving, weight, centre
+        self.residual_scale = moving.force_scale
+
+    def value(self, x: Array) -> float:
+        moving, away = self._moving, x - self._centre
+        elastic = moving.energy.value(x)
+        return elastic - float(moving.load @ x) + 0.5 * self._weight * float(away @ moving.times_mass(away))
+
+    def gradient(self, x: Array) -> tuple[float, Array]:
+        moving = self._moving
+        elastic, gradient = moving.energy.gradient(x)
+        return self._add(x, elastic, gradient)
+
+    def quadratic(self, x: Array) -> tuple[float, Array, _StepModel]:
+        elastic, gradient, entries = self._moving.energy.hessian(x)
+        entries += self._weight * self._moving.energy.mass_entries
+        return *self._add(x, elastic, gradient), _StepModel(self._moving.energy.pattern, entries)
+
+    def _add(self, x: Array, elastic: float, gradient: Array) -> tuple[float, Array]:
+        away = x - self._centre
+        pull = self._weight * self._moving.times_mass(away)
+        load = self._moving.load
+        return elastic - float(load @ x) + 0.5 * float(away @ pull), gradient - load + pull
+
+
+@dataclass(frozen=True, eq=False)
+class _StepModel:
+    pattern: SymmetricPattern
+    entries: Array
+
+    def values(self, shift: float) -> Array:
+        if shift == 0.0:
+            return self.entries
+        values = self.entries.copy()
+        values[self.pattern.diagonal] += shift * float(np.abs(values[self.pattern.diagonal]).mean())
+        return values
+
+
+class SplineMotion:
+    """A fabric of spline yarns in motion; with a volume, the fabric moves as the volume lets it.
+
+    gravity: [m/s²]; held: points of yarns that stay where they are at rest; damping: rate [1/s] at which free motion
+    decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. tolerance: of
+    implicit steps, forces left over per weight of the fabric; iterations: of Newton, the most in a step.
+    """
+
+    def __init__(
+        self,
+        fabric: SplineFabric,
+        *,
+        volume: BoundingVolume | None = None,
+        gravity: tuple[float, float, float] = STANDARD_GRAVITY,
+        held: CurvePoints | None = None,
+        damping: float = 0.0,
+        tolerance: float = 1e-2,
+        iterations: int = 50,
+    ) -> None:
+        if not (math.isfinite(damping) and damping >= 0):
+            raise InputError("damping", expected="zero or more [1/s]", found=damping)
+        self.fabric, self.volume, self.damping = fabric, volume, damping
+        self.tolerance, self.iterations = tolerance, iterations
+        self.energy = SplineEnergy(fabric)
+        self.gravity = np.asarray(gravity, dtype=np.float64)
+        self.load = self.energy.weight(self.gravity)
+        standard = self.energy.weight(np.asarray(STANDARD_GRAVITY))
+        self.force_scale = float(np.linalg.norm(self.load if self.load.any() else standard))
+        self._mass = self.energy.mass_matrix()
+        rest = fabric.control.reshape(-1, 3)
+        rows = point_rows(fabric, held) if held is not None else csr_array((0, rest.size))
+        self._held, self._held_at = rows, rows @ rest.ravel()
+        self._contacts = SplineContacts.of(fabric)
+        if volume is None:
+            self.map, self.start = None, YarnMotion(rest, np.zeros_like(rest))
+            self._constraints: SparseConstraints | LinearConstraints | None = self._contacts_at(rest)
+        else:
+            weights = volume.weights(rest)
+            dense = volume.count <= _MOST_DENSE
+            self.map = NodeMap(weights.toarray() if dense else weights, np.zeros(rest.size))
+            control = volume.control_at_rest
+            self.start = YarnMotion(control, np.zeros_like(control))
+            self._constraints = self._held_volume(control)
+        self._linear = self._new_linear()
+        self._mass_solve: ConstrainedSolver | SaddleSolver | None = None
+        self._mass_model: _StepModel | None = None
+
+    def counts(self) -> dict[str, int]:
+        """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume."""
+        counts = self.fabric.counts()
+        if self.volume is not None:
+            counts["reduced_unknowns"] = 3 * self.volume.count
+        return counts
+
+    def yarns(self, motion: YarnMotion) -> YarnMotion:
+        """Control points of the yarns: the motion itself, or what the volume makes of them."""
+        if self.map is None:
+            return motion
+        positions = self.map.expand(motion.positions.ravel()).reshape(-1, 3)
+        return YarnMotion(positions, np.asarray(self.map.weights @ motion.velocities), motion.time)
+
+    def times_mass(self, vector: Array) -> Array:
+        """M v of yarn control points, (3n,)."""
+        return (self._mass @ vector.reshape(-1, 3)).ravel()
+
+    def energies(self, motion: YarnMotion) -> dict[str, float]:
+        """Elastic, gravity (from the rest state on) and kinetic energy [J]."""
+        yarns = self.yarns(motion)
+        moved = yarns.positions - self.fabric.control.reshape(-1, 3)
+        velocity = yarns.velocities.ravel()
+        return {
+            "elastic": self.energy.value(yarns.positions.ravel()),
+            "gravity": -float(self.load @ moved.ravel()),
+            "kinetic": 0.5 * float(velocity @ self.times_mass(velocity)),
+        }
+
+    def step(self, motion: YarnMotion, duration: float, *, method: Method = "implicit") -> MotionStep:
+        """One step of ``duration`` [s]. Explicit steps must be shorter than ``stable_step``. Raises InputError."""
+        if not (math.isfinite(duration) and duration > 0):
+            raise InputError("time step", expected="a positive number of seconds", found=duration)
+        if method not in ("explicit", "implicit"):
+            raise InputError("method", expected="explicit or implicit", found=method)
+        self._aim_constraints(motion)
+        return (self._explicit if method == "explicit" else self._implicit)(motion, duration)
+
+    def stable_step(self, motion: YarnMotion, *, iterations: int = 60) -> float:
+        """Longest stable explicit step at a state [s]: 2/ω of the fastest vibration, by power iteration."""
+        solver, shape = self._mass_solver(), motion.positions.shape
+        _, _, entries = self.energy.hessian(self.yarns(motion).positions.ravel())
+        vector = np.random.default_rng(0).standard_normal(shape).ravel()
+        square = 0.0
+        for _ in range(iterations):
+            vector = vector / np.linalg.norm(vector)
+            full = (
+                vector if self.map is None else np.asarray(self.map.weights @ vector.reshape(shape)).ravel()
+            )
+            image = solver.step(self._pulled(self.energy.pattern.multiply(entries, full)), None)
+            square, vector = float(vector @ image), image
+        return 2.0 / math.sqrt(square) if square > 0 else math.inf
+
+    def _explicit(self, motion: YarnMotion, duration: float) -> MotionStep:
+        solver = self._mass_solver()
+        yarns = self.yarns(motion)
+        _, gradient = self.energy.gradient(yarns.positions.ravel())
+        velocity = motion.velocities.ravel()
+        force = self._pulled(self.load - gradient)
+        gap = None
+        if self._constraints is not None:
+            reach = motion.positions.ravel() + duration * velocity
+            gap = (self._constraints.right - self._constraints.matrix @ reach) / duration
+        change = solver.step(duration * force, gap)
+        velocity = (velocity + change) / (1.0 + self.damping * duration)
+        positions = motion.positions + duration * velocity.reshape(-1, 3)
+        status = Status.CONVERGED if np.isfinite(positions).all() else Status.INVALID
+        return MotionStep(YarnMotion(positions, velocity.reshape(-1, 3), motion.time + duration), status)
+
+    def _implicit(self, motion: YarnMotion, duration: float) -> MotionStep:
+        inertia, drag = 1.0 / duration**2, self.damping / duration
+        ahead = motion.positions + duration * motion.velocities
+        centre = (inertia * ahead + drag * motion.positions) / (inertia + drag)
+        full = self.yarns(YarnMotion(centre, motion.velocities)).positions.ravel()
+        objective: Objective = _StepObjective(self, inertia + drag, full)
+        if self.map is not None:
+            objective = MappedObjective(objective, self.map)
+        # Yarns carried on straight would stretch where they turn, and are far stiffer so than in any other way.
+        solution = minimise(
+            objective, motion.positions.ravel(), constraints=self._constraints, tolerance=self.tolerance,
+            max_iterations=self.iterations, shift=_SHIFT, check_minimum=False, linear=self._linear,
+        )  # fmt: skip
+        positions = solution.x.reshape(-1, 3)
+        velocities = (positions - motion.positions) / duration
+        new = YarnMotion(positions, velocities, motion.time + duration)
+        return MotionStep(new, solution.status, solution.iterations)
+
+    def _pulled(self, force: Array) -> Array:
+        return force if self.map is None else self.map.pull_gradient(force)
+
+    def _aim_constraints(self, motion: YarnMotion) -> None:
+        """Linearise the contacts at the start of a step."""
+        if isinstance(self._constraints, SparseConstraints):
+            self._constraints = self._contacts_at(motion.positions)
+            self._linear.constraints = self._constraints  # type: ignore[assignment]
+
+    def _contacts_at(self, positions: Array) -> SparseConstraints:
+        """Contacts of the yarns, linearised, and held points."""
+        rows, missed = self._contacts.linearised(positions)
+        right = np.concatenate([rows @ positions.ravel() - missed, self._held_at])
+        return SparseConstraints(csr_array(vstack([rows, self._held])), right)
+
+    def _held_volume(self, control: Array) -> LinearConstraints | None:
+        """Held points as constraints on the volume; those that it cannot tell apart are one."""
+        if self._held.shape[0] == 0 or self.map is None:  # type: ignore[index]
+            return None
+        columns = [
+            np.asarray(self.map.weights.T @ row.reshape(-1, 3)).ravel() for row in self._held.toarray()
+        ]
+        _, sizes, directions = np.linalg.svd(np.array(columns), full_matrices=False)
+        kept = directions[sizes > 1e-9 * sizes[0]]
+        return LinearConstraints(kept, kept @ control.ravel())
+
+    def _new_linear(self) -> ConstrainedSolver | SaddleSolver:
+        if isinstance(self._constraints, SparseConstraints):
+            return SaddleSolver(self._constraints)
+        return ConstrainedSolver(self._constraints, None)
+
+    def _mass_solver(self) -> ConstrainedSolver | SaddleSolver:
+        """The mass matrix with the constraints, factored; for a volume once, else once a step as contacts turn."""
+        if self._mass_solve is None:
+            pattern, entries = self.energy.pattern, self.energy.mass_entries
+            if self.map is not None:
+                pull = self.map.pulled(pattern)
+                pattern, entries = pull.pattern, pull.entries(entries)
+            self._mass_model, self._mass_solve = _StepModel(pattern, entries), self._new_linear()
+            self._factorise_mass()
+        elif isinstance(self._constraints, SparseConstraints):
+            self._mass_solve.constraints = self._constraints  # type: ignore[assignment]
+            self._factorise_mass()
+        return self._mass_solve
+
+    def _factorise_mass(self) -> None:
+        assert self._mass_solve is not None and self._mass_model is not None
+        if not self._mass_solve.factorise(self._mass_model, 0.0):
+            raise ArithmeticError("the mass matrix is singular: the volume has patches without yarn")
