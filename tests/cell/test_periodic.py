@@ -85,3 +85,14 @@ def test_the_twist_of_every_yarn_has_no_mean(cell: PeriodicCell, state: Equilibr
         assert abs((cell.pattern.rest_length * state.twist)[yarn].sum()) < 1e-12
     weight = cell.pattern.voronoi_length
     np.testing.assert_allclose(weight @ state.fluctuation / weight.sum(), 0, atol=1e-12)
+
+
+def test_a_slow_solve_is_given_time() -> None:
+    """What stops at the limit of iterations on every way is taken on from there."""
+    usual = PeriodicCell(library.build("stockinette"), MATERIAL).relax()
+    hasty = PeriodicCell(
+        library.build("stockinette"), MATERIAL, max_iterations=usual.iterations // 2 + 1
+    ).relax()
+    assert hasty.converged and hasty.iterations > usual.iterations // 2 + 1
+    assert hasty.energy_density == pytest.approx(usual.energy_density, rel=1e-6)
+    assert not PeriodicCell(library.build("stockinette"), MATERIAL, max_iterations=1).relax().converged

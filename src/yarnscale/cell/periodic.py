@@ -29,6 +29,8 @@ LARGEST_HALVING = 4
 """How often the way from rest to a state is halved when the direct solve does not converge."""
 FEWEST_STEPS = 4
 """Steps from rest to a state where the direct way was no good."""
+PATIENCE = 4
+"""How many times the usual iterations a state gets in the end that no way has relaxed."""
 FOLLOWED_STEPS = 8
 """Steps from rest to a state that seems to be crossed, each looked at."""
 
@@ -173,11 +175,25 @@ class PeriodicCell:
             if here > rank:
                 best, rank = (energy, solution), here
         assert best is not None
+        if best[1].status is Status.ITERATION_LIMIT:
+            best = best[0], self._given_time(*best)
+            if best[1].converged and not crossed(best[0], best[1].x):
+                return *best, False
         if best[1].converged:
             followed = self._followed(best[0].strain.vector)
             if followed is not None:
                 return *followed, True
         return *best, False
+
+    def _given_time(self, energy: CellEnergy, solution: Solution) -> Solution:
+        """A solve that was still on its way, taken on: loose yarns touch and part many times before they rest."""
+        patient = replace(self, max_iterations=PATIENCE * self.max_iterations)
+        further = patient._minimised(energy, solution.x)
+        return replace(
+            further,
+            iterations=solution.iterations + further.iterations,
+            factorisations=solution.factorisations + further.factorisations,
+        )
 
     def _followed(self, strain: Array) -> tuple[CellEnergy, Solution] | None:
         """The equilibrium reached from rest in equal steps, on none of which a yarn passes another; None: no such way.
