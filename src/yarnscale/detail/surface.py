@@ -3,10 +3,12 @@
 At every vertex, a quadratic in the material coordinates ξ is fitted to the vertices around it (weighted least squares,
 through the vertex itself). The fit is linear in positions, so its weights are found once. Between vertices,
 
-    φ(ξ) = Σ_v λ_v(ξ) (x_v + ½ A_v (ξ − ξ_v)),   A(ξ) = Σ_v λ_v A_v,   II(ξ) = Σ_v λ_v II_v,
+    φ(ξ) = Σ_v λ_v(ξ) (x_v + ½ A_v (ξ − ξ_v)),   A(ξ) = Σ_v λ_v A_v,   I(ξ) = Σ_v λ_v I_v,   II(ξ) = Σ_v λ_v II_v,
 
-λ the barycentric coordinates and A_v the fitted ∂φ/∂ξ. φ reproduces every quadratic exactly, on any mesh; it, A and II
-have no jump across triangles, since on an edge only its two ends count.
+λ the barycentric coordinates and A_v the fitted ∂φ/∂ξ. φ reproduces every quadratic exactly, on any mesh; it, A, I and
+II have no jump across triangles, since on an edge only its two ends count. A tells directions only: where cloth rolls
+up within a few triangles, a fit takes the short way across the roll and would call it compression. So I_v is the mean
+of the metrics of the triangles around a vertex.
 """
 
 from __future__ import annotations
@@ -32,11 +34,11 @@ _MOST_RINGS = 4
 class SurfaceFit:
     """Weights of the fits at the material points of a mesh; across a seam each panel has its own.
 
-    vertex: (nm,) mesh vertex of each point. Entries start[p] … start[p + 1] belong to point p: neighbour, (k,) mesh
-    vertices, and weights, (k, 5), which sum their x − x_p to φ,1 φ,2 φ,11 φ,12 φ,22 at the point.
+    Entries start[p] … start[p + 1] belong to point p: neighbour, (k,) mesh vertices, and weights, (k, 5), which sum
+    their x − x_p to φ,1 φ,2 φ,11 φ,12 φ,22 at the point.
     """
 
-    vertex: Integers
+    mesh: TriangleMesh
     start: Integers
     neighbour: Integers
     weights: Floats
@@ -65,11 +67,18 @@ class SurfaceFit:
         order = np.argsort(node, kind="stable")
         start = np.concatenate([[0], np.cumsum(np.bincount(node, minlength=count))]).astype(np.int64)
         vertex = mesh.point_vertices
-        return cls(vertex, start, vertex[neighbour[order]], np.ascontiguousarray(weights[order]))
+        return cls(mesh, start, vertex[neighbour[order]], np.ascontiguousarray(weights[order]))
 
-    def forms(self, positions: Floats) -> tuple[Floats, Floats]:
-        """∂φ/∂ξ at every point, (nm, 2, 3) [-], and II11, II12, II22, (nm, 3) [1/m], of a deformed mesh (nv, 3) [m]."""
-        return _forms(positions, self.vertex, self.start, self.neighbour, self.weights)
+    def forms(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
+        """∂φ/∂ξ (nm, 2, 3), I11 I12 I22 (nm, 3) [-] and II11 II12 II22 (nm, 3) [1/m] at every material point.
+
+        positions: vertices of the deformed mesh, (nv, 3) [m].
+        """
+        mesh = self.mesh
+        gradient, second = _forms(positions, mesh.point_vertices, self.start, self.neighbour, self.weights)
+        count = len(mesh.material)
+        first = _metric(positions, mesh.triangles, mesh.corners, mesh.inverse_rest, mesh.areas, count)
+        return gradient, first, second
 
 
 def _fits(
@@ -131,3 +140,30 @@ def _forms(positions, vertex, start, neighbour, weights):
             for d in range(3):
                 second[node, d] = (n0 * bends[d, 0] + n1 * bends[d, 1] + n2 * bends[d, 2]) / size
     return gradient, second
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _metric(positions, triangles, corners, inverse_rest, areas, count):
+    """Mean first fundamental form of the triangles around every material point, weighted by area."""
+    metric, total = np.zeros((count, 3)), np.zeros(count)
+    edge = np.empty((2, 3))
+    for t in range(len(triangles)):
+        inverse = inverse_rest[t]
+        for d in range(3):
+            u = positions[triangles[t, 1], d] - positions[triangles[t, 0], d]
+            v = positions[triangles[t, 2], d] - positions[triangles[t, 0], d]
+            edge[0, d] = u * inverse[0, 0] + v * inverse[1, 0]
+            edge[1, d] = u * inverse[0, 1] + v * inverse[1, 1]
+        xx = edge[0, 0] ** 2 + edge[0, 1] ** 2 + edge[0, 2] ** 2
+        xy = edge[0, 0] * edge[1, 0] + edge[0, 1] * edge[1, 1] + edge[0, 2] * edge[1, 2]
+        yy = edge[1, 0] ** 2 + edge[1, 1] ** 2 + edge[1, 2] ** 2
+        for c in range(3):
+            point = corners[t, c]
+            metric[point, 0] += areas[t] * xx
+            metric[point, 1] += areas[t] * xy
+            metric[point, 2] += areas[t] * yy
+            total[point] += areas[t]
+    for point in range(count):
+        for d in range(3):
+            metric[point, d] /= total[point]
+    return metric

@@ -68,13 +68,14 @@ class YarnDetail:
             )
         if not np.isfinite(positions).all():
             raise InputError("positions of the cloth", expected="finite numbers", found="others")
-        gradient, second = self.surface.forms(positions)
+        gradient, first, second = self.surface.forms(positions)
         return _place(
             positions,
             self.mesh.triangles,
             self.mesh.corners,
             self.mesh.material,
             gradient,
+            first,
             second,
             self.layout.triangle,
             self.layout.place,
@@ -88,7 +89,20 @@ class YarnDetail:
 
 @numba.njit(cache=True, error_model="numpy")
 def _place(
-    positions, triangles, corners, material, gradient, second, triangle, place, xi, vertex, rest, axes, values
+    positions,
+    triangles,
+    corners,
+    material,
+    gradient,
+    first,
+    second,
+    triangle,
+    place,
+    xi,
+    vertex,
+    rest,
+    axes,
+    values,
 ):
     """Positions (n, 3) and states (n, 5) of yarn vertices."""
     count = len(triangle)
@@ -114,24 +128,19 @@ def _place(
         n0, n1, n2 = n0 / area, n1 / area, n2 / area
         along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
         state = states[k]
-        state[0], state[1], state[2] = long_a - 1.0, along / (long_a * long_b), long_b - 1.0
-        ends = corners[t]
-        state[3] = state[4] = 0.0
-        for c in range(3):
-            state[3] += place[k, c] * second[ends[c], 0]
-            state[4] += place[k, c] * second[ends[c], 2]
+        _strain(first, second, corners[t], place[k], state)
         fluctuation(values, axes, state, vertex[k], moved)
         # In the frame (t, n × t), t = a/|a|, the gradient is upper triangular; its polar rotation has this angle.
         m11, m12, m22 = long_a, along / long_a, area / long_a
         size = np.sqrt((m11 + m22) ** 2 + m12 * m12)
         cosine, sine = (m11 + m22) / size, -m12 / size
-        first = cosine * moved[0] - sine * moved[1]
+        side = cosine * moved[0] - sine * moved[1]
         other = sine * moved[0] + cosine * moved[1]
         height = rest[vertex[k], 2] + moved[2]
         t0, t1, t2 = a[0] / long_a, a[1] / long_a, a[2] / long_a
-        out[k, 0] = surface[0] + first * t0 + other * (n1 * t2 - n2 * t1) + height * n0
-        out[k, 1] = surface[1] + first * t1 + other * (n2 * t0 - n0 * t2) + height * n1
-        out[k, 2] = surface[2] + first * t2 + other * (n0 * t1 - n1 * t0) + height * n2
+        out[k, 0] = surface[0] + side * t0 + other * (n1 * t2 - n2 * t1) + height * n0
+        out[k, 1] = surface[1] + side * t1 + other * (n2 * t0 - n0 * t2) + height * n1
+        out[k, 2] = surface[2] + side * t2 + other * (n0 * t1 - n1 * t0) + height * n2
     return out, states
 
 
@@ -148,6 +157,24 @@ def _surface_at(positions, vertices, points, material, gradient, place, xi, surf
             surface[d] += share * (positions[vertices[c], d] + own * du + other * dv)
             slope[0, d] += share * own
             slope[1, d] += share * other
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _strain(first, second, points, place, state):
+    """Interpolated (s_x, s_a, s_y, II11, II22), into ``state`` (5,)."""
+    xx = xy = yy = bend_x = bend_y = 0.0
+    for c in range(3):
+        p = points[c]
+        xx += place[c] * first[p, 0]
+        xy += place[c] * first[p, 1]
+        yy += place[c] * first[p, 2]
+        bend_x += place[c] * second[p, 0]
+        bend_y += place[c] * second[p, 2]
+    long_x, long_y = np.sqrt(max(xx, 0.0)), np.sqrt(max(yy, 0.0))
+    product = long_x * long_y
+    state[0], state[2] = long_x - 1.0, long_y - 1.0
+    state[1] = xy / product if product > 0.0 else 0.0
+    state[3], state[4] = bend_x, bend_y
 
 
 @numba.njit(cache=True)
