@@ -27,6 +27,8 @@ HEAVY = (
     "matplotlib",
     "ipctk",
     "distributed",
+    "pxr",
+    "av",
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +24,8 @@ Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 MOVIE_SIZE = (1280, 960)
-_SIDES = 12
+_NEAR_SIDES, _FAR_SIDES, _MANY_POINTS = 12, 6, 60_000
+"""Corners of a tube's section, and how many points of yarns count as seen from afar."""
 _BAR = {
     "color": theme.INK,
     "n_labels": 4,
@@ -138,30 +140,21 @@ class Film:
         self._stretch = self._cloth if colour == "stretch" else None
         if self._stretch is not None and self._stretch.material is None:
             raise InputError("colour by stretch", expected="material coordinates", found="none")
-        corners, limits = self._survey()
-        self._context = screen(self.size)
-        self._plotter = self._context.__enter__()
-        light(self._plotter)
+        self._camera: Camera | tuple[float, float, float] = camera
+        self._wires = wires
+        self._corners, self._limits = self._survey()
         self._parts: list[tuple[pv.PolyData, Callable[[Moment], tuple[Floats, Floats]]]] = []
-        self._sweep = TubeSweep(animation.yarns, sides=_SIDES) if animation.yarns is not None else None
-        first = animation.moment(0)
-        if self._cloth is not None:
-            self._add_cloth(self._cloth, first, limits, wires)
-        if animation.bodies is not None:
-            self._add_bodies(animation.bodies, first)
-        if self._sweep is not None:
-            self._add_yarns(self._sweep, first)
-        self._caption = self._plotter.add_text(
-            "0 s", position=(0.025, 0.935), viewport=True, font_size=13, color=theme.INK
-        )
-        aspect = self.size[0] / self.size[1]
-        aim(self._plotter, corners, camera=camera, aspect=aspect, margin=1.12)
+        self._open = ExitStack()
 
     def __enter__(self) -> Film:
+        with ExitStack() as opening:
+            self._plotter: Any = opening.enter_context(screen(self.size))
+            self._furnish()
+            self._open = opening.pop_all()
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self._context.__exit__(*error)
+        self._open.close()
 
     def pixels(self, index: int) -> Pixels:
         """Picture of a frame, (height, width, 3)."""
@@ -177,6 +170,23 @@ class Film:
         self._caption.SetInput(f"{moment.time:.2f} s")
         self._plotter.render()
         return self._plotter.screenshot(return_img=True)
+
+    def _furnish(self) -> None:
+        """Put everything on the stage as it is in the first frame."""
+        light(self._plotter)
+        animation, first = self.animation, self.animation.moment(0)
+        if self._cloth is not None:
+            self._add_cloth(self._cloth, first, self._limits)
+        if animation.bodies is not None:
+            self._add_bodies(animation.bodies, first)
+        if animation.yarns is not None:
+            many = animation.yarns.point_count > _MANY_POINTS
+            self._add_yarns(TubeSweep(animation.yarns, sides=_FAR_SIDES if many else _NEAR_SIDES), first)
+        self._caption = self._plotter.add_text(
+            "0 s", position=(0.025, 0.935), viewport=True, font_size=13, color=theme.INK
+        )
+        aspect = self.size[0] / self.size[1]
+        aim(self._plotter, self._corners, camera=self._camera, aspect=aspect, margin=1.12)
 
     def _survey(self) -> tuple[Floats, tuple[float, float] | None]:
         """Corners of the box around everything in all frames, and the limits of the stretch."""
@@ -201,16 +211,14 @@ class Film:
         least, most = float(np.min(limits)), float(np.max(limits))
         return corners, (least, max(most, least + 1e-3))
 
-    def _add_cloth(
-        self, cloth: Surface, first: Moment, limits: tuple[float, float] | None, wires: bool
-    ) -> None:
+    def _add_cloth(self, cloth: Surface, first: Moment, limits: tuple[float, float] | None) -> None:
         def shape(moment: Moment) -> tuple[Floats, Floats]:
             assert moment.cloth is not None
             return moment.cloth, vertex_normals(moment.cloth, cloth.triangles)
 
         mesh = self._part(cloth.triangles, shape, first)
         look: dict[str, Any] = {"ambient": 0.3, "diffuse": 0.8, "specular": 0.04}
-        if wires:
+        if self._wires:
             look |= {"show_edges": True, "edge_color": theme.INK, "edge_opacity": 0.25}
         if limits is None:
             look |= {"color": theme.CLOTH_FRONT, "backface_params": {"color": theme.CLOTH_BACK}}
@@ -237,7 +245,7 @@ class Film:
         curves = sweep.curves
         mesh = self._part(sweep.triangles, shape, first)
         palette = np.array([theme.yarn_colour(k) for k in range(len(theme.YARNS))])
-        colours = palette[np.repeat(curves.yarn % len(palette), np.diff(curves.offsets) * _SIDES)]
+        colours = palette[np.repeat(curves.yarn % len(palette), np.diff(curves.offsets) * sweep.sides)]
         mesh.point_data["colour"] = np.rint(255 * colours).astype(np.uint8)
         self._plotter.add_mesh(
             mesh, scalars="colour", rgb=True, interpolation="phong", ambient=0.32, diffuse=0.85, specular=0.12
