@@ -20,6 +20,7 @@ from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.obstacles import Sphere
 from yarnscale.shell.simulate import ClothSolver, Progress, Schedule, SolverOptions, simulate
 from yarnscale.shell.state import ClothState
+from yarnscale.shell.thickness import cloth_thickness
 
 Floats = NDArray[np.float64]
 Measure = Callable[[ClothSolver, ClothState], Mapping[str, float]]
@@ -154,9 +155,8 @@ def stretch(
         displacement = side * travel
         motion = Motion((displacement[0], displacement[1], displacement[2]), 0.0, duration)
         bars.append(Handle(name, vertices, start.positions[vertices], motion))
-    cloth = Cloth(
-        mesh, material, tuple(bars), contact=ContactSettings(self_contact=True) if self_contact else None
-    )
+    contact = ContactSettings(thickness=cloth_thickness(material, mesh)) if self_contact else None
+    cloth = Cloth(mesh, material, tuple(bars), contact=contact)
 
     def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
         stretches = central_stretch(mesh, state.positions, 0.03)
@@ -191,7 +191,7 @@ def drape(
     root mean square of velocities [m/s].
     """
     mesh = rectangle(SHEET, SHEET, spacing)
-    settings = ContactSettings(self_contact=self_contact, friction=friction)
+    settings = ContactSettings(cloth_thickness(material, mesh), self_contact=self_contact, friction=friction)
     ball = Sphere((0.0, 0.0, 0.0), radius)
     start = ClothState.flat(mesh, height=radius + settings.thickness)
     cloth = Cloth(mesh, material, contact=settings, obstacles=(ball,), damping=2.0)

@@ -16,6 +16,7 @@ from yarnscale.shell.obstacles import MeshObstacle, Sphere
 from yarnscale.shell.scene import SHEET, SPACING, Scene
 from yarnscale.shell.simulate import ClothSolver, Schedule, SolverOptions
 from yarnscale.shell.state import ClothState
+from yarnscale.shell.thickness import cloth_thickness
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +35,8 @@ def hang(material: ElementMaterial, *, spacing: float = SPACING, duration: float
             ("right", _near(mesh, (0.5 * SHEET, 0.5 * SHEET), 0.6 * spacing), -0.03),
         )
     )
-    cloth = Cloth(mesh, material, pins, contact=ContactSettings(friction=0.3), damping=2.0)
+    contact = ContactSettings(cloth_thickness(material, mesh), friction=0.3)
+    cloth = Cloth(mesh, material, pins, contact=contact, damping=2.0)
     schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
     return Scene("hang", cloth, start, schedule, SolverOptions(), measure_sheet)
 
@@ -51,7 +53,7 @@ def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, durati
         mesh,
         material,
         pins,
-        contact=ContactSettings(friction=0.3),
+        contact=ContactSettings(cloth_thickness(material, mesh), friction=0.3),
         obstacles=(Sphere((0.0, 0.0, -0.04), 0.03),),
         damping=2.0,
     )
@@ -84,7 +86,8 @@ def twist(
             pivot=(side * 0.5 * SHEET, 0.0, 0.0),
         )
         bars.append(Handle(name, vertices, start.positions[vertices], motion))
-    cloth = Cloth(mesh, material, tuple(bars), contact=ContactSettings(friction=0.3), damping=2.0)
+    contact = ContactSettings(cloth_thickness(material, mesh), friction=0.3)
+    cloth = Cloth(mesh, material, tuple(bars), contact=contact, damping=2.0)
     schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
     return Scene("twist", cloth, start, schedule, SolverOptions(), measure_sheet)
 
@@ -100,7 +103,7 @@ def pull_through(
     if not (math.isfinite(opening) and 0.005 <= opening <= 0.1):
         raise InputError("opening of the ring", expected="between 0.005 and 0.1 m", found=opening)
     mesh = rectangle(SHEET, SHEET, spacing)
-    settings = ContactSettings(friction=0.2)
+    settings = ContactSettings(cloth_thickness(material, mesh), friction=0.2)
     tube = 0.012
     start = ClothState.flat(mesh, height=tube + settings.thickness)
     middle = _near(mesh, (0.0, 0.0), 1.1 * spacing)
