@@ -37,7 +37,7 @@ class KeepRule:
     """
 
     iterations: int = 25
-    while_below: float = 3.0
+    while_below: float = 10.0
     memory: int = 12
     shortest: float = 0.05
 
