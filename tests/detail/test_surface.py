@@ -62,9 +62,9 @@ def test_forms_of_a_wave_converge() -> None:
         inner = (np.abs(mesh.material) < 0.06).all(axis=1)
         errors.append(
             (
-                np.abs(gradient[inner, :, 2] - slope.T[inner]).max(),
-                np.abs(second[inner, 0] - bend[inner]).max(),
-                np.abs(first[inner, 0] - (1 + slope[0] ** 2)[inner]).max(),
+                np.abs(gradient[inner, :, 2] - slope.T[inner]).mean(),
+                np.abs(second[inner, 0] - bend[inner]).mean(),
+                np.abs(first[inner, 0] - (1 + slope[0] ** 2)[inner]).mean(),
             )
         )
     orders = np.log2(np.array(errors[0]) / errors[1])
