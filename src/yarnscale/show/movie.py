@@ -28,8 +28,8 @@ _NEAR_SIDES, _FAR_SIDES, _MANY_POINTS = 12, 6, 60_000
 """Corners of a tube's section, and how many points of yarns count as seen from afar."""
 _BAR = {
     "color": theme.INK,
-    "n_labels": 4,
-    "fmt": "%.3g",
+    "n_labels": 2,
+    "fmt": "%.3f",
     "height": 0.1,
     "width": 0.5,
     "position_x": 0.25,
