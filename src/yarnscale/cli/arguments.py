@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from yarnscale import __version__
+from yarnscale.cli.fabric_options import add_fabric_options
 
 
 class _Parser(argparse.ArgumentParser):
@@ -206,6 +207,15 @@ def _material_commands(add: _Add) -> None:
         "--solves", type=_positive_integer, default=400, metavar="N", help="states to sample (400)"
     )
     command.add_argument(
+        "--budget", type=_positive_integer, metavar="N",
+        help="then solve more states where the fit errs most, up to N in all (default: none)",
+    )  # fmt: skip
+    command.add_argument(
+        "--target-error", type=_number, metavar="E",
+        help="stop before the budget where 95 %% of the energies are estimated to err by less, as a fraction of the "
+        "largest, e.g. 0.005",
+    )  # fmt: skip
+    command.add_argument(
         "--stretch", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help="range of stretch (-0.2,0.7)"
     )
     command.add_argument("--shear", type=_number, metavar="S", help="largest shear (0.6)")
@@ -342,6 +352,9 @@ def _cloth_commands(add: _Add) -> None:
     command.add_argument(
         "--yarns-as", choices=("tubes", "lines"), default="tubes", help="in glTF, which has no curves (tubes)"
     )
+
+    command = add("fabric", "fabric", "Simulate a finite fabric, yarn by yarn or in a bounding volume.")
+    add_fabric_options(command)
 
     command = add("demo", "demo", "Run the whole first job on a built-in pattern, with pictures and a page.")
     command.add_argument(

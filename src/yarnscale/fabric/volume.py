@@ -6,6 +6,7 @@ volume's own parameters are x, y [m] and the share of the thickness, because B-s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
@@ -82,6 +83,21 @@ class BoundingVolume:
         share = (points[:, 2] - self.bottom) / (self.top - self.bottom)
         across = csr_array(np.column_stack([1.0 - share, share]))
         return _row_products(_row_products(x, y), across)
+
+    def interpolated(self, shape: Callable[[Array], Array]) -> Array:
+        """Control points (count, 3) with which the volume takes a shape: a map of points at rest (k, 3) → (k, 3) [m].
+
+        Exact at as many points, evenly spread over the surfaces, as there are control points.
+        """
+        n1, n2, n3 = self.shape
+        x, y = (
+            np.linspace(k[DEGREE], k[-DEGREE - 1], n) for k, n in ((self.x_knots, n1), (self.y_knots, n2))
+        )
+        grid = np.meshgrid(x, y, [self.bottom, self.top], indexing="ij")
+        wanted = shape(np.stack(grid, axis=-1).reshape(-1, 3)).reshape(n1, n2 * n3 * 3)
+        along = np.linalg.solve(_design(x, self.x_knots, "x").toarray(), wanted).reshape(n1, n2, n3 * 3)
+        across = np.linalg.solve(_design(y, self.y_knots, "y").toarray()[None], along)
+        return across.reshape(-1, 3)
 
     def refined(self, axis: int, value: float) -> tuple[BoundingVolume, csr_array]:
         """The volume with one more knot at ``value`` [m] along axis 0 (x) or 1 (y), and the map of control points.

@@ -1,0 +1,97 @@
+"""The command ``fabric``: finite fabrics, yarn by yarn or in a bounding volume."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from yarnscale.cli import convert
+from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.errors import InputError
+from yarnscale.fabric.measures import fibre_extension, penetration
+from yarnscale.fabric.run import MotionRun, MotionSchedule, run_motion
+from yarnscale.fabric.spline_knit import SplineFabric, jersey
+from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.files.animation import read_animation
+from yarnscale.files.curve_frames import CurveFolder, CurveSet
+from yarnscale.files.material_toml import read_material
+
+JERSEYS = ("jersey", "single-jersey", "stockinette")
+_POINTS_PER_SEGMENT = 3
+_FILES = {"gltf": "fabric.glb", "usd": "fabric.usdc", "mp4": "fabric.mp4"}
+
+
+def fabric(options: argparse.Namespace) -> int:
+    """Simulate a finite fabric, or count its unknowns."""
+    if options.pattern not in JERSEYS:
+        raise InputError(
+            "pattern", expected="for spline yarns one of " + ", ".join(JERSEYS), found=repr(options.pattern)
+        )
+    material = read_material(options.material or "wool")
+    knitted = jersey(options.rows, options.columns, material, radius=options.radius)
+    volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
+    if options.count:
+        counts = knitted.counts()
+        if volume is not None:
+            counts["reduced_unknowns"] = 3 * volume.count
+        _tell(counts, options)
+        return 0
+    if options.out is None:
+        raise InputError("--out", expected="a folder for frames and pictures", found="none")
+    for kind in options.format:
+        convert.require(kind)
+    moving = SplineMotion(knitted, volume=volume, held=knitted.top, damping=options.damping)
+    schedule = MotionSchedule(
+        options.duration, options.time_step, method="explicit" if options.explicit else "implicit"
+    )
+    run = _run(moving, schedule, writable_folder(options.out))
+    for kind in options.format:
+        convert.write(read_animation(options.out), kind, options.out / _FILES.get(kind, kind))
+    _tell(_summary(moving, run), options)
+    return 0 if run.status.name == "CONVERGED" else 1
+
+
+def _run(moving: SplineMotion, schedule: MotionSchedule, out: Path) -> MotionRun:
+    knitted = moving.fabric
+    lines = knitted.lines(knitted.control, _POINTS_PER_SEGMENT)
+    offsets = np.arange(knitted.yarn_count + 1) * lines.shape[1]
+    folder = CurveFolder(out, CurveSet(offsets, knitted.radius))
+    line, began = ProgressLine("fabric"), time.perf_counter()
+
+    def told(share: float) -> None:
+        seconds = time.perf_counter() - began
+        line.show(round(1000 * share), 1000, seconds, seconds / max(share, 1e-9) * (1.0 - share))
+
+    def frame(number: int, yarns: YarnMotion) -> None:
+        points = knitted.lines(yarns.positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
+        folder.write(number, points, yarns.time)
+
+    return run_motion(moving, schedule, on_frame=frame, on_step=told)
+
+
+def _summary(moving: SplineMotion, run: MotionRun) -> dict[str, object]:
+    knitted: SplineFabric = moving.fabric
+    control = moving.yarns(run.motion).positions
+    return {
+        **moving.counts(),
+        "status": run.status.value,
+        "steps": run.steps,
+        "newton_iterations": run.iterations,
+        "seconds": run.seconds,
+        "simulated_seconds": run.motion.time,
+        "penetration": penetration(knitted, control),
+        "extension": fibre_extension(knitted, control)[0],
+    }
+
+
+def _tell(values: dict[str, object] | dict[str, int], options: argparse.Namespace) -> None:
+    if options.json:
+        print_json(values)
+        return
+    for name, value in values.items():
+        shown = f"{value:.4g}" if isinstance(value, float) else value
+        print(f"{name.replace('_', ' ')}: {shown}")

@@ -1,0 +1,61 @@
+"""What ``fabric`` takes; imports nothing heavy."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+METHODS = ("splines", "volume")
+SCENES = ("hang",)
+FORMATS = ("obj", "gltf", "usd", "bcc", "mp4", "png")
+
+
+def _volume(text: str) -> tuple[int, int]:
+    parts = text.split(",")
+    if len(parts) != 3 or not all(part.strip().isdigit() for part in parts) or int(parts[2]) != 2:
+        raise argparse.ArgumentTypeError(f"expected control points n1,n2,2 such as 5,5,2; found {text!r}")
+    return int(parts[0]), int(parts[1])
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or not 2 <= int(text) <= 1000:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 2 to 1000; found {text!r}")
+    return int(text)
+
+
+def add_fabric_options(command: argparse.ArgumentParser) -> None:
+    """The options of ``fabric``."""
+    command.add_argument("pattern", metavar="PATTERN", help="jersey or single-jersey")
+    command.add_argument("--rows", type=_count, required=True, metavar="N", help="courses")
+    command.add_argument("--columns", type=_count, required=True, metavar="M", help="wales")
+    command.add_argument(
+        "--method", choices=METHODS, default="volume",
+        help="splines: every yarn, with contacts between stitches; volume: yarns in a bounding volume (volume)",
+    )  # fmt: skip
+    command.add_argument(
+        "--volume",
+        type=_volume,
+        default=(5, 5),
+        metavar="N1,N2,2",
+        help="control points of the volume (5,5,2)",
+    )
+    command.add_argument("--scene", choices=SCENES, default="hang", help="held along the last row (hang)")
+    command.add_argument("--material", metavar="MATERIAL", help="preset or TOML file (wool)")
+    command.add_argument("--radius", type=float, default=1e-3, metavar="METRES", help="of the yarn (0.001)")
+    command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="to simulate (3)")
+    command.add_argument(
+        "--time-step", type=float, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)"
+    )
+    command.add_argument("--explicit", action="store_true", help="explicit steps, as long as they are stable")
+    command.add_argument(
+        "--damping", type=float, default=1.0, metavar="RATE", help="of free motion [1/s] (1)"
+    )
+    command.add_argument(
+        "--count", action="store_true", help="print the numbers of unknowns and simulate nothing"
+    )
+    command.add_argument("--out", type=Path, metavar="DIR", help="folder for frames and pictures")
+    command.add_argument(
+        "--format", action="append", choices=FORMATS, default=[],
+        help="convert the frames at the end; may be given several times",
+    )  # fmt: skip
+    command.add_argument("--json", action="store_true", help="print one JSON object")
