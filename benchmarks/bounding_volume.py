@@ -1,0 +1,126 @@
+"""The bounding volume against the spline yarns that it stands for: time, motion, and yarns in imposed deformations.
+
+python benchmarks/bounding_volume.py [--quick] [--part time|hang|imposed]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from yarnscale.fabric.imposed import imposed
+from yarnscale.fabric.measures import fibre_extension, penetration
+from yarnscale.fabric.run import MotionSchedule, run_motion
+from yarnscale.fabric.spline_knit import SplineFabric, jersey
+from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.yarn.material import YarnMaterial
+
+WOOL = YarnMaterial.preset("wool")
+STEP = 1 / 240
+
+
+def _moving(fabric: SplineFabric, shape: tuple[int, int] | None, **options: float) -> SplineMotion:
+    volume = None if shape is None else BoundingVolume.around(fabric.control, shape)
+    return SplineMotion(fabric, volume=volume, held=fabric.top, **options)  # type: ignore[arg-type]
+
+
+def _seconds_a_step(moving: SplineMotion, method: str, step: float, count: int) -> tuple[float, float]:
+    """Median seconds of a step, and mean Newton iterations."""
+    motion, seconds, iterations = moving.step(moving.start, step, method=method).motion, [], []  # type: ignore[arg-type]
+    for _ in range(count):
+        begin = time.perf_counter()
+        result = moving.step(motion, step, method=method)  # type: ignore[arg-type]
+        seconds.append(time.perf_counter() - begin)
+        motion, _ = result.motion, iterations.append(result.iterations)
+    return float(np.median(seconds)), float(np.mean(iterations))
+
+
+def show_times(quick: bool) -> None:
+    """Time per step and per simulated second."""
+    print("stitches  model      unknowns  explicit ms  stable µs  s per s | implicit ms  Newton  s per s")
+    for rows, columns in ((7, 7),) if quick else ((7, 7), (15, 30), (30, 60)):
+        fabric, base = jersey(rows, columns, WOOL), None
+        for shape in (None, (5, 5), (9, 9)):
+            moving = _moving(fabric, shape)
+            stable = 0.7 * moving.stable_step(moving.start)
+            explicit, _ = _seconds_a_step(moving, "explicit", stable, 5 if shape is None else 50)
+            implicit, newton = _seconds_a_step(moving, "implicit", STEP, 4 if shape is None else 12)
+            found = np.array([explicit / stable, implicit / STEP])
+            base = found if base is None else base
+            ratio = "" if shape is None else f"  {base[0] / found[0]:.0f}x, {base[1] / found[1]:.0f}x"
+            counts = moving.counts()
+            name = "full" if shape is None else f"({shape[0]},{shape[1]},2)"
+            print(
+                f"{rows:3d}x{columns:<3d}   {name:9s} {counts.get('reduced_unknowns', counts['unknowns']):8d} "
+                f"{1e3 * explicit:11.2f} {1e6 * stable:10.1f} {found[0]:8.1f} | "
+                f"{1e3 * implicit:9.1f} {newton:8.1f} {found[1]:8.1f}{ratio}"
+            )
+
+
+def show_hang(quick: bool) -> None:
+    """The hanging 7×7 jersey of LOD03 Figures 10–13."""
+    fabric, goal = jersey(7, 7, WOOL), 0.4 if quick else 3.0
+    print(
+        "model     t [s]  centre y, z [mm]  lower edge [mm]  elastic  gravity  kinetic  lost [µJ]  difference [mm]"
+    )
+    frames: dict[str, dict[float, np.ndarray]] = {}
+    for name, shape in (("full", None), ("(5,5,2)", (5, 5)), ("(9,9,2)", (9, 9))):
+        shown: dict[float, np.ndarray] = {}
+
+        def keep(number: int, yarns: YarnMotion, shown: dict[float, np.ndarray] = shown) -> None:
+            shown[round(yarns.time, 3)] = yarns.positions
+
+        moving = _moving(fabric, shape, damping=1.0)
+        run = run_motion(moving, MotionSchedule(goal, STEP, frame_interval=0.1), on_frame=keep)
+        frames[name] = shown
+        for energies in run.energies:
+            at = round(energies["time"], 3)
+            if at not in (0.4, 1.0, 2.0, 3.0):
+                continue
+            points = shown[at]
+            mean = points.mean(axis=0) - fabric.control.reshape(-1, 3).mean(axis=0)
+            lower = points.reshape(7, -1, 3)[0, :, 1].min() - fabric.control[0, :, 1].min()
+            parts = [1e6 * energies[k] for k in ("elastic", "gravity", "kinetic")]
+            away = np.sqrt(((points - frames["full"][at]) ** 2).sum(axis=1).mean())
+            print(
+                f"{name:9s} {at:5.1f}  {1e3 * mean[1]:7.2f} {1e3 * mean[2]:7.2f} {1e3 * lower:12.2f}     "
+                f"{parts[0]:8.3f} {parts[1]:8.2f} {parts[2]:8.3f} {-sum(parts):9.3f} {1e3 * away:12.2f}"
+            )
+        print(
+            f"{name:9s} {run.status.value}, {run.steps} steps, {run.iterations} iterations, {run.seconds:.1f} s"
+        )
+
+
+def show_imposed() -> None:
+    """Penetration and extension of yarns in imposed deformations (LOD03 Figures 2–8)."""
+    fabric = jersey(15, 30, WOOL)
+    print("deformation     volume    penetration/diameter  largest extension  mean")
+    for kind, amount in (("flexion", 1.5), ("traction", 0.2), ("shear", 0.3), ("torsion", 1.5)):
+        for shape in ((5, 5), (9, 9), (17, 17)):
+            volume = BoundingVolume.around(fabric.control, shape)
+            points = volume.weights(fabric.control.reshape(-1, 3)) @ imposed(volume, kind, amount)  # type: ignore[arg-type]
+            largest, mean = fibre_extension(fabric, points)
+            print(
+                f"{kind:9s} {amount:4.1f}  ({shape[0]},{shape[1]},2)  {penetration(fabric, points):14.3f} "
+                f"{largest:19.3f} {mean:9.3f}"
+            )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--part", choices=("time", "hang", "imposed"))
+    options = parser.parse_args()
+    if options.part in (None, "imposed"):
+        show_imposed()
+    if options.part in (None, "hang"):
+        show_hang(options.quick)
+    if options.part in (None, "time"):
+        show_times(options.quick)
+
+
+if __name__ == "__main__":
+    main()

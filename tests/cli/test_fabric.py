@@ -1,0 +1,59 @@
+"""The command ``fabric``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from yarnscale.cli import main
+from yarnscale.files.curve_frames import read_curve_frames
+
+
+def test_counts_of_figure_9(capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        main(
+            ["fabric", "jersey", "--rows", "15", "--columns", "30", "--volume", "5,5,2", "--count", "--json"]
+        )
+        == 0
+    )
+    counts = json.loads(capsys.readouterr().out)
+    assert counts == {
+        "control_points_per_yarn": 243,
+        "dofs_per_yarn": 729,
+        "control_points": 3645,
+        "dofs": 10935,
+        "constraints": 2700,
+        "unknowns": 13635,
+        "reduced_unknowns": 150,
+    }
+
+
+@pytest.mark.parametrize("method", ["splines", "volume"])
+def test_hangs_and_writes_frames(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [
+        "fabric",
+        "jersey",
+        "--rows",
+        "3",
+        "--columns",
+        "3",
+        "--method",
+        method,
+        "--duration",
+        "0.05",
+    ]
+    assert main([*arguments, "--out", str(tmp_path), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["simulated_seconds"] == pytest.approx(0.05)
+    assert summary["status"] == "converged" and summary["steps"] > 0 and summary["extension"] < 0.01
+    frames = read_curve_frames(tmp_path)
+    assert len(frames.curves) == 3
+
+
+def test_refuses_what_it_has_no_splines_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fabric", "satin", "--rows", "3", "--columns", "3", "--out", str(tmp_path)]) == 2
+    assert "jersey" in capsys.readouterr().err
+    assert main(["fabric", "jersey", "--rows", "3", "--columns", "3"]) == 2
+    assert "--out" in capsys.readouterr().err

@@ -1,0 +1,80 @@
+"""Runs, imposed deformations and measures of spline yarns."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.imposed import DEFORMATIONS, imposed
+from yarnscale.fabric.measures import fibre_extension, penetration
+from yarnscale.fabric.run import MotionSchedule, run_motion
+from yarnscale.fabric.spline_knit import SplineFabric, jersey
+from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.numerics.newton import Status
+from yarnscale.yarn.material import YarnMaterial
+
+
+@pytest.fixture(scope="module")
+def fabric() -> SplineFabric:
+    return jersey(4, 5, YarnMaterial.preset("wool"))
+
+
+def test_frames_come_at_their_times_and_energy_is_only_lost(fabric: SplineFabric) -> None:
+    volume = BoundingVolume.around(fabric.control, (5, 5))
+    moving, times = SplineMotion(fabric, volume=volume, held=fabric.top), []
+
+    def keep(number: int, yarns: YarnMotion) -> None:
+        assert number == len(times)
+        times.append(yarns.time)
+
+    run = run_motion(moving, MotionSchedule(0.1, 1 / 240, frame_interval=0.025), on_frame=keep)
+    assert run.status is Status.CONVERGED
+    np.testing.assert_allclose(times, [0, 0.025, 0.05, 0.075, 0.1], atol=1e-12)
+    totals = [sum(e[k] for k in ("elastic", "gravity", "kinetic")) for e in run.energies]
+    assert all(later < earlier + 1e-12 for earlier, later in itertools.pairwise(totals))
+
+
+@pytest.mark.parametrize("kind", list(DEFORMATIONS))
+def test_fine_volumes_take_the_imposed_shape(fabric: SplineFabric, kind: str) -> None:
+    """Fourth order in the patches where the shape is curved; exact where it is not."""
+    rest, errors = fabric.control.reshape(-1, 3), []
+    for count in (5, 7, 11):
+        volume = BoundingVolume.around(rest, (count, count))
+        width = volume.x_knots[-4] - volume.x_knots[3]
+        points = volume.weights(rest) @ imposed(volume, kind, 1.0)  # type: ignore[arg-type]
+        errors.append(np.abs(points - DEFORMATIONS[kind](rest, 1.0, width)).max())
+    assert errors[2] < 2e-7
+    assert errors[1] < 1e-14 or errors[1] / errors[2] > 12
+
+
+def test_traction_extends_fibres_as_much_as_they_lie_along_it(fabric: SplineFabric) -> None:
+    volume = BoundingVolume.around(fabric.control, (5, 5))
+    rest = fabric.control.reshape(-1, 3)
+    largest, mean = fibre_extension(fabric, volume.weights(rest) @ imposed(volume, "traction", 0.1))
+    assert 0 < mean < largest <= 0.1 + 1e-9
+    assert fibre_extension(fabric, rest) == pytest.approx((0.0, 0.0), abs=1e-14)
+
+
+def test_penetration_is_the_missing_share_of_the_diameter(fabric: SplineFabric) -> None:
+    """Squeezed through the thickness, contacts at distance d come to s·d."""
+    rest = fabric.control.reshape(-1, 3)
+    assert penetration(fabric, rest) == 0.0
+    gap = fabric.at(rest, fabric.first) - fabric.at(rest, fabric.second)
+    closest = np.linalg.norm(gap, axis=1).min()
+    squeezed = rest * [1.0, 1.0, 0.5]
+    expected = 1.0 - 0.5 * closest / (2 * fabric.radius)
+    assert penetration(fabric, squeezed) == pytest.approx(expected, abs=0.02)
+
+
+def test_refuses_impossible_schedules_and_deformations(fabric: SplineFabric) -> None:
+    with pytest.raises(InputError, match="time_step"):
+        MotionSchedule(1.0, 0.0)
+    volume = BoundingVolume.around(fabric.control, (5, 5))
+    with pytest.raises(InputError, match="imposed deformation"):
+        imposed(volume, "origami", 1.0)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="amount"):
+        imposed(volume, "shear", float("nan"))
