@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from yarnscale.homogenize.homogenize import Homogenization, fit
     from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
     from yarnscale.homogenize.plan import StrainGrid, StrainRange, axes_and_planes
+    from yarnscale.homogenize.refine import refine
     from yarnscale.homogenize.sample import create_store, sample
     from yarnscale.homogenize.store import SampleStore
     from yarnscale.kinematics import COMPONENTS, ShellStrain
@@ -75,6 +76,7 @@ _HOME = {
     "read_material": "files.material_json",
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
+    "refine": "homogenize.refine",
     "run_scene": "shell.scene",
     "sample": "homogenize.sample",
     "scenes": "shell.scene:",
@@ -122,6 +124,7 @@ __all__ = [
     "read_material",
     "read_pattern",
     "read_yarn_material",
+    "refine",
     "run_scene",
     "sample",
     "scenes",

@@ -77,3 +77,44 @@ def test_the_material_reads_and_follows_the_samples(outcome: tuple[Path, int]) -
 def test_another_plan_does_not_resume(outcome: tuple[Path, int], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["homogenize", "plain", "--out", str(outcome[0]), "--solves", "40", "--resume"]) == 2
     assert "cannot resume: other states" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_budget_goes_on_from_the_plan(
+    outcome: tuple[Path, int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = outcome
+    before = SampleStore(folder / "samples")
+    box = ["--stretch", "-0.05,0.2", "--shear", "0.15", "--curvature", "0.03"]
+    command = [
+        "homogenize",
+        "plain",
+        "--out",
+        str(folder),
+        "--solves",
+        "40",
+        *box,
+        "--workers",
+        "2",
+        "--resume",
+    ]
+    budget = before.count + 10
+    assert main([*command, "--budget", str(budget)]) == 0
+    assert f"{before.count} states: estimated errors of 95 % below" in capsys.readouterr().err
+    after = SampleStore(folder / "samples")
+    assert after.count == budget
+    assert np.array_equal(after.states[: before.count], before.states)
+    assert (after.status() == 1).all()
+
+
+def test_a_target_needs_a_budget_and_terms_that_can_use_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["homogenize", "plain", "--out", str(tmp_path / "out")]
+    for more, message in (
+        (["--target-error", "0.01"], "expected a budget of solves with it"),
+        (["--budget", "80", "--target-error", "2"], "target of the error; expected between 0 and 1"),
+        (["--budget", "80", "--in-plane", "pairwise"], "budget of solves"),
+    ):
+        assert main([*command, *more]) == 2
+        assert message in capsys.readouterr().err

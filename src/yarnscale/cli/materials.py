@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from itertools import combinations
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.observations import InPlane, strains_of
 from yarnscale.homogenize.plan import StrainRange
+from yarnscale.homogenize.refine import Round
 from yarnscale.homogenize.states import SampledStates
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.show.report import Picture, Section, Table, write_report
@@ -63,7 +65,7 @@ def homogenize(options: argparse.Namespace) -> int:
         raise InputError("output exists", where=folder / "samples", expected="a new folder, or --resume")
     outcome = homogenize_into(
         cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
-        in_plane=options.in_plane,
+        in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
     )  # fmt: skip
     failed = outcome.summary.states - outcome.summary.converged
     print(
@@ -75,12 +77,13 @@ def homogenize(options: argparse.Namespace) -> int:
 
 def homogenize_into(
     cell: PeriodicCell, folder: Path, *, solves: int, box: StrainRange, workers: int, resume: bool,
-    in_plane: InPlane = "full",
+    in_plane: InPlane = "full", budget: int | None = None, target_error: float | None = None,
 ) -> Homogenization:  # fmt: skip
     """Run the job; write ``material.json``, pictures and ``index.html`` into the folder."""
     line = ProgressLine(f"sampling {cell.pattern.name}")
     outcome = run_homogenize(
         cell, folder, solves=solves, range=box, workers=workers, resume=resume, in_plane=in_plane,
+        budget=budget, target_error=target_error, judged=_tell_round,
         progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
     )  # fmt: skip
     write_material(folder / "material.json", outcome.material)
@@ -99,6 +102,14 @@ def homogenize_into(
         },
     )
     return outcome
+
+
+def _tell_round(found: Round) -> None:
+    print(
+        f"{found.states} states: estimated errors of 95 % below {100 * found.energy_95:.2g} % in energy, "
+        f"{100 * found.stress_95:.2g} % in stress",
+        file=sys.stderr, flush=True,
+    )  # fmt: skip
 
 
 def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:

@@ -20,6 +20,7 @@ from yarnscale.homogenize.plan import (
     random_states,
     scattered_axes,
 )
+from yarnscale.homogenize.refine import Round, check_goal, refine
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
 from yarnscale.homogenize.states import SampledStates
 from yarnscale.homogenize.store import SampleStore
@@ -68,17 +69,29 @@ def homogenize(
     solves: int = 400,
     range: StrainRange | None = None,
     in_plane: InPlane = "full",
+    budget: int | None = None,
+    target_error: float | None = None,
     workers: int = 2,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
+    judged: Callable[[Round], None] | None = None,
 ) -> Homogenization:
     """Sample a cell, fit a material, and judge it on random states that it has not seen.
 
     in_plane: "pairwise" samples axes and planes for the sum over pairs of HYLC20; "full" adds states inside the
-    range and terms of all three in-plane strains. folder: gets the stores ``samples`` and ``unseen``. resume: go on
-    with the stores that are there.
+    range and terms of all three in-plane strains. budget: after ``solves`` planned states, solve more where the fit
+    errs most, up to so many in all or until the estimated error is below ``target_error`` (see ``refine``);
+    ``judged`` is called before every batch. folder: gets the stores ``samples`` and ``unseen``. resume: go on with the
+    stores that are there. Raises InputError for a refinement of pairwise samples, or a store of another run.
     """
+    if target_error is not None and budget is None:
+        raise InputError("target of the error", expected="a budget of solves with it")
+    if budget is not None:
+        check_goal(budget, target_error)
+        if in_plane != "full":
+            raise InputError("budget of solves", expected='in_plane "full"', found=in_plane)
     box = (range or StrainRange()).bounds(cell.pattern.radius)
+    # Unseen states follow from the plan alone, so that a budget that is raised later keeps them.
     planned = {
         "samples": (axes_planes_and_inside if in_plane == "full" else axes_and_planes)(box, solves),
         "unseen": random_states(box, max(10, round(UNSEEN_SHARE * solves))),
@@ -87,12 +100,22 @@ def homogenize(
     for name, states in planned.items():
         axes = scattered_axes(states)
         path = folder / name
+        if resume:
+            SampleStore.recover(path)
         if resume and path.exists():
             stores[name] = SampleStore(path)
-            check_resumable(stores[name], cell, axes)
+            check_resumable(stores[name], cell, axes, more=name == "samples" and budget is not None)
         else:
             stores[name] = create_store(path, cell, axes, scattered=True)
-        summaries.append(sample(cell, stores[name], workers=workers, progress=progress))
+        if name == "samples" and budget is not None:
+            refined = refine(
+                cell, stores[name], budget=budget, target_error=target_error, workers=workers,
+                progress=progress, judged=judged,
+            )  # fmt: skip
+            stores[name] = refined.store
+            summaries.append(refined.summary)
+        else:
+            summaries.append(sample(cell, stores[name], workers=workers, progress=progress))
     samples, unseen = SampledStates.of(stores["samples"]), SampledStates.of(stores["unseen"])
     material = fit(stores["samples"], options=FitOptions(in_plane=in_plane))
     report = validate(material, unseen.strains, unseen.energies, unseen.stresses, valid=unseen.converged)

@@ -152,7 +152,8 @@ def scattered(bounds: Array, count: int, *, skip: int = 0) -> Array:
         )
     states[:, 1] = low[1] + (high[1] - low[1]) * places[:, 2]
     for turn, k in ((1, 3), (3, 4)):
-        states[turn::4, k] = low[k] + (high[k] - low[k]) * places[turn::4, 3]
+        bent = np.arange(skip, skip + count) % 4 == turn
+        states[bent, k] = low[k] + (high[k] - low[k]) * places[bent, 3]
     return states
 
 

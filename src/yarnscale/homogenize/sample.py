@@ -123,8 +123,12 @@ def check_resumable(
     *,
     positions: bool = False,
     tiles: tuple[int, int] = (1, 1),
+    more: bool = False,
 ) -> None:
-    """InputError unless the store was made for this cell and these states, and for positions if they are asked."""
+    """InputError unless the store was made for this cell and these states, and for positions if they are asked.
+
+    more: the store may hold further states behind these.
+    """
     stored, now = store.attributes["provenance"], provenance(cell, tiles)
     for field, name in _TOLD_APART.items():
         if stored.get(field) != _plain(now[field]):
@@ -137,7 +141,8 @@ def check_resumable(
         fresh = np.stack(np.meshgrid(*(axes[n] for n in STRAINS), indexing="ij"), -1).reshape(
             -1, len(STRAINS)
         )
-    if fresh.shape != store.states.shape or not np.allclose(fresh, store.states, atol=1e-12):
+    held = store.states[: len(fresh)] if more else store.states
+    if fresh.shape != held.shape or not np.allclose(fresh, held, atol=1e-12):
         raise InputError("cannot resume: other states", where=store.path, expected="the states of the store")
     if positions and not store.has_positions:
         raise InputError(

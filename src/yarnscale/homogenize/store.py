@@ -128,7 +128,7 @@ class SampleStore:
             )
         dims = ("state",) if scattered else STRAINS
         shape = (len(axes["s_x"]),) if scattered else tuple(len(axes[name]) for name in STRAINS)
-        building = path.with_name(f".{path.name}.building")
+        building = _beside(path, "building")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.rmtree(building, ignore_errors=True)
@@ -142,6 +142,44 @@ class SampleStore:
                 "cannot write the store", where=path, expected="a writable folder", found=error
             ) from None
         return cls(path)
+
+    def extended(self, states: NDArray[np.float64]) -> SampleStore:
+        """This store with more scattered states (n, 5) behind its own, pending; what is finished stays.
+
+        Killed at any moment, it leaves the store as it was or extended (``recover`` tells which). Raises InputError for
+        the store of a grid, or a folder that cannot be written.
+        """
+        if self.dims != ("state",):
+            raise InputError(
+                "states cannot be added", where=self.path, expected="a store of scattered states"
+            )
+        everything = np.concatenate([self.states, states])
+        axes = {name: everything[:, k] for k, name in enumerate(STRAINS)}
+        vertices, building = int(self.attributes["vertices"]), _beside(self.path, "building")
+        try:
+            shutil.rmtree(building, ignore_errors=True)
+            provenance = self.attributes["provenance"]
+            _write_empty(building, axes, self.dims, (len(everything),), self._fields, vertices, provenance)
+            for name in self._fields:
+                if (self.path / name / "c").is_dir():
+                    _link_tree(self.path / name / "c", building / name / "c")
+            os.replace(self.path, _beside(self.path, "before"))
+            os.replace(building, self.path)
+            shutil.rmtree(_beside(self.path, "before"), ignore_errors=True)
+        except OSError as error:
+            shutil.rmtree(building, ignore_errors=True)
+            raise InputError(
+                "cannot write the store", where=self.path, expected="a writable folder", found=error
+            ) from None
+        return SampleStore(self.path)
+
+    @staticmethod
+    def recover(path: Path) -> None:
+        """Put back what a run that was killed in ``extended`` left beside ``path``; nothing where there is nothing."""
+        before = _beside(path, "before")
+        if before.is_dir() and not path.exists():
+            os.replace(before, path)
+        shutil.rmtree(before, ignore_errors=True)
 
     @property
     def count(self) -> int:
@@ -193,6 +231,23 @@ class SampleStore:
 
         with xarray.open_zarr(str(self.path), consolidated=True) as opened:
             return opened.load()
+
+
+def _beside(path: Path, word: str) -> Path:
+    return path.with_name(f".{path.name}.{word}")
+
+
+def _link_tree(source: Path, target: Path) -> None:
+    """The files of a folder in another one, linked where the file system can, else copied."""
+
+    def link(file: str, place: str) -> None:
+        try:
+            os.link(file, place)
+        except OSError:
+            shutil.copy2(file, place)
+
+    ignored = shutil.ignore_patterns("*.building")
+    shutil.copytree(source, target, copy_function=link, ignore=ignored, dirs_exist_ok=True)
 
 
 def _states(dims: tuple[str, ...], axes: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
