@@ -33,12 +33,16 @@ _STARTS = np.array([-4.0, -2.0, 0.0, 2.0])
 
 @dataclass(frozen=True, eq=False)
 class FittedLoops:
-    """Pear loops along one direction, measured and simulated; distance [m] and ratios, (n,)."""
+    """Pear loops along one direction, measured and simulated; distance [m] and ratios, (n,).
+
+    largest_curvature: of the simulated loops [1/m].
+    """
 
     direction: Direction
     distance: Array
     measured_ratio: Array
     ratio: Array
+    largest_curvature: float
 
     @property
     def error(self) -> float:
@@ -94,20 +98,19 @@ def fit_bending(
         gtol=1e-10,
         max_nfev=60,
     )
-    ratios = [response.ratio for response in problem.respond(found.x)]
-    loops = [
-        FittedLoops(test.direction, distance, measured, ratio)
-        for test, distance, measured, ratio in zip(
-            measurements.bend, problem.distances, problem.ratios, ratios, strict=True
-        )
-    ]
+    fitted = []
+    for test, loop, response, ratio in zip(
+        measurements.bend, problem.loops, problem.respond(found.x), problem.ratios, strict=True
+    ):
+        curvature = max(loop.largest_curvature(response.positions[k]) for k in range(len(ratio)))
+        fitted.append(FittedLoops(test.direction, response.distance, ratio, response.ratio, curvature))
     tested = {test.direction for test in measurements.bend}
     values = np.zeros(len(BENDING))
     sensed = np.linalg.svd(problem.sensitivity(found.x), compute_uv=False)
     values[: len(sensed)] = sensed
     return BendFit(
         problem.material(found.x),
-        tuple(loops),
+        tuple(fitted),
         values,
         tuple(direction.value for direction in Direction if direction not in tested),
         problem.simulations,

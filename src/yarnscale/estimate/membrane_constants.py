@@ -22,6 +22,8 @@ MEMBRANE = ("stretch_weft", "stretch_coupling", "stretch_warp", "shear", "area",
 _DECADES = 4.0
 _TIGHTEST = 0.995
 _LARGEST_AREA = 30.0
+_LEAST_LOG_AREA = 1e-3
+"""The log term of the area alone keeps cloth from shrinking to nothing across (EST22 Fig. 5)."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class MembraneUnknowns:
         """Least and largest unknowns."""
         wide = _DECADES * math.log(10.0)
         high = np.array([wide, _TIGHTEST, wide, wide, _LARGEST_AREA, _LARGEST_AREA])
-        low = np.array([-wide, 0.0, -wide, -wide, 0.0, 0.0])
+        low = np.array([-wide, -0.9, -wide, -wide, 0.0, _LEAST_LOG_AREA])
         return low, high
 
     @property

@@ -129,6 +129,14 @@ class PearLoop:
         np.add.at(curve, self._line, self._share[:, None] * positions[:, 1:])
         return curve
 
+    def largest_curvature(self, positions: Array) -> float:
+        """Largest curvature of the loop [1/m], over two folds: at free edges even and odd lines differ in stiffness."""
+        segments = np.diff(self.centre_line(positions)[2:-2], axis=0)
+        lengths = np.linalg.norm(segments, axis=1)
+        turns = np.diff(np.unwrap(np.arctan2(segments[:, 1], segments[:, 0])))
+        spans = lengths[:-2] / 2 + lengths[1:-1] + lengths[2:] / 2
+        return float(np.abs((turns[1:] + turns[:-1]) / spans).max())
+
     def _weightless(self, distance: float) -> Array:
         """A smooth loop of the right length between clamps at a distance [m], to start from."""
         curve = self.length * _loop(0.5 + self.lines / self.length, distance / self.length)

@@ -7,11 +7,13 @@ the stress along is σ = dψ/ds, the first Piola–Kirchhoff stress. There is no
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.shell.material import LOWER, ShellMaterial
+from yarnscale.shell.orthotropic import OrthotropicMaterial, OrthotropicTerm
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,25 @@ def uniaxial(material: ShellMaterial, angle: float, stretches: Array) -> tuple[A
             break
     _, gradient, _ = _derivatives(material, angle, along, across)
     return gradient[:, 0], 1.0 - across
+
+
+def uniaxial_sensitivity(
+    material: OrthotropicMaterial, angle: float, stretches: Array, constants: Sequence[str]
+) -> tuple[Array, Array, Array, Array]:
+    """Stress [N/m] and contraction as ``uniaxial``, (n,), and their derivatives by constants, both (n, constants).
+
+    c stays the minimum: dc/dp = −ψ,cp / ψ,cc, and dσ/dp = ψ,sp + ψ,sc dc/dp.
+    """
+    stretches = np.asarray(stretches, np.float64)
+    stress, contraction = uniaxial(material, angle, stretches)
+    along, across = 1.0 + stretches, 1.0 - contraction
+    _, _, hessian = _derivatives(material, angle, along, across)
+    by_stress, by_contraction = np.empty((2, len(stretches), len(constants)))
+    for k, name in enumerate(constants):
+        _, mixed, _ = _derivatives(OrthotropicTerm(material.derivative(name)), angle, along, across)
+        wider = -mixed[:, 1] / np.maximum(hessian[:, 1, 1], 1e-300)
+        by_stress[:, k], by_contraction[:, k] = mixed[:, 0] + hessian[:, 0, 1] * wider, -wider
+    return stress, contraction, by_stress, by_contraction
 
 
 def _start(material: ShellMaterial, angle: float, along: Array) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.estimate.bend_fit import BendFit
 from yarnscale.estimate.measurements import (
     COMFORT_LOAD,
     POWER_LOAD,
@@ -70,6 +71,18 @@ class UniformCurve:
 
 
 @dataclass(frozen=True)
+class UniformBend:
+    """Cylindrical bending along one direction: energy k κ² per area, moment dψ/dκ = 2 k κ [N] (EST22 §5.2).
+
+    stiffness: k [J]; largest_curvature: of the loops that were measured [1/m].
+    """
+
+    direction: Direction
+    stiffness: float
+    largest_curvature: float
+
+
+@dataclass(frozen=True)
 class UniformErrors:
     """Mean errors over the largest target of the comfort range (EST22 §7.3.1, Fig. 15), as fractions.
 
@@ -83,10 +96,11 @@ class UniformErrors:
 
 @dataclass(frozen=True, eq=False)
 class UniformData:
-    """Uniform curves of one fabric, one per direction."""
+    """Uniform curves of one fabric, one per direction, and its bending along directions where loops were measured."""
 
     name: str
     curves: tuple[UniformCurve, ...]
+    bending: tuple[UniformBend, ...] = ()
 
     @property
     def stress_scale(self) -> float:
@@ -107,7 +121,8 @@ class UniformData:
                 expected=[c.direction.value for c in self.curves],
                 found="none",
             )
-        return UniformData(self.name, chosen)
+        bending = tuple(bend for bend in self.bending if bend.direction in directions)
+        return UniformData(self.name, chosen, bending)
 
     def errors(self, stresses: Sequence[Array], contractions: Sequence[Array]) -> UniformErrors:
         """Errors of another model's first Piola–Kirchhoff stress [N/m] and contraction at the same stretches."""
@@ -169,6 +184,18 @@ def corrected_data(
             across = width * np.interp(stretch, fitted.stretch, ratio)
         curves.append(UniformCurve(test.direction, stretch, across, load, comfort, width is not None))
     return UniformData(measurements.name, tuple(curves))
+
+
+def uniform_bending(fit: BendFit) -> tuple[UniformBend, ...]:
+    """Bending stiffness of the fitted shell along every direction whose loops were measured."""
+    stiffness = {
+        Direction.WEFT: fit.material.bend_weft,
+        Direction.BIAS: fit.material.bend_bias,
+        Direction.WARP: fit.material.bend_warp,
+    }
+    return tuple(
+        UniformBend(loop.direction, stiffness[loop.direction], loop.largest_curvature) for loop in fit.loops
+    )
 
 
 def _in_order(fit: ShellFit, measurements: SwatchMeasurements) -> list[FittedCurve]:

@@ -101,7 +101,7 @@ class OrthotropicMaterial(ShellMaterial):
         return np.array([*membrane, self.area, self.log_area, *bending])
 
     def derivative(self, constant: str) -> Array:
-        """Derivative of ``coefficients`` by one of ``CONSTANTS``, (10,): with these as factors ψ is dψ/d(constant)."""
+        """Derivative of ``coefficients`` by one of ``CONSTANTS``, (10,), the factors of ``OrthotropicTerm``."""
         column = np.zeros(PARAMETER_COUNT)
         index = CONSTANTS.index(constant)
         if index < 6:
@@ -112,6 +112,27 @@ class OrthotropicMaterial(ShellMaterial):
         column[6:8] = constant == "bend_weft", constant == "bend_warp"
         column[8:] = (share / 2, 0.0) if surplus < 0 else (0.0, share / 4)
         return column
+
+    def gather(self, forms: Array, count: int, parameters: Array) -> None:
+        parameters[:, :count] = self.coefficients[:, None]
+
+    def kernels(self) -> MaterialKernels:
+        return _kernels()
+
+
+@dataclass(frozen=True, eq=False)
+class OrthotropicTerm(ShellMaterial):
+    """dψ/d(constant) of an orthotropic material as an energy density of its own, since ψ is linear in most constants.
+
+    coefficients: factors of the ten terms, (10,), from ``OrthotropicMaterial.derivative``.
+    """
+
+    coefficients: Array
+    density: float = 0.2
+
+    @property
+    def parameter_count(self) -> int:
+        return PARAMETER_COUNT
 
     def gather(self, forms: Array, count: int, parameters: Array) -> None:
         parameters[:, :count] = self.coefficients[:, None]

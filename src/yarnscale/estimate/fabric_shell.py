@@ -1,0 +1,54 @@
+"""From measurements to the shell of a fabric and to the uniform data that yarns are fitted to, in one call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.bend_fit import BendFit, fit_bending
+from yarnscale.estimate.measurements import SwatchMeasurements
+from yarnscale.estimate.shell_fit import ShellFit, fit_membrane
+from yarnscale.estimate.uniform_data import (
+    SAMPLES,
+    UniformData,
+    corrected_data,
+    uniform_bending,
+    uniform_data,
+)
+from yarnscale.shell.orthotropic import OrthotropicMaterial
+
+
+@dataclass(frozen=True, eq=False)
+class FabricShell:
+    """The shell fitted to a fabric: its membrane, and its bending where pear loops were measured."""
+
+    measurements: SwatchMeasurements
+    membrane: ShellFit
+    bending: BendFit | None
+
+    @property
+    def material(self) -> OrthotropicMaterial:
+        """The material with everything that was fitted."""
+        return self.membrane.material if self.bending is None else self.bending.material
+
+    def uniform_data(
+        self, *, samples: int = SAMPLES, follow: Literal["shell", "measured"] = "shell"
+    ) -> UniformData:
+        """What a yarn model is to reproduce.
+
+        samples: stretches per direction. follow: stress of the shell itself (EST22 eq. 3), or the measured curves,
+        from which the shell only takes out the effect of the clamps.
+        """
+        if follow not in ("shell", "measured"):
+            raise InputError("follow", expected="shell or measured", found=follow)
+        translate = uniform_data if follow == "shell" else corrected_data
+        data = translate(self.membrane, self.measurements, samples=samples)
+        return data if self.bending is None else replace(data, bending=uniform_bending(self.bending))
+
+
+def fit_shell(measurements: SwatchMeasurements) -> FabricShell:
+    """Fit membrane and bending to everything that was measured. Raises InputError without a stretch test."""
+    membrane = fit_membrane(measurements)
+    bending = fit_bending(measurements, membrane.material) if measurements.bend else None
+    return FabricShell(measurements, membrane, bending)

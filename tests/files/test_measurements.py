@@ -1,0 +1,230 @@
+"""Measurement files: the form of its own, the tables of tracked pins, and faults told by row and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, Direction
+from yarnscale.files.measurements import read_measurements
+
+HEADER = "direction,run,force_N,clamp_distance_mm,mid_width_mm,swatch_width_mm"
+ROWS = [
+    "weft,1,0.5,105,59,60",
+    "weft,1,1.0,109,58,60",
+    "weft,1,2.0,115,56,60",
+    "weft,2,0.5,106,59,60",
+    "weft,2,1.0,110,58,60",
+    "weft,2,2.0,116,56,60",
+]
+METRES = ["weft,2,0.5,0.106,59,60", "weft,2,1.0,0.110,58,60", "weft,2,2.0,0.116,56,60"]
+BEND = """direction,run,clamp_distance_cm,loop_ratio,swatch_length_cm,swatch_width_cm
+warp,1,0.3,2.5,10,6
+warp,1,3.4,1.2,10,6
+warp,2,0.3,2.7,10,6
+warp,2,3.4,1.2,10,6
+"""
+FABRIC = """
+name = "DKIN8"
+stretch = "stretch.csv"
+bend = "bend.csv"
+area_density = 0.21
+pattern = "interlock.chart"
+photographs = ["front.png", "back.png"]
+
+[[yarn]]
+material = "polyester"
+denier = 72
+filaments = 75
+mass_share = 0.9
+stiffness = 3.1
+density = 1380
+
+[[yarn]]
+material = "spandex"
+denier = 20
+mass_share = 0.1
+coating = "silicone"
+"""
+
+
+def table(folder: Path, rows: list[str], header: str = HEADER) -> Path:
+    path = folder / "stretch.csv"
+    path.write_text("\n".join(["# measured on Monday", header, *rows]) + "\n")
+    return path
+
+
+def test_a_table_alone_is_a_fabric(tmp_path):
+    fabric = read_measurements(table(tmp_path, ROWS))
+    (test,) = fabric.stretch
+    assert test.direction is Direction.WEFT
+    assert test.swatch_width == pytest.approx(0.06)
+    assert [run.name for run in test.runs] == ["1", "2"]
+    np.testing.assert_allclose(test.runs[0].length, [0.105, 0.109, 0.115])
+    np.testing.assert_allclose(test.runs[0].force, [0.5, 1.0, 2.0])
+
+
+def test_units_are_those_of_the_columns(tmp_path):
+    rows = ["weft,1,50,10.5,5.9,6", "weft,1,100,10.9,5.8,6", "weft,1,200,11.5,5.6,6"]
+    header = "direction,run,force_cN,clamp_distance_cm,mid_width_cm,swatch_width_cm"
+    (test,) = read_measurements(table(tmp_path, rows, header), single_run=True).stretch
+    np.testing.assert_allclose(test.runs[0].force, [0.5, 1.0, 2.0])
+    np.testing.assert_allclose(test.runs[0].width, [0.059, 0.058, 0.056])
+
+
+def test_a_fabric_file_holds_everything_of_the_paper(tmp_path):
+    table(tmp_path, ROWS)
+    (tmp_path / "bend.csv").write_text(BEND)
+    (tmp_path / "fabric.toml").write_text(FABRIC)
+    fabric = read_measurements(tmp_path / "fabric.toml")
+    assert (fabric.name, fabric.area_density, fabric.pattern) == ("DKIN8", 0.21, "interlock.chart")
+    assert fabric.photographs == ("front.png", "back.png")
+    assert [yarn.material for yarn in fabric.yarns] == ["polyester", "spandex"]
+    assert fabric.stiffest_yarn == 3.1
+    (bend,) = fabric.bend
+    np.testing.assert_allclose(bend.distance, [0.003, 0.034])
+    np.testing.assert_allclose(bend.ratio, [2.6, 1.2])
+    np.testing.assert_allclose(bend.ratio_spread, [0.2 / np.sqrt(2), 0.0], atol=1e-12)
+
+
+def test_one_run_can_be_accepted_in_the_file(tmp_path):
+    table(tmp_path, ROWS[:3])
+    (tmp_path / "fabric.toml").write_text('stretch = "stretch.csv"\nsingle_run = true\n')
+    assert not read_measurements(tmp_path / "fabric.toml").stretch[0].curve.stretch_spread.any()
+
+
+def changed(place: int, old: str, new: str) -> list[str]:
+    rows = ROWS.copy()
+    assert old in rows[place]
+    rows[place] = rows[place].replace(old, new)
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (changed(1, "109", "-109"), (":4", "clamp_distance_mm", "-109")),
+        (changed(1, "109", "0"), (":4", "clamp_distance_mm", "more than zero")),
+        (changed(1, "109", "10.9 cm"), (":4", "clamp_distance_mm", "10.9 cm")),
+        (changed(1, "109", ""), (":4", "clamp_distance_mm")),
+        (changed(1, "109", "nan"), (":4", "clamp_distance_mm")),
+        (changed(1, "58", "inf"), (":4", "mid_width_mm")),
+        (changed(2, "2.0", "0.7"), (":5", "force_N", "loading only", "0.7 N after 1 N")),
+        (changed(2, "115", "100"), (":5", "clamp_distance_mm", "grows")),
+        (changed(1, "weft", "left"), (":4", "direction", "'left'")),
+        (changed(1, ",60", ",61"), (":4", "swatch_width_mm", "0.061")),
+        (changed(1, ",60", ""), (":4", "6 cells", "found 5")),
+        (ROWS[:3], (":3", "one run only", "single_run")),
+        (ROWS[:2] + ROWS[3:], (":3", "3 or more")),
+        ([*ROWS[:3], *METRES], (":6", "clamp_distance_mm", "mixed units")),
+        ([*ROWS[:3], *(f"weft,2,{f},{100 + f / 10},59,60" for f in (50, 100, 200))], (":6", "force_N", "mixed units")),
+        ([], ("readings", "none")),
+    ],
+)  # fmt: skip
+def test_faults_of_cells_are_told_by_row_and_column(tmp_path, rows, words):
+    with pytest.raises(InputError) as caught:
+        read_measurements(table(tmp_path, rows))
+    assert "stretch.csv" in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        (HEADER.replace("force_N", "force_lbf"), ("force_lbf", "force_N")),
+        (HEADER.replace("force_N", "force"), ("force", "unit", "none")),
+        (HEADER.replace("force_N", "pull_N"), ("unknown column 'pull_N'",)),
+        (HEADER.replace("swatch_width_mm", "swatch_width_cm"), ("mixed units of length",)),
+        (HEADER.replace("mid_width_mm", "clamp_distance_cm"), ("mixed units of clamp_distance",)),
+        (HEADER.replace("mid_width_mm", "force_N"), ("column 'force_N'", "once")),
+        (HEADER.replace("run", "fabric"), ("column run is missing",)),
+    ],
+)
+def test_faults_of_columns_are_told_by_name(tmp_path, header, words):
+    with pytest.raises(InputError) as caught:
+        read_measurements(table(tmp_path, ROWS, header))
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("missing", HEADER.split(","))
+def test_every_column_but_the_width_at_the_middle_is_needed(tmp_path, missing):
+    place = HEADER.split(",").index(missing)
+    lines = [[cell for k, cell in enumerate(line.split(",")) if k != place] for line in [HEADER, *ROWS]]
+    path = table(tmp_path, [",".join(line) for line in lines[1:]], ",".join(lines[0]))
+    if missing == "mid_width_mm":
+        assert read_measurements(path).stretch[0].curve.contraction is None
+        return
+    with pytest.raises(InputError, match="is missing"):
+        read_measurements(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ('colour = "red"', "colour"),
+        ("area_density = -1.0", "area_density"),
+        ("area_density = true", "area_density"),
+        ("stretch = 3", "stretch"),
+        ("[[yarn]]\nmaterial = 'wool'", "denier"),
+        ("[[yarn]]\nmaterial = 'wool'\ndenier = 'thick'", "denier"),
+        ("[[yarn]]\nmaterial = 'wool'\ndenier = 70\nmass_share = 0.5", "sum of 1"),
+        ("photographs = [1]", "photographs"),
+        ("name = ", "TOML"),
+    ],
+)
+def test_faults_of_fabric_files_are_told(tmp_path, change, word):
+    table(tmp_path, ROWS)
+    lines = {"stretch": 'stretch = "stretch.csv"'} | {change.split(" ")[0]: change}
+    (tmp_path / "fabric.toml").write_text("\n".join(lines.values()) + "\n")
+    with pytest.raises(InputError) as caught:
+        read_measurements(tmp_path / "fabric.toml")
+    assert "fabric.toml" in str(caught.value) and word in str(caught.value)
+
+
+def test_a_missing_table_is_named(tmp_path):
+    (tmp_path / "fabric.toml").write_text('stretch = "nowhere.csv"\n')
+    with pytest.raises(InputError, match=r"nowhere\.csv"):
+        read_measurements(tmp_path / "fabric.toml")
+
+
+def test_samples_are_chosen_by_the_beginning_of_their_name(tmp_path):
+    rows = [f"{name},{row}" for name in ("A1", "A2") for row in ROWS]
+    path = table(tmp_path, rows, "fabric," + HEADER)
+    assert read_measurements(path, sample="A2").name == "A2"
+    for sample in (None, "A", "B"):
+        with pytest.raises(InputError, match="A1, A2"):
+            read_measurements(path, sample=sample)
+
+
+def test_tracked_pins_of_four_knits(shared):
+    path = shared / "measured" / "acrylic_uniaxial.csv"
+    for name in ("Stockinette", "Garter", "Rib", "Seed"):
+        fabric = read_measurements(path, sample=f"Acrylic Yarn {name}")
+        assert [test.direction for test in fabric.stretch] == [Direction.WEFT, Direction.WARP]
+        for test in fabric.stretch:
+            assert len(test.runs) == 5
+            curve = test.curve.up_to(POWER_LOAD)
+            assert curve.load[-1] == pytest.approx(POWER_LOAD)
+            assert 0 < curve.stretch_at(COMFORT_LOAD) < curve.stretch[-1]
+            assert curve.contraction is not None and (np.diff(curve.contraction) > -0.01).all()
+            assert 0.03 < test.swatch_length < 0.1 and 0.03 < test.swatch_width < 0.15
+        # One sample's width is known to be that of its clamp; whoever reads it is told.
+        assert bool(fabric.notes) == (name == "Garter")
+
+
+def test_tracked_pins_whose_stress_contradicts_force_and_width_are_refused(tmp_path):
+    header = "sample,video,force_N,stress_N_per_mm,axial_length_mm,lateral_length_mm,fabric_width_at_clamp_mm,n_frames"
+    rows = [f"Wool X,1,{f},{f / 50},{60 + f},{40 - f},50,9" for f in (1, 2, 3)]
+    path = table(tmp_path, rows, header)
+    assert read_measurements(path, single_run=True).name == "Wool"
+    with pytest.raises(InputError, match="stress_N_per_mm"):
+        read_measurements(
+            table(tmp_path, [rows[0].replace("0.02", "20"), *rows[1:]], header), single_run=True
+        )
+    with pytest.raises(InputError, match="X or Y"):
+        read_measurements(table(tmp_path, [row.replace("Wool X", "Wool") for row in rows], header))
