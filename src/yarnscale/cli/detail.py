@@ -71,6 +71,9 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     pattern = read_pattern(options.pattern)
     if options.samples is not None:
         store = SampleStore(options.samples)
+        # A store may hold cells of several tiles.
+        tiles = store.attributes["provenance"].get("tiles", (1, 1))
+        pattern = pattern if tuple(tiles) == (1, 1) else pattern.repeated(*tiles)
         return FluctuationTable.from_store(store, pattern), _origin(store, out, resume=options.resume)
     cell = PeriodicCell(pattern, material_for(pattern, options.material))
     axes, path = detail_grid(cell).axes, writable_folder(out) / SAMPLES

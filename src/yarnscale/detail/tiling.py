@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SHORTEST = 12.0
-"""Pieces of yarn shorter than so many radii, less than a stitch cut off at the border, are left out."""
+"""Pieces of yarn shorter than so many radii, less than a stitch cut off at a free border, are left out."""
 LARGEST_TILING = 200_000_000
 """Most copies of vertices in the boxes around the panels."""
 _ON_EDGE = -1e-9
@@ -89,22 +89,28 @@ def _panel_layout(
     chain, lengths, closed = _chains(
         owner, pattern.next_vertex, pattern.edges[:, 2:].copy(), pattern.previous_vertex
     )
-    chain, lengths, closed = _long_enough(pattern, chain, lengths, closed)
-    flat = owner.ravel()[chain]
-    return chain % len(rest), own[flat], place.reshape(-1, 3)[chain], lengths, closed
+    if len(lengths):
+        at_seam = np.asarray(mesh.seams[own].any(axis=1))[owner.ravel()[chain]]
+        kept = _worth_keeping(pattern, chain % len(rest), at_seam, lengths, closed)
+        chain, lengths, closed = chain[np.repeat(kept, lengths)], lengths[kept], closed[kept]
+    return chain % len(rest), own[owner.ravel()[chain]], place.reshape(-1, 3)[chain], lengths, closed
 
 
-def _long_enough(
-    pattern: YarnPattern, chain: Integers, lengths: Integers, closed: NDArray[np.bool_]
-) -> tuple[Integers, Integers, NDArray[np.bool_]]:
-    """The pieces that are long enough to be yarns."""
+def _worth_keeping(
+    pattern: YarnPattern,
+    vertex: Integers,
+    at_seam: NDArray[np.bool_],
+    lengths: Integers,
+    closed: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """Which pieces are long enough to be yarns; at a seam, where short ones fill the fabric up to it, all are."""
     ends = np.cumsum(lengths)
-    rest = pattern.rest_length[chain % len(pattern.vertices)]
+    rest = pattern.rest_length[vertex]
     walked = np.concatenate([[0.0], np.cumsum(rest)])
     whole = walked[ends] - walked[ends - lengths]
-    open_length = np.where(closed, whole, whole - rest[ends - 1])
-    kept = (open_length >= SHORTEST * pattern.radius) & (lengths > 2)
-    return chain[np.repeat(kept, lengths)], lengths[kept], closed[kept]
+    length = np.where(closed, whole, whole - rest[ends - 1])
+    sewn = np.logical_or.reduceat(at_seam, ends - lengths)
+    return ((length >= SHORTEST * pattern.radius) | sewn) & (lengths > 2)
 
 
 @numba.njit(cache=True, error_model="numpy")
