@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.shell.body_scenes import THIN
 from yarnscale.shell.garment import Seam, sew
 from yarnscale.shell.mannequin import body_distance, mannequin
 from yarnscale.shell.mesh import TriangleMesh
@@ -135,7 +136,7 @@ def test_shirts_are_whole_and_clear_of_the_thin_body(cut: ShirtCut, holes: int, 
     assert np.percentile(np.abs(stretch - 1), 90) < 0.05
     body = mannequin()
     triangles = np.concatenate([mesh.triangles, body.triangles + mesh.vertex_count])
-    assert not crossing(np.concatenate([mesh.assembled, body.pose(depth=0.15)]), triangles)
+    assert not crossing(np.concatenate([mesh.assembled, body.pose(depth=THIN)]), triangles)
     # The right side faces outwards: away from the plane between the layers.
     normals = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     flat = np.abs(x[:, :, 1]).min(axis=1) > 0.025

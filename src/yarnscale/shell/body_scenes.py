@@ -22,7 +22,7 @@ from yarnscale.shell.simulate import ClothSolver, Schedule, SolverOptions
 from yarnscale.shell.state import ClothState
 from yarnscale.shell.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
 
-THIN = 0.15
+THIN = 0.2
 """Depth of the body before it is dressed, as a part of its own."""
 FRAME = 1.0 / 30.0
 """Time between frames [s]."""
@@ -34,6 +34,8 @@ DANCE = (
     Pose(2.0, lowered=0.85, turned=-0.3),
 )
 """Dressed after 0.4 s, arms lowered, turned, arms lifted half way and back: 60 frames."""
+PRESSURE = 1e3
+"""Of contact at half its thickness [Pa]: clothes hang from little area."""
 _WAIT = (
     Pose(0.0, lowered=0.9),
     Pose(1.0, lowered=0.9),
@@ -123,7 +125,7 @@ def _scene(
     cloth = Cloth(
         mesh,
         material,
-        contact=ContactSettings(thickness=thickness, friction=friction),
+        contact=ContactSettings(thickness=thickness, pressure=PRESSURE, friction=friction),
         obstacles=(body,),
         damping=1.0,
     )

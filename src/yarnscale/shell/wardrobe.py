@@ -41,7 +41,7 @@ class ShirtCut:
     armhole: float = 0.22
     sleeve: float = 0.42
     cuff: float = 0.13
-    shoulder: float = 0.09
+    shoulder: float = 0.08
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
