@@ -96,6 +96,7 @@ def simulate(
 
     on_checkpoint: called after each step, and its frame, with all that ``resume`` needs to go on from there; ``start``
     is then ignored. A step that fails even when halved ends the run with its status and the last good state.
+    Raises InputError where surfaces cross at the start.
     """
     runner = _Runner(solver, schedule, on_step, on_frame, on_checkpoint)
     return runner.run(resume if resume is not None else Checkpoint(start, start.time, next_frame=start.time))
@@ -129,6 +130,10 @@ class _Runner:
         if place.status is not None:
             return self._finish(state, place.status)
         if place.steps == 0:
+            if self.solver.intersects(state):
+                raise InputError(
+                    "start of the cloth", expected="surfaces that do not cross", found="some that do"
+                )
             self._frame(state)
         end = self.begin + schedule.duration
         while self.rest_step is None and end - state.time > 1e-9 * max(end, 1.0):

@@ -19,6 +19,9 @@ Integers = NDArray[np.int64]
 
 _SAFE = 0.9
 
+# One warning for every pair of a state that intersects says nothing that ``intersects`` does not say.
+ipctk.set_logger_level(ipctk.LoggerLevel.error)
+
 
 class SurfaceContact:
     """Contact of surfaces; bodies come with the row of their first point, or None where they stand still.
@@ -64,7 +67,7 @@ class SurfaceContact:
     def start_step(self, positions: Floats, duration: float, time: float) -> None:
         if self.settings.friction == 0.0:
             return
-        everything = self._all(positions)
+        everything = self.everything(positions)
         self.origin = everything
         self.tangential = ipctk.TangentialCollisions()
         self.tangential.build(
@@ -73,14 +76,14 @@ class SurfaceContact:
         self.friction = ipctk.FrictionPotential(self.settings.slip * duration)
 
     def value(self, positions: Floats) -> float:
-        everything = self._all(positions)
+        everything = self.everything(positions)
         value = self.barrier(self._collisions(positions), self.mesh, everything)
         if self.friction is not None:
             value += self.friction(self.tangential, self.mesh, self._slip(everything))
         return float(value) if math.isfinite(value) else math.inf
 
     def gradient(self, positions: Floats, gradient: Floats) -> float:
-        everything = self._all(positions)
+        everything = self.everything(positions)
         collisions = self._collisions(positions)
         value = self.barrier(collisions, self.mesh, everything)
         push = self.barrier.gradient(collisions, self.mesh, everything)
@@ -92,7 +95,7 @@ class SurfaceContact:
         return float(value)
 
     def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
-        everything = self._all(positions)
+        everything = self.everything(positions)
         clamp = ipctk.PSDProjectionMethod.CLAMP
         matrix = self.barrier.hessian(self._collisions(positions), self.mesh, everything, clamp)
         if self.friction is not None:
@@ -101,20 +104,20 @@ class SurfaceContact:
         return _lower_entries(matrix.indptr, matrix.indices, matrix.data, 3 * self.rows)
 
     def bound(self, positions: Floats, step: Floats) -> float:
-        start, end = self._all(positions), self._all(positions + step)
+        start, end = self.everything(positions), self.everything(positions + step)
         self.candidates.build(self.mesh, start, end, 0.5 * self.settings.thickness)
         self.path = (positions.copy(), step.copy())
         fraction = self.candidates.compute_collision_free_stepsize(self.mesh, start, end, 0.0, self.narrow)
         return 1.0 if fraction >= 1.0 else _SAFE * float(fraction)
 
     def closest(self, positions: Floats) -> float:
-        square = self._collisions(positions).compute_minimum_distance(self.mesh, self._all(positions))
+        square = self._collisions(positions).compute_minimum_distance(self.mesh, self.everything(positions))
         return math.sqrt(square)
 
     def intersects(self, positions: Floats) -> bool:
-        return bool(ipctk.has_intersections(self.mesh, self._all(positions)))
+        return bool(ipctk.has_intersections(self.mesh, self.everything(positions)))
 
-    def _all(self, positions: Floats) -> Floats:
+    def everything(self, positions: Floats) -> Floats:
         """Every vertex, in the order of memory that ``ipctk`` wants."""
         return np.asfortranarray(np.concatenate([positions, self.fixed]))
 
@@ -127,11 +130,11 @@ class SurfaceContact:
             return self._found[1]
         if not self._covered(positions):
             inflation = 0.5 * self.settings.thickness + self.slack
-            self.candidates.build(self.mesh, self._all(positions), inflation)
+            self.candidates.build(self.mesh, self.everything(positions), inflation)
             self.path = (positions.copy(), np.zeros_like(positions))
         collisions = ipctk.NormalCollisions()
         collisions.use_area_weighting = True
-        collisions.build(self.candidates, self.mesh, self._all(positions), self.settings.thickness)
+        collisions.build(self.candidates, self.mesh, self.everything(positions), self.settings.thickness)
         self._found = (positions.copy(), collisions)
         return collisions
 

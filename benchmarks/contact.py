@@ -1,0 +1,108 @@
+"""Least milliseconds of the parts of contact, with 5 000 and 20 000 triangles, and the broad phases side by side.
+
+Run ``python benchmarks/contact.py``. Two states: a sheet rolled up with its layers 0.7 mm apart (self-contact), and one
+lying on a moving body of as many triangles (a body's contact).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import ipctk
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.shell.contact import ClothContact, ContactSettings
+from yarnscale.shell.mesh import TriangleMesh, rectangle
+from yarnscale.shell.motion import Motion
+from yarnscale.shell.obstacles import MeshObstacle
+from yarnscale.shell.surface_contact import SurfaceContact
+
+Floats = NDArray[np.float64]
+
+SHEET = 0.3
+SETTINGS = ContactSettings(friction=0.3)
+BROAD_PHASES = ("LBVH", "SweepAndPrune", "HashGrid", "SpatialHash")
+
+
+def milliseconds(run: Callable[[], object], repeats: int = 5) -> float:
+    run()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return 1e3 * min(times)
+
+
+def rolled(mesh: TriangleMesh) -> tuple[ClothContact, Floats]:
+    turn, gap = 0.02, 7e-4
+    angle = mesh.panel[:, 0] / turn
+    radius = turn + gap * angle / (2 * np.pi)
+    positions = np.column_stack([radius * np.sin(angle), mesh.panel[:, 1], -radius * np.cos(angle)])
+    return ClothContact(mesh, SETTINGS), positions
+
+
+def lying(mesh: TriangleMesh) -> tuple[ClothContact, Floats]:
+    """A sheet 0.7 mm above a body with bumps that turns about the vertical."""
+    body = rectangle(1.1 * SHEET, 1.1 * SHEET, 1.1 * SHEET * np.sqrt(2.0 / len(mesh.triangles)))
+
+    def bumps(panel: Floats, height: float) -> Floats:
+        return np.column_stack([panel, 0.01 * np.sin(40 * panel[:, 0]) * np.sin(40 * panel[:, 1]) + height])
+
+    motion = Motion((0.0, 0.0, 0.05), 0.0, 1.0, (0.0, 0.0, 1.0))
+    obstacle = MeshObstacle(bumps(body.panel, 0.0), body.triangles, motion)
+    contact = ClothContact(mesh, SETTINGS, (obstacle,))
+    return contact, np.concatenate([bumps(mesh.panel, 7e-4), contact.places(0.0)])
+
+
+def parts(contact: ClothContact, positions: Floats) -> None:
+    surface = next(part for part in contact.parts if isinstance(part, SurfaceContact))
+    rng = np.random.default_rng(0)
+    step = 5e-4 * rng.standard_normal(positions.shape)
+    contact.start_step(positions, 1 / 60)
+    fraction = contact.bound(positions, step)
+    points = [positions + share * fraction * step for share in (0.2, 0.4)]
+    turn = 0
+
+    def elsewhere() -> Floats:
+        """Alternating places, so that nothing is remembered from the call before."""
+        nonlocal turn
+        turn += 1
+        return points[turn % 2]
+
+    tests: list[tuple[str, Callable[[], object]]] = [
+        ("bound of a step (broad phase, then CCD)", lambda: contact.bound(positions, step)),
+        ("start of a step", lambda: contact.start_step(elsewhere(), 1 / 60)),
+        ("energy at a new place (close pairs)", lambda: contact.value(elsewhere())),
+        ("energy and gradient at a known place", lambda: contact.gradient(points[0])),
+        ("Hessian at a known place", lambda: contact.hessian(points[0])),
+        ("test of a frame", lambda: contact.intersects(positions)),
+    ]
+    contact.bound(positions, step)
+    for text, run in tests:
+        print(f"  {text:44}{milliseconds(run):9.1f}")
+    # A step of random directions makes boxes large; that of a solver is smaller.
+    start, end = surface.everything(positions), surface.everything(positions + step)
+    for kind in BROAD_PHASES:
+        broad, found = getattr(ipctk, kind)(), ipctk.Candidates()
+        cost = milliseconds(
+            lambda found=found, broad=broad: found.build(surface.mesh, start, end, 5e-4, broad), 3
+        )
+        print(f"  broad phase {kind:32}{cost:9.1f}")
+    print(f"  {'edge pairs after the broad phase':44}{len(found.ee_candidates):9}")
+
+
+def main() -> None:
+    print(f"{ipctk.get_num_threads()} threads; milliseconds")
+    for spacing in (0.0065, 0.00325):
+        mesh = rectangle(SHEET, SHEET, spacing)
+        for name, build in (("rolled", rolled), ("on a moving body", lying)):
+            contact, positions = build(mesh)
+            print(f"{name}, {len(mesh.triangles)} triangles, {contact.guests} vertices of bodies")
+            parts(contact, positions)
+
+
+if __name__ == "__main__":
+    main()
