@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.fabric.adaptive_volume import AdaptiveRule, AdaptiveVolume
 from yarnscale.fabric.spline_knit import SplineFabric, jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
@@ -121,3 +122,39 @@ def test_held_points_stay(fabric: SplineFabric, volume: BoundingVolume) -> None:
         motion = moving.step(moving.start, 1 / 240).motion
         there = fabric.at(moving.yarns(motion).positions, fabric.top)
         np.testing.assert_allclose(there, fabric.at(fabric.control.reshape(-1, 3), fabric.top), atol=1e-8)
+
+
+def test_adaptive_volume_refines_where_it_helps_and_gives_knots_back(fabric: SplineFabric) -> None:
+    """Gains foretell what a step with the knot saves; refining keeps the motion; at rest the knots go again."""
+    tall = jersey(8, 5, YarnMaterial.preset("wool"))
+    coarse = BoundingVolume.around(tall.control, (4, 4))
+    moving = SplineMotion(tall, volume=coarse, held=tall.top, tolerance=1e-6)
+    adaptive, motion = AdaptiveVolume(moving, AdaptiveRule(gain=1e-7, narrowest=8.0)), moving.start
+    for _ in range(2):
+        motion = adaptive.moving.step(motion, 1 / 240).motion
+    gains = adaptive.gains(motion, 1 / 240)
+    assert {knot.axis for knot in gains} == {0, 1}
+    before = adaptive.moving.yarns(motion)
+    finer = adaptive.adapt(motion, 1 / 240)
+    assert adaptive.volume.count > coarse.count
+    after = adaptive.moving.yarns(finer)
+    np.testing.assert_allclose(after.positions, before.positions, atol=1e-14)
+    np.testing.assert_allclose(after.velocities, before.velocities, atol=1e-12)
+    knot = adaptive.knots[0]
+    saved = _step_energy(moving, motion) - _step_energy(adaptive.moving, finer)
+    assert saved == pytest.approx(gains[knot], rel=0.05)
+    assert gains[knot] == max(gains.values())
+
+    calm = AdaptiveVolume(adaptive.moving, AdaptiveRule(gain=1e6))
+    calm.knots, calm._coarsest = list(adaptive.knots), coarse
+    calm.adapt(YarnMotion(adaptive.volume.control_at_rest, np.zeros_like(finer.positions)), 1 / 240)
+    assert not calm.knots and calm.volume.count == coarse.count
+
+
+def _step_energy(moving: SplineMotion, motion: YarnMotion, step: float = 1 / 240) -> float:
+    """What an implicit step minimises, at its minimum [J]."""
+    yarns, reached = moving.yarns(motion), moving.step(motion, step).motion
+    away = (moving.yarns(reached).positions - yarns.positions - step * yarns.velocities).ravel()
+    inertia = 0.5 * float(away @ moving.times_mass(away)) / step**2
+    energies = moving.energies(reached)
+    return inertia + energies["elastic"] + energies["gravity"]

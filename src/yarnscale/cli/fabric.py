@@ -11,9 +11,10 @@ import numpy as np
 from yarnscale.cli import convert
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
 from yarnscale.errors import InputError
+from yarnscale.fabric.adaptive_volume import AdaptiveRule
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.run import MotionRun, MotionSchedule, run_motion
-from yarnscale.fabric.spline_knit import SplineFabric, jersey
+from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
@@ -48,14 +49,15 @@ def fabric(options: argparse.Namespace) -> int:
     schedule = MotionSchedule(
         options.duration, options.time_step, method="explicit" if options.explicit else "implicit"
     )
-    run = _run(moving, schedule, writable_folder(options.out))
+    rule = AdaptiveRule() if options.adaptive and volume is not None else None
+    run = _run(moving, schedule, rule, writable_folder(options.out))
     for kind in options.format:
         convert.write(read_animation(options.out), kind, options.out / _FILES.get(kind, kind))
-    _tell(_summary(moving, run), options)
+    _tell(_summary(run), options)
     return 0 if run.status.name == "CONVERGED" else 1
 
 
-def _run(moving: SplineMotion, schedule: MotionSchedule, out: Path) -> MotionRun:
+def _run(moving: SplineMotion, schedule: MotionSchedule, rule: AdaptiveRule | None, out: Path) -> MotionRun:
     knitted = moving.fabric
     lines = knitted.lines(knitted.control, _POINTS_PER_SEGMENT)
     offsets = np.arange(knitted.yarn_count + 1) * lines.shape[1]
@@ -70,11 +72,11 @@ def _run(moving: SplineMotion, schedule: MotionSchedule, out: Path) -> MotionRun
         points = knitted.lines(yarns.positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
         folder.write(number, points, yarns.time)
 
-    return run_motion(moving, schedule, on_frame=frame, on_step=told)
+    return run_motion(moving, schedule, adaptive=rule, on_frame=frame, on_step=told)
 
 
-def _summary(moving: SplineMotion, run: MotionRun) -> dict[str, object]:
-    knitted: SplineFabric = moving.fabric
+def _summary(run: MotionRun) -> dict[str, object]:
+    moving, knitted = run.moving, run.moving.fabric
     control = moving.yarns(run.motion).positions
     return {
         **moving.counts(),

@@ -39,6 +39,9 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         metavar="N1,N2,2",
         help="control points of the volume (5,5,2)",
     )
+    command.add_argument(
+        "--adaptive", action="store_true", help="let the volume take knots in where the motion asks for them"
+    )
     command.add_argument("--scene", choices=SCENES, default="hang", help="held along the last row (hang)")
     command.add_argument("--material", metavar="MATERIAL", help="preset or TOML file (wool)")
     command.add_argument("--radius", type=float, default=1e-3, metavar="METRES", help="of the yarn (0.001)")

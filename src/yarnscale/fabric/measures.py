@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
 from yarnscale.fabric.spline_knit import SplineFabric
@@ -26,7 +26,7 @@ def penetration(fabric: SplineFabric, control: Array) -> float:
     per_segment = int(np.ceil(along / fabric.segments_per_yarn / (_SPACING * fabric.radius)))
     lines = fabric.lines(control, per_segment)
     points = lines.reshape(-1, 3)
-    near = cKDTree(points).query_pairs(2.0 * fabric.radius, output_type="ndarray")
+    near = KDTree(points).query_pairs(2.0 * fabric.radius, output_type="ndarray")
     count = lines.shape[1]
     steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
     place = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, axis=1)], axis=1).ravel()

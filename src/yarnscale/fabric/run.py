@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yarnscale.errors import InputError
+from yarnscale.fabric.adaptive_volume import AdaptiveRule, AdaptiveVolume
 from yarnscale.fabric.spline_motion import Method, SplineMotion, YarnMotion
 from yarnscale.numerics.newton import Status
 
@@ -41,9 +42,10 @@ class MotionSchedule:
 class MotionRun:
     """Outcome of a run: the last motion, how it ended, steps, Newton iterations, seconds of work.
 
-    energies: of every frame, with its ``time`` [s] and [J].
+    moving: what moved, in the volume of the end. energies: of every frame, with its ``time`` [s] and [J].
     """
 
+    moving: SplineMotion
     motion: YarnMotion
     status: Status
     steps: int
@@ -57,14 +59,16 @@ def run_motion(
     schedule: MotionSchedule,
     *,
     start: YarnMotion | None = None,
+    adaptive: AdaptiveRule | None = None,
     on_frame: Callable[[int, YarnMotion], None] | None = None,
     on_step: Callable[[float], None] | None = None,
 ) -> MotionRun:
     """Run from ``start`` (default: at rest); ``on_frame(number, yarns)`` gets frames as they finish.
 
-    on_step(share done). An implicit step that fails is halved; where that does not help, the run ends with its status.
+    adaptive: let the volume change at frames. on_step(share done). An implicit step that fails is halved; where that does not help, the run ends with its status.
     """
     begin = time.perf_counter()
+    follower = AdaptiveVolume(moving, adaptive) if adaptive is not None else None
     motion = moving.start if start is None else start
     longest = schedule.time_step
     if schedule.method == "explicit":
@@ -93,7 +97,10 @@ def run_motion(
         if status is not Status.CONVERGED:
             break
         frame(number)
-    return MotionRun(motion, status, steps, iterations, time.perf_counter() - begin, energies)
+        if follower is not None and number < frames:
+            motion = follower.adapt(motion, longest)
+            moving = follower.moving
+    return MotionRun(moving, motion, status, steps, iterations, time.perf_counter() - begin, energies)
 
 
 def _advance(

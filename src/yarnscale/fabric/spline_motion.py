@@ -100,7 +100,8 @@ class SplineMotion:
 
     gravity: [m/s²]; held: points of yarns that stay where they are at rest; damping: rate [1/s] at which free motion
     decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. tolerance: of
-    implicit steps, forces left over per weight of the fabric; iterations: of Newton, the most in a step.
+    implicit steps, forces left over per weight of the fabric; iterations: of Newton, the most in a step. energy:
+    that of the fabric, where it is at hand.
     """
 
     def __init__(
@@ -113,12 +114,14 @@ class SplineMotion:
         damping: float = 0.0,
         tolerance: float = 1e-2,
         iterations: int = 50,
+        energy: SplineEnergy | None = None,
     ) -> None:
         if not (math.isfinite(damping) and damping >= 0):
             raise InputError("damping", expected="zero or more [1/s]", found=damping)
         self.fabric, self.volume, self.damping = fabric, volume, damping
         self.tolerance, self.iterations = tolerance, iterations
-        self.energy = SplineEnergy(fabric)
+        self.held = held
+        self.energy = energy if energy is not None else SplineEnergy(fabric)
         self.gravity = np.asarray(gravity, dtype=np.float64)
         self.load = self.energy.weight(self.gravity)
         standard = self.energy.weight(np.asarray(STANDARD_GRAVITY))
@@ -148,6 +151,13 @@ class SplineMotion:
         if self.volume is not None:
             counts["reduced_unknowns"] = 3 * self.volume.count
         return counts
+
+    def with_volume(self, volume: BoundingVolume) -> SplineMotion:
+        """The same fabric under the same conditions in another volume."""
+        return SplineMotion(
+            self.fabric, volume=volume, gravity=tuple(self.gravity), held=self.held, damping=self.damping,
+            tolerance=self.tolerance, iterations=self.iterations, energy=self.energy,
+        )  # fmt: skip
 
     def yarns(self, motion: YarnMotion) -> YarnMotion:
         """Control points of the yarns: the motion itself, or what the volume makes of them."""
@@ -179,6 +189,29 @@ class SplineMotion:
             raise InputError("method", expected="explicit or implicit", found=method)
         self._aim_constraints(motion)
         return (self._explicit if method == "explicit" else self._implicit)(motion, duration)
+
+    def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
+        """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
+        self._aim_constraints(motion)
+        _, gradient, model = self._objective(motion, duration).quadratic(reached.ravel())
+        linear, shift = self._new_linear(), 0.0
+        while not linear.factorise(model, shift):
+            shift = _SHIFT.raised(shift)
+        return -0.5 * float(gradient @ linear.step(-gradient, None))
+
+    def nearest(self, yarns: YarnMotion) -> tuple[YarnMotion, float]:
+        """The motion of the volume nearest to that of the yarns, in the mass matrix; and how far yarns are away [m]."""
+        assert self.map is not None
+        solver, right = self._mass_solver(), None
+        if self._constraints is not None:
+            right = self._constraints.right
+        wanted = (
+            self.map.pull_gradient(self.times_mass(v.ravel())) for v in (yarns.positions, yarns.velocities)
+        )
+        positions, velocities = (solver.step(w, gap) for w, gap in zip(wanted, (right, None), strict=True))
+        found = YarnMotion(positions.reshape(-1, 3), velocities.reshape(-1, 3), yarns.time)
+        away = np.linalg.norm(self.yarns(found).positions - yarns.positions, axis=1).max()
+        return found, float(away)
 
     def stable_step(self, motion: YarnMotion, *, iterations: int = 60) -> float:
         """Longest stable explicit step at a state [s]: 2/ω of the fastest vibration, by power iteration."""
@@ -212,22 +245,24 @@ class SplineMotion:
         return MotionStep(YarnMotion(positions, velocity.reshape(-1, 3), motion.time + duration), status)
 
     def _implicit(self, motion: YarnMotion, duration: float) -> MotionStep:
-        inertia, drag = 1.0 / duration**2, self.damping / duration
-        ahead = motion.positions + duration * motion.velocities
-        centre = (inertia * ahead + drag * motion.positions) / (inertia + drag)
-        full = self.yarns(YarnMotion(centre, motion.velocities)).positions.ravel()
-        objective: Objective = _StepObjective(self, inertia + drag, full)
-        if self.map is not None:
-            objective = MappedObjective(objective, self.map)
         # Yarns carried on straight would stretch where they turn, and are far stiffer so than in any other way.
         solution = minimise(
-            objective, motion.positions.ravel(), constraints=self._constraints, tolerance=self.tolerance,
-            max_iterations=self.iterations, shift=_SHIFT, check_minimum=False, linear=self._linear,
+            self._objective(motion, duration), motion.positions.ravel(), constraints=self._constraints,
+            tolerance=self.tolerance, max_iterations=self.iterations, shift=_SHIFT, check_minimum=False,
+            linear=self._linear,
         )  # fmt: skip
         positions = solution.x.reshape(-1, 3)
         velocities = (positions - motion.positions) / duration
         new = YarnMotion(positions, velocities, motion.time + duration)
         return MotionStep(new, solution.status, solution.iterations)
+
+    def _objective(self, motion: YarnMotion, duration: float) -> Objective:
+        inertia, drag = 1.0 / duration**2, self.damping / duration
+        ahead = motion.positions + duration * motion.velocities
+        centre = (inertia * ahead + drag * motion.positions) / (inertia + drag)
+        full = self.yarns(YarnMotion(centre, motion.velocities)).positions.ravel()
+        objective = _StepObjective(self, inertia + drag, full)
+        return objective if self.map is None else MappedObjective(objective, self.map)
 
     def _pulled(self, force: Array) -> Array:
         return force if self.map is None else self.map.pull_gradient(force)
