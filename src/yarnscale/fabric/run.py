@@ -65,7 +65,8 @@ def run_motion(
 ) -> MotionRun:
     """Run from ``start`` (default: at rest); ``on_frame(number, yarns)`` gets frames as they finish.
 
-    adaptive: let the volume change at frames. on_step(share done). An implicit step that fails is halved; where that does not help, the run ends with its status.
+    adaptive: let the volume change at frames. on_step(share done). An implicit step that fails is halved; where that
+    does not help, the run ends with its status.
     """
     begin = time.perf_counter()
     follower = AdaptiveVolume(moving, adaptive) if adaptive is not None else None
