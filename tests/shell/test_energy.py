@@ -115,3 +115,20 @@ def test_grain_turns_the_stiff_direction() -> None:
 def test_states_without_area_are_refused() -> None:
     energy, positions = crumpled("extrapolate")
     assert energy.value(positions * 0) == np.inf
+
+
+def test_threads_give_the_same_energy_forces_and_matrices() -> None:
+    mesh = rectangle(0.1, 0.1, 0.005)
+    material = crumpled("extrapolate")[0].material
+    positions = np.column_stack([mesh.panel * 1.05, 1e-3 * np.sin(60 * mesh.panel[:, 0])])
+    results = []
+    for threads in (1, 2, 3):
+        energy = ShellEnergy(mesh, material, threads=threads)
+        largest = energy.follow(positions)
+        linear = energy.linearise(positions)
+        matrices = [linear.hessian("exact"), linear.hessian("positive")]
+        results.append([energy.value(positions), largest, linear.gradient, *matrices])
+    for other in results[1:]:
+        for expected, found in zip(results[0], other, strict=True):
+            scale = float(np.abs(expected).max())
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * scale)
