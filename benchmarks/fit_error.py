@@ -1,12 +1,14 @@
 """Error of fitted materials on states they have not seen, over the number of solves.
 
-Run ``python benchmarks/fit_error.py [PATTERN] [--solves N,N,…] [--unseen N] [--picture FILE.png]`` (default:
-stockinette.pyp of the reference data folder, ``../shared`` or ``$YARNSCALE_SHARED``; else the built-in one). Four fits:
+Run ``python benchmarks/fit_error.py [PATTERN] [--solves N,N,…] [--unseen N] [--seed N] [--adaptive] [--picture
+FILE.png]`` (default: stockinette.pyp of the reference data folder, ``../shared`` or ``$YARNSCALE_SHARED``; else the
+built-in one). Four fits, with ``--adaptive`` five:
 
 - published scheme: monotone Hermite splines through energies on the axes and planes (HYLC20 §6);
 - energies: smooth splines of pairs of strains fitted to energies only;
 - energies and stresses: the same, fitted to both;
-- full: terms of all three in-plane strains too, on states inside the range.
+- full: terms of all three in-plane strains too, on states inside the range;
+- full, adaptive: the same, on the first plan and states that were chosen where fits disagree.
 
 Errors are fractions of the largest energy above rest, or of the largest stress of a component, among unseen states.
 """
@@ -33,8 +35,10 @@ from yarnscale.homogenize.plan import (
     random_states,
     scattered_axes,
 )
+from yarnscale.homogenize.refine import refine
 from yarnscale.homogenize.sample import create_store, sample
 from yarnscale.homogenize.states import SampledStates
+from yarnscale.homogenize.store import SampleStore
 from yarnscale.shell.spline_material import SplineMaterial
 from yarnscale.shell.spline_patches import PLANES
 from yarnscale.shell.tables import BicubicSpline, CubicSpline
@@ -85,25 +89,31 @@ def published(data: SampledStates, density: float) -> SplineMaterial:
     return SplineMaterial(rest, tuple(axes), planes, density=density)
 
 
-def fits(pairs: SampledStates, inside: SampledStates, density: float) -> dict[str, SplineMaterial]:
-    """Materials by the name of the scheme."""
+def fitted(data: SampledStates, density: float, *, stresses: bool, full: bool = False) -> SplineMaterial:
+    """A smooth fit."""
+    return fit_spline_material(
+        data.strains,
+        data.energies,
+        data.stresses if stresses else None,
+        density=density,
+        valid=data.converged,
+        options=FitOptions(in_plane="full" if full else "pairwise"),
+    )
 
-    def fit(data: SampledStates, *, stresses: bool, full: bool = False) -> SplineMaterial:
-        return fit_spline_material(
-            data.strains,
-            data.energies,
-            data.stresses if stresses else None,
-            density=density,
-            valid=data.converged,
-            options=FitOptions(in_plane="full" if full else "pairwise"),
-        )
 
-    return {
-        "published scheme": published(pairs, density),
-        "energies": fit(pairs, stresses=False),
-        "energies and stresses": fit(pairs, stresses=True),
-        "full": fit(inside, stresses=True, full=True),
+def fits(
+    pairs: SampledStates, inside: SampledStates, chosen: SampledStates | None, density: float
+) -> dict[str, tuple[SampledStates, SplineMaterial]]:
+    """States and material by the name of the scheme."""
+    found = {
+        "published scheme": (pairs, published(pairs, density)),
+        "energies": (pairs, fitted(pairs, density, stresses=False)),
+        "energies and stresses": (pairs, fitted(pairs, density, stresses=True)),
+        "full": (inside, fitted(inside, density, stresses=True, full=True)),
     }
+    if chosen is not None:
+        found["full, adaptive"] = (chosen, fitted(chosen, density, stresses=True, full=True))
+    return found
 
 
 def draw(path: Path, counts: list[int], found: dict[str, list[FitReport]]) -> None:
@@ -131,7 +141,7 @@ def draw(path: Path, counts: list[int], found: dict[str, list[FitReport]]) -> No
         panel.grid(alpha=0.3)
     handles, names = panels[0].get_legend_handles_labels()
     title = "solid: median, dotted: 95th percentile"
-    figure.legend(handles, names, title=title, loc="outside lower center", ncols=4, frameon=False)
+    figure.legend(handles, names, title=title, loc="outside lower center", ncols=len(names), frameon=False)
     figure.savefig(path, dpi=110)
 
 
@@ -141,6 +151,8 @@ def main() -> None:
     arguments.add_argument("pattern", nargs="?", default=default_pattern())
     arguments.add_argument("--solves", default="100,200,400")
     arguments.add_argument("--unseen", type=int, default=300)
+    arguments.add_argument("--seed", type=int, default=1, help="of the unseen states")
+    arguments.add_argument("--adaptive", action="store_true")
     arguments.add_argument("--picture", type=Path)
     options = arguments.parse_args()
     pattern = read_pattern(options.pattern)
@@ -149,18 +161,24 @@ def main() -> None:
     found: dict[str, list[FitReport]] = {}
     print(f"{pattern.name}, {options.unseen} unseen states; errors [%], median / 95th percentile")
     with tempfile.TemporaryDirectory() as folder:
-        unseen = solved(cell, random_states(box, options.unseen), Path(folder) / "unseen")
+        unseen = solved(cell, random_states(box, options.unseen, seed=options.seed), Path(folder) / "unseen")
         for count in counts:
             pairs = solved(cell, axes_and_planes(box, count), Path(folder) / f"pairs{count}")
             inside = solved(cell, axes_planes_and_inside(box, count), Path(folder) / f"inside{count}")
-            for name, material in fits(pairs, inside, cell.area_density).items():
+            chosen = None
+            if options.adaptive:
+                path = Path(folder) / "adaptive"
+                plan = scattered_axes(axes_planes_and_inside(box, counts[0]))
+                store = SampleStore(path) if path.exists() else create_store(path, cell, plan, scattered=True)
+                chosen = SampledStates.of(refine(cell, store, budget=count, workers=1).store)
+            for name, (states, material) in fits(pairs, inside, chosen, cell.area_density).items():
                 report = validate(
                     material, unseen.strains, unseen.energies, unseen.stresses, valid=unseen.converged
                 )
                 found.setdefault(name, []).append(report)
                 stress = zip(report.stress_median, report.stress_95, strict=True)
                 print(
-                    f"{len((inside if name == 'full' else pairs).strains):4d} solves  {name:22s}"
+                    f"{len(states.strains):4d} solves  {name:22s}"
                     f"  energy {100 * report.energy_median:5.2f} /{100 * report.energy_95:6.2f}   stress "
                     + "  ".join(f"{100 * m:5.2f} /{100 * h:6.2f}" for m, h in stress)
                 )
