@@ -14,6 +14,8 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from yarnscale.cell.periodic import Equilibrium, PeriodicCell
     from yarnscale.cell.rest import RestShape, settled
+    from yarnscale.detail.fluctuations import FluctuationTable
+    from yarnscale.detail.yarns import YarnDetail
     from yarnscale.errors import InputError
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
@@ -48,6 +50,7 @@ _HOME = {
     "Cloth": "shell.cloth",
     "ContactRule": "yarn.material",
     "Equilibrium": "cell.periodic",
+    "FluctuationTable": "detail.fluctuations",
     "Homogenization": "homogenize.homogenize",
     "InputError": "errors",
     "OrthotropicMaterial": "shell.orthotropic",
@@ -63,6 +66,7 @@ _HOME = {
     "StrainGrid": "homogenize.plan",
     "StrainRange": "homogenize.plan",
     "TriangleMesh": "shell.mesh",
+    "YarnDetail": "detail.yarns",
     "YarnMaterial": "yarn.material",
     "YarnPattern": "yarn.pattern",
     "axes_and_planes": "homogenize.plan",
@@ -95,6 +99,7 @@ __all__ = [
     "Cloth",
     "ContactRule",
     "Equilibrium",
+    "FluctuationTable",
     "Homogenization",
     "InputError",
     "OrthotropicMaterial",
@@ -110,6 +115,7 @@ __all__ = [
     "StrainRange",
     "StretchRule",
     "TriangleMesh",
+    "YarnDetail",
     "YarnMaterial",
     "YarnPattern",
     "__version__",
