@@ -36,6 +36,7 @@ class Sensitivities:
     material has that law, ``BARRIERS`` where contact is ``est2022``; of several materials, as their parameters change
     alike. stress: d(stress)/dp, (6,) each. energy_of, stress_of: those of each material alone, without ``BARRIERS``.
     energy_by_rest_length: (n,) [J/m³]. stress_by_rest_length: (6, n), in the units of stress per metre.
+    moduli: (6, 6), as ``PeriodicCell.moduli`` gives them.
     """
 
     energy: dict[str, float]
@@ -44,6 +45,7 @@ class Sensitivities:
     stress_of: tuple[dict[str, Array], ...]
     energy_by_rest_length: Array
     stress_by_rest_length: Array
+    moduli: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +121,7 @@ def sensitivities(cell: PeriodicCell, state: Equilibrium) -> Sensitivities:
         stress_of=stress_of,
         energy_by_rest_length=value[lengths] / r,
         stress_by_rest_length=stress[:, lengths] / r,
+        moduli=answer.moduli,
     )
 
 
