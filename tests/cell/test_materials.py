@@ -9,13 +9,13 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.energy import CellEnergy
-from yarnscale.cell.stiffness import CellStiffness
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.curves import PeriodicCurve
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import PatternStiffness
 
 RADIUS, SPACING = 1e-3, 4e-3
 SOFT = YarnMaterial(5e5, 2e5, 0.01, 60.0, 120.0, name="soft")
@@ -89,7 +89,7 @@ def test_straight_yarns_add_up() -> None:
 
 def test_contact_of_two_materials_is_the_harmonic_mean() -> None:
     pattern = plated()
-    found = CellStiffness.of(pattern, (SOFT, STIFF))
+    found = PatternStiffness.of(pattern, (SOFT, STIFF))
     a, b = (int(np.flatnonzero(pattern.material_of_vertex == k)[0]) for k in (0, 1))
     first, second = np.array([a, a, b]), np.array([a, b, b])
     np.testing.assert_allclose(found.pair_stiffness(first, second), [60.0, 100.0, 300.0], rtol=1e-14)

@@ -10,11 +10,12 @@ import pytest
 
 from yarnscale.cell import PeriodicCell, periodic
 from yarnscale.cell.energy import CellEnergy
-from yarnscale.cell.topology import _lasting, _pair_cuts, crossed, crossings, jump_is_safe
+from yarnscale.cell.topology import _lasting, crossed, crossings, jump_is_safe
 from yarnscale.homogenize.worker import CODE_OF, record
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.segment_cuts import pair_cuts
 
 MATERIAL = YarnMaterial.preset("hylc2020-stockinette")
 Move = Callable[[np.ndarray], np.ndarray]
@@ -41,13 +42,13 @@ def test_time_place_and_side_of_a_cut() -> None:
     """A segment along y at height 1 falls to height −3 through one along x, at a quarter of the way."""
     before = np.array([[0.0, 0, 0], [1, 0, 0], [0.25, -0.5, 1], [0.25, 0.5, 1]])
     ends, fall = np.array([1, 0, 3, 2]), np.array([[0.0], [0], [1], [1]]) * (0, 0, -4.0)
-    (cut,) = _pair_cuts(before, before + fall, ends, np.array([0]), np.array([2]))
+    (cut,) = pair_cuts(before, before + fall, ends, np.array([0]), np.array([2]))
     np.testing.assert_allclose(cut[:5], [0, 2, 0.25, 0.25, 0.5], atol=1e-12)
-    (back,) = _pair_cuts(before + fall, before, ends, np.array([0]), np.array([2]))
+    (back,) = pair_cuts(before + fall, before, ends, np.array([0]), np.array([2]))
     assert back[5] == -cut[5]
-    assert len(_pair_cuts(before, before + fall / 8, ends, np.array([0]), np.array([2]))) == 0
+    assert len(pair_cuts(before, before + fall / 8, ends, np.array([0]), np.array([2]))) == 0
     aside = before + np.array([[0.0], [0], [1], [1]]) * (1.0, 0, 0)
-    assert len(_pair_cuts(aside, aside + fall, ends, np.array([0]), np.array([2]))) == 0
+    assert len(pair_cuts(aside, aside + fall, ends, np.array([0]), np.array([2]))) == 0
 
 
 def test_two_opposite_cuts_of_one_motion_undo_each_other() -> None:

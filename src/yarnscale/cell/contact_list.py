@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.stiffness import CellStiffness
 from yarnscale.numerics.affine import CopiedNodes
-from yarnscale.numerics.assembly import StencilSet
-from yarnscale.yarn.contact import contact_energy
-from yarnscale.yarn.material import ContactRule
+from yarnscale.numerics.assembly import StencilSet, position_variables
+from yarnscale.yarn.contact import contact_energy, contact_reach
 from yarnscale.yarn.neighbours import Images, PairSearch
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import PatternStiffness
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -26,18 +25,6 @@ SKIN = 0.7
 """How much farther than contact pairs are listed [r]; at least twice a step's longest move, so that none is missed."""
 PATTERN_MARGIN = 0.3
 """How much farther than the list the matrix pattern looks ahead [r]; saves symbolic analyses."""
-
-
-def position_variables(nodes: Indices) -> Indices:
-    """Full variables of nodes (N, k) → (N, 3k)."""
-    return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
-
-
-def contact_reach(rule: ContactRule) -> float:
-    """Distance of centre lines from which two yarns press on each other [r]."""
-    if rule.kernel == "est2022":
-        return 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
-    return 2.0
 
 
 @dataclass(eq=False)
@@ -64,7 +51,7 @@ class ContactList:
         pattern: YarnPattern,
         images: Images,
         nodes: CopiedNodes,
-        stiffness: CellStiffness,
+        stiffness: PatternStiffness,
         *,
         symmetric: bool,
         turning: Array | None,

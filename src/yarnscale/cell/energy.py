@@ -1,7 +1,7 @@
 """The energy of a periodic cell as a function of co-rotated fluctuations and twists (theory §2, eq. C1).
 
 Every copy of vertex i in tile t lies at ``m(X_i + t) + R(ξ_i + t) û_i``. Lengths are counted in yarn radii and energies
-in E π r³ (``CellStiffness``) inside this room, so that tolerances and regularisation suit every pattern.
+in E π r³ (``PatternStiffness``) inside this room, so that tolerances and regularisation suit every pattern.
 """
 
 from __future__ import annotations
@@ -12,19 +12,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.contact_list import ContactList, Contacts, contact_reach, position_variables
+from yarnscale.cell.contact_list import ContactList, Contacts
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
-from yarnscale.cell.stiffness import CellStiffness, Materials
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
-from yarnscale.numerics.assembly import StencilSet
+from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
+from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.neighbours import Images, pair_gaps, safe_fraction
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, carried_frames
+from yarnscale.yarn.stiffness import Materials, PatternStiffness
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -119,7 +120,7 @@ class CellEnergy:
 
     def __post_init__(self) -> None:
         pattern, radius = self.pattern, self.pattern.radius
-        self.stiffness = CellStiffness.of(pattern, self.material)
+        self.stiffness = PatternStiffness.of(pattern, self.material)
         self.unit = self.stiffness.unit
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)

@@ -14,7 +14,6 @@ from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
-from yarnscale.cell.stiffness import CellStiffness, Materials, materials_of
 from yarnscale.cell.topology import crossed, jump_is_safe, safe_move
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
@@ -22,6 +21,7 @@ from yarnscale.numerics.newton import Solution, Status, minimise
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials, PatternStiffness, materials_of
 
 Array = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class PeriodicCell:
     @property
     def area_density(self) -> float:
         """Mass per reference area [kg/m²]."""
-        return CellStiffness.of(self.pattern, self.material).area_density()
+        return PatternStiffness.of(self.pattern, self.material).area_density()
 
     def energy(self, strain: ShellStrain) -> CellEnergy:
         """The energy of this cell under any state, as an objective of fluctuations and twists."""

@@ -29,10 +29,10 @@ from yarnscale.cell.rest_outcome import (
     shortened,
 )
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
-from yarnscale.cell.stiffness import Materials
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials
 
 __all__ = [
     "RestRound",

@@ -10,7 +10,6 @@ import numpy as np
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import settled
-from yarnscale.cell.stiffness import Materials, materials_of
 from yarnscale.cli.console import print_json, writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
@@ -20,6 +19,7 @@ from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials, materials_of
 
 FALLBACK = "hylc2020-stockinette"
 

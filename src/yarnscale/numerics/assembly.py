@@ -106,6 +106,11 @@ class StencilSet:
         return energies[: self.count], gradients[: self.count], hessians[: self.count]
 
 
+def position_variables(nodes: Indices) -> Indices:
+    """Full variables of nodes (N, k) → (N, 3k)."""
+    return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
+
+
 @numba.njit(**_JIT)
 def _gather(full, index, block, out):
     for k in range(out.shape[0]):

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from yarnscale.numerics.energy import LinearTerms, StencilEnergy, Symbol
+from yarnscale.yarn.material import ContactRule
 
 _POINTS = {"a0": 3, "a1": 3, "b0": 3, "b1": 3}
 
@@ -73,3 +74,10 @@ def contact_energy(kernel: str, points: tuple[float, ...], weights: tuple[float,
         return LinearTerms([(ca.sparsify(ca.DM(to_offsets)), lambda _: LinearTerms(outer))])
 
     return StencilEnergy(f"contact_{kernel}_{len(points)}", _POINTS, parameters, energy)  # type: ignore[arg-type]
+
+
+def contact_reach(rule: ContactRule) -> float:
+    """Distance of centre lines from which two yarns press on each other [r]."""
+    if rule.kernel == "est2022":
+        return 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
+    return 2.0

@@ -1,4 +1,4 @@
-"""What every edge, joint and pair of segments of a cell is made of: one yarn material or several (EST22 §6).
+"""What every edge, joint and pair of segments of a pattern is made of: one yarn material or several (EST22 §6).
 
 Lengths are counted in yarn radii. The unit of energy is E π r³ with the largest Young's modulus in use: that of the
 reference material, so that equal materials give what one gives.
@@ -52,7 +52,7 @@ def materials_of(pattern: YarnPattern, material: Materials) -> tuple[YarnMateria
 
 
 @dataclass(frozen=True, eq=False)
-class CellStiffness:
+class PatternStiffness:
     """Stiffnesses of a pattern's edges, joints and contact pairs.
 
     materials: by their number. kind: number of the material of each edge and joint (n,). unit: of energy [J].
@@ -64,7 +64,7 @@ class CellStiffness:
     unit: float
 
     @classmethod
-    def of(cls, pattern: YarnPattern, material: Materials) -> CellStiffness:
+    def of(cls, pattern: YarnPattern, material: Materials) -> PatternStiffness:
         """Stiffnesses of a pattern made of one material or several."""
         materials = materials_of(pattern, material)
         one = isinstance(material, YarnMaterial)
