@@ -87,3 +87,15 @@ def test_other_patterns_and_folders_are_refused(
     assert "no sample store" in refused(
         "detail", folder, "--pattern", inputs[0], "--samples", tmp_path / "no"
     )
+
+
+def test_resume_refuses_frames_made_from_other_samples(
+    run: Callable, refused: Callable[..., str], inputs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = simulated(tmp_path, 1)
+    run("detail", folder, "--pattern", inputs[0], "--samples", inputs[1])
+    cell = PeriodicCell(library.build("plain"), PRESETS["hylc2020-stockinette"])
+    other = create_store(tmp_path / "other", cell, StrainGrid().axes, scattered=False)
+    other.write(0, solve(cell, other.states[0], None)[0])
+    said = refused("detail", folder, "--pattern", inputs[0], "--samples", other.path, "--resume")
+    assert "frames of other yarns" in said
