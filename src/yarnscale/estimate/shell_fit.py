@@ -31,15 +31,17 @@ Array = NDArray[np.float64]
 STATES = 6
 """Stretches per direction (EST22 §5.1)."""
 _PRIOR = 2e-4
-_SHEAR_PRIOR = 0.05
-"""Weight of the prior of the shear stiffness without a bias test: a factor of two beside errors of 10 %.
+_UNMEASURED_PRIOR = 0.05
+"""Weight of the prior of a stiffness whose direction was not measured: a factor of two beside errors of 10 %.
 
-Clamps of real rigs hold less than those of the simulation. Left alone, the fit then lets the middle contract by
-driving shear to nothing, until the simulated cloth buckles within its plane.
+Swatches feel them all the same, through their clamps. Clamps of real rigs hold less than those of the simulation: left
+alone, the fit lets the middle contract by driving shear to nothing, until the simulated cloth buckles within its
+plane, or explains half of the force by a stiffness across that nobody measured.
 """
+_FELT_ALONG = {Direction.WEFT: "stretch_weft", Direction.BIAS: "shear", Direction.WARP: "stretch_warp"}
 _STARTS = 6
 _FAILED = 3.0
-
+"""Residual of a state that is no equilibrium: no fit goes there."""
 _UNIFORM_PRIOR = 0.1
 """Weight, without a bias test, of the contraction of uniform strips against that of the swatches.
 
@@ -220,10 +222,11 @@ class _Problem:
         ]  # fmt: skip
         self._responses = [None] * len(self.targets)
         self.prior_weights = np.full(len(MEMBRANE), _PRIOR)
-        self.uniform_weight = 0.0
-        if all(target.test.direction is not Direction.BIAS for target in self.targets):
-            self.prior_weights[MEMBRANE.index("shear")] = _SHEAR_PRIOR
-            self.uniform_weight = _UNIFORM_PRIOR
+        measured = {target.test.direction for target in self.targets}
+        for direction, constant in _FELT_ALONG.items():
+            if direction not in measured:
+                self.prior_weights[MEMBRANE.index(constant)] = _UNMEASURED_PRIOR
+        self.uniform_weight = 0.0 if Direction.BIAS in measured else _UNIFORM_PRIOR
 
     def residuals(self, unknowns: Array) -> Array:
         parts = []
