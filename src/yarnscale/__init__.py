@@ -17,10 +17,13 @@ if TYPE_CHECKING:
     from yarnscale.detail.fluctuations import FluctuationTable
     from yarnscale.detail.yarns import YarnDetail
     from yarnscale.errors import InputError
+    from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
+    from yarnscale.estimate.measurements import SwatchMeasurements
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
     from yarnscale.files.material_toml import read_material as read_yarn_material
     from yarnscale.files.material_toml import write_material as write_yarn_material
+    from yarnscale.files.measurements import read_measurements
     from yarnscale.files.patterns import read_pattern, write_pattern
     from yarnscale.homogenize.fit import fit_spline_material
     from yarnscale.homogenize.homogenize import Homogenization, fit
@@ -51,6 +54,7 @@ _HOME = {
     "ContactRule": "yarn.material",
     "Equilibrium": "cell.periodic",
     "FluctuationTable": "detail.fluctuations",
+    "FabricShell": "estimate.fabric_shell",
     "Homogenization": "homogenize.homogenize",
     "InputError": "errors",
     "OrthotropicMaterial": "shell.orthotropic",
@@ -65,6 +69,7 @@ _HOME = {
     "StretchRule": "yarn.material",
     "StrainGrid": "homogenize.plan",
     "StrainRange": "homogenize.plan",
+    "SwatchMeasurements": "estimate.measurements",
     "TriangleMesh": "shell.mesh",
     "YarnDetail": "detail.yarns",
     "YarnMaterial": "yarn.material",
@@ -73,11 +78,13 @@ _HOME = {
     "create_store": "homogenize.sample",
     "fit": "homogenize.homogenize",
     "fit_spline_material": "homogenize.fit",
+    "fit_shell": "estimate.fabric_shell",
     "homogenize_cell": "homogenize.homogenize:homogenize",
     "knit": "yarn.knit",
     "patterns": "yarn.library:",
     "read_grid": "files.grid_toml",
     "read_material": "files.material_json",
+    "read_measurements": "files.measurements",
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
     "refine": "homogenize.refine",
@@ -99,6 +106,7 @@ __all__ = [
     "Cloth",
     "ContactRule",
     "Equilibrium",
+    "FabricShell",
     "FluctuationTable",
     "Homogenization",
     "InputError",
@@ -114,6 +122,7 @@ __all__ = [
     "StrainGrid",
     "StrainRange",
     "StretchRule",
+    "SwatchMeasurements",
     "TriangleMesh",
     "YarnDetail",
     "YarnMaterial",
@@ -122,12 +131,14 @@ __all__ = [
     "axes_and_planes",
     "create_store",
     "fit",
+    "fit_shell",
     "fit_spline_material",
     "homogenize_cell",
     "knit",
     "patterns",
     "read_grid",
     "read_material",
+    "read_measurements",
     "read_pattern",
     "read_yarn_material",
     "refine",

@@ -144,7 +144,7 @@ class ShellFit:
 
 def fit_membrane(
     measurements: SwatchMeasurements, *, largest_load: float = POWER_LOAD, states: int = STATES,
-    elements: int = ELEMENTS_ACROSS, tolerance: float = 1e-6,
+    elements: int = ELEMENTS_ACROSS, tolerance: float = 1e-5,
 ) -> ShellFit:  # fmt: skip
     """Membrane constants from stretch tests along any directions.
 
@@ -165,7 +165,7 @@ def fit_membrane(
         bounds=problem.unknowns.bounds,
         x_scale="jac",
         xtol=tolerance,
-        ftol=1e-10,
+        ftol=1e-7,
         gtol=1e-10,
         max_nfev=100,
     )
