@@ -1,0 +1,43 @@
+"""Draw docs/pictures/curl.png: free sheets of homogenized stockinette and plain weave, let go flat.
+
+Run ``python docs/draw_curl.py``. Orange is the right side. The knit's first and last rows roll to the right side.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from yarnscale.files.material_json import read_material
+from yarnscale.shell.cloth import Cloth
+from yarnscale.shell.contact import ContactSettings
+from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.state import ClothState
+from yarnscale.show.cloth import ClothFrame, contact_sheet
+
+ROOT = Path(__file__).resolve().parents[1]
+SIZE, SPACING = 0.10, 0.004
+MOMENTS = (0.0, 0.04, 0.08)
+
+
+def main() -> None:
+    """Simulate both and draw three moments of each."""
+    mesh = rectangle(SIZE, SIZE, SPACING)
+    frames = []
+    for name in ("stockinette", "plain"):
+        material = read_material(ROOT / "tests" / "fabrics" / f"{name}.json")
+        cloth = Cloth(mesh, material, gravity=(0, 0, 0), contact=ContactSettings(thickness=5e-4), damping=5.0)
+        states: list[ClothState] = []
+        schedule = Schedule(MOMENTS[-1], 0.01, to_rest=False, frame_interval=MOMENTS[1])
+        simulate(
+            ClothSolver(cloth),
+            ClothState.flat(mesh),
+            schedule,
+            on_frame=lambda _, s, kept=states: kept.append(s),
+        )
+        frames += [ClothFrame(s.positions, title=f"{name}, {s.time:.2f} s") for s in states]
+    contact_sheet(ROOT / "docs" / "pictures" / "curl.png", mesh.triangles, frames, columns=len(MOMENTS))
+
+
+if __name__ == "__main__":
+    main()
