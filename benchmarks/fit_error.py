@@ -138,6 +138,7 @@ def draw(path: Path, counts: list[int], found: dict[str, list[FitReport]]) -> No
         )
         panel.set_xticks(counts, [str(n) for n in counts], minor=False)
         panel.minorticks_off()
+        panel.yaxis.set_major_formatter("{x:g}")
         panel.grid(alpha=0.3)
     handles, names = panels[0].get_legend_handles_labels()
     title = "solid: median, dotted: 95th percentile"
