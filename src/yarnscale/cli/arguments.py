@@ -204,6 +204,10 @@ def _material_commands(add: _Add) -> None:
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     command.add_argument("--material", action="append", help=_MATERIAL)
     command.add_argument(
+        "--as-drawn", action="store_true",
+        help="sample a built-in pattern or chart as it is drawn, not as fabric at rest",
+    )  # fmt: skip
+    command.add_argument(
         "--solves", type=_positive_integer, default=400, metavar="N", help="states to sample (400)"
     )
     command.add_argument(

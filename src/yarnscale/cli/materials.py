@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cell.rest import settled
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
 from yarnscale.cli.yarns import material_for
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
-from yarnscale.files.patterns import read_pattern
+from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.observations import InPlane, strains_of
@@ -24,7 +25,11 @@ from yarnscale.homogenize.refine import Round
 from yarnscale.homogenize.states import SampledStates
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.show.report import Picture, Section, Table, write_report
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials
 
+PATTERN = "pattern.json"
+"""In the folder of a homogenized drawing: the fabric at rest that was sampled."""
 SAMPLED = ("s_x", "s_a", "s_y", "II11", "II22")
 """Strain components behind the columns of sampled states."""
 
@@ -58,11 +63,13 @@ def _range(options: argparse.Namespace) -> StrainRange:
 def homogenize(options: argparse.Namespace) -> int:
     """Sample, fit, draw, report."""
     box = _range(options)
-    pattern = read_pattern(options.pattern)
-    cell = PeriodicCell(pattern, material_for(pattern, options.material))
+    drawn = read_pattern(options.pattern)
+    material = material_for(drawn, options.material)
     folder = writable_folder(options.out)
     if (folder / "samples").exists() and not options.resume:
         raise InputError("output exists", where=folder / "samples", expected="a new folder, or --resume")
+    source = "" if options.as_drawn else options.pattern
+    cell = PeriodicCell(_at_rest(drawn, source, material, folder / PATTERN), material)
     outcome = homogenize_into(
         cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
         in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
@@ -73,6 +80,19 @@ def homogenize(options: argparse.Namespace) -> int:
     )
     print(f"{folder / 'index.html'}: pictures and numbers")
     return 1 if failed else 0
+
+
+def _at_rest(drawn: YarnPattern, source: str, material: Materials, kept: Path) -> YarnPattern:
+    """Fabric at rest, where ``source`` names a drawing (built in or a chart); kept in a file, for ``--resume`` too."""
+    if not is_drawing(source):
+        return drawn
+    if not kept.is_file():
+        print(f"settling {drawn.name} to its rest shape", file=sys.stderr, flush=True)
+        shape = settled(drawn, material)
+        if not shape.converged:
+            print(f"{drawn.name} is not quite at rest: {shape.status.value}", file=sys.stderr, flush=True)
+        write_pattern(shape.pattern, kept)
+    return read_pattern(kept)
 
 
 def homogenize_into(

@@ -48,6 +48,11 @@ def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
     )
 
 
+def is_drawing(source: str | os.PathLike[str]) -> bool:
+    """Whether ``read_pattern`` draws this source (a built-in pattern or a chart), so that it is not fabric at rest."""
+    return source in library.names() or Path(source).suffix.lower() == ".chart"
+
+
 def write_pattern(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
     """Write a pattern in the format of the suffix, `.pyp` or `.json`; InputError for any other."""
     suffix = Path(path).suffix.lower()
