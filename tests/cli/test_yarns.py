@@ -50,7 +50,7 @@ def test_unknown_pattern_is_status_2(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_patterns_come_with_a_material_that_suits_them(name: str) -> None:
     pattern = replace(library.build("plain"), name=name)
     assert material_for(pattern, None).name == library.structure(name).material
-    assert material_for(pattern, "wool").name == "wool"
+    assert material_for(pattern, ["wool"]).name == "wool"
 
 
 def test_relax_reports_an_equilibrium_of_a_chart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
