@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.yarn.material import ContactRule, YarnMaterial
-from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.rod import STRETCH, TWO_PHASE_STRETCH
 
 Array = NDArray[np.float64]
@@ -26,7 +26,41 @@ Materials = YarnMaterial | Sequence[YarnMaterial]
 """One material for all yarns of a pattern, or one for each number in its ``yarn_material``."""
 
 
-def materials_of(pattern: YarnPattern, material: Materials) -> tuple[YarnMaterial, ...]:
+class Yarns(Protocol):
+    """What stiffness asks of yarns, those of one period or of a whole fabric: sizes of edges and joints, materials."""
+
+    @property
+    def name(self) -> str:
+        """A label."""
+        ...
+
+    @property
+    def radius(self) -> float:
+        """Of all yarns [m]."""
+        ...
+
+    @property
+    def rest_length(self) -> Array:
+        """Of every edge (n,) [m]."""
+        ...
+
+    @property
+    def voronoi_length(self) -> Any:
+        """Of every joint (n,) [m]."""  # a cached property is no array to type checkers
+        ...
+
+    @property
+    def material_of_vertex(self) -> Any:
+        """Number of the material of every edge (n,)."""
+        ...
+
+    @property
+    def area(self) -> float:
+        """Reference area [m²]."""
+        ...
+
+
+def materials_of(pattern: Yarns, material: Materials) -> tuple[YarnMaterial, ...]:
     """The materials of a pattern by their number; InputError where they do not suit it or each other."""
     if isinstance(material, YarnMaterial):
         return (material,)
@@ -58,17 +92,17 @@ class PatternStiffness:
     materials: by their number. kind: number of the material of each edge and joint (n,). unit: of energy [J].
     """
 
-    pattern: YarnPattern
+    pattern: Yarns
     materials: tuple[YarnMaterial, ...]
     kind: Indices
     unit: float
 
     @classmethod
-    def of(cls, pattern: YarnPattern, material: Materials) -> PatternStiffness:
+    def of(cls, pattern: Yarns, material: Materials) -> PatternStiffness:
         """Stiffnesses of a pattern made of one material or several."""
         materials = materials_of(pattern, material)
         one = isinstance(material, YarnMaterial)
-        kind = np.zeros(len(pattern.edges), np.int64) if one else pattern.material_of_vertex
+        kind = np.zeros(len(pattern.rest_length), np.int64) if one else pattern.material_of_vertex
         largest = max(materials[k].young_modulus for k in np.unique(kind))
         return cls(pattern, materials, kind, largest * math.pi * pattern.radius**3)
 

@@ -1,0 +1,295 @@
+"""The energy of a finite fabric, every yarn of it: stretch, bending with twist, contact, springs and obstacles.
+
+Lengths are counted in yarn radii and energies in E π r³ (``PatternStiffness``), as in the periodic cell; full vectors
+are [positions (3n), twists (n)]. Frames are anchored to the shape at which ``anchor`` was called last: between two
+calls the energy is a function of the state alone, and a call leaves its value as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.fabric.boundary import Springs
+from yarnscale.fabric.direct_neighbours import close_pairs
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_frames import carried, joint_twists, unit_edges
+from yarnscale.numerics.assembly import StencilSet, position_variables
+from yarnscale.numerics.block_pattern import BlockPattern
+from yarnscale.yarn.contact import contact_energy, contact_reach
+from yarnscale.yarn.neighbours import pair_gaps, safe_fraction
+from yarnscale.yarn.rod import BEND_TWIST, STRETCH
+from yarnscale.yarn.stiffness import Materials, PatternStiffness
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SKIN = 0.7
+"""How much farther than contact pairs are listed [r]."""
+PATTERN_MARGIN = 0.5
+"""How much farther than the list the matrix pattern looks ahead [r]; saves symbolic analyses."""
+STEP_LIMIT = 0.3
+"""Largest move of a vertex against its list of pairs in one Newton step [r]."""
+TWIST_LIMIT = 1.0
+"""Largest change of a twist in one Newton step [rad]."""
+GAP_SHARE = 0.8
+"""Share of its distance that a pair may close in one step: yarns never pass through each other."""
+NOT_TURNED = np.empty((0, 3, 3))
+
+
+@dataclass(eq=False)
+class FabricContacts:
+    """Pairs of segments listed at positions ``built_at`` (n, 3), their stencils, and where their Hessian goes."""
+
+    first: Indices
+    second: Indices
+    built_at: Array
+    stencils: StencilSet
+    variables: Indices
+    slots: NDArray[np.int32] | None = None
+
+
+class FabricEnergy:
+    """Energy of a sheet as a function of [positions / r, twists].
+
+    springs: hold boundaries together. contact: whether yarns touch each other at all.
+    """
+
+    def __init__(
+        self,
+        sheet: YarnSheet,
+        material: Materials,
+        *,
+        springs: Springs | None = None,
+        contact: bool = True,
+    ) -> None:
+        self.sheet, self.count = sheet, sheet.vertex_count
+        self.stiffness = PatternStiffness.of(sheet, material)
+        self.unit, self.radius = self.stiffness.unit, sheet.radius
+        self.force_unit = self.unit / self.radius
+        self.springs = Springs.none() if springs is None else springs
+        n, edges, joints = self.count, sheet.edges, sheet.joints
+        ends = sheet.following
+        stretch = position_variables(np.stack([edges, ends[edges]], 1))
+        own = self.stiffness.edge_parameters()[edges]
+        self.stretch = StencilSet(self.stiffness.stretch_energy, stretch, own, 2)
+        before = sheet.preceding[joints]
+        nodes = position_variables(np.stack([before, joints, ends[joints]], 1))
+        self._joint_variables = np.column_stack([nodes, 3 * n + before, 3 * n + joints])
+        ties = np.column_stack(
+            [
+                self.springs.rest_length / self.radius,
+                self.springs.stiffness * self.springs.rest_length / self.force_unit,
+            ]
+        )
+        self.glue = StencilSet(STRETCH, position_variables(self.springs.pairs), ties, 2)
+        self._rod_slots: list[NDArray[np.int32]] = []
+        self._pattern: BlockPattern | None = None
+        self._contacts: FabricContacts | None = None
+        self._touch = contact and len(edges) > 1
+        self.searches = self.patterns = 0
+        self._tangent = unit_edges(sheet.vertices, ends)
+        self._director, self._reference_twist = sheet.reference_director, sheet.reference_twist
+        self._anchored()
+
+    # --- state ----------------------------------------------------------------------------------------
+
+    def start(self) -> Array:
+        """The sheet's own shape."""
+        return self.vector(self.sheet.vertices, self.sheet.twist)
+
+    def vector(self, positions: Array, twist: Array) -> Array:
+        """Full vector of positions (n, 3) [m] and twists (n,)."""
+        return np.concatenate([positions.ravel() / self.radius, twist])
+
+    def positions(self, x: Array) -> Array:
+        """Positions (n, 3) [r], a view."""
+        return x[: 3 * self.count].reshape(-1, 3)
+
+    def anchor(self, x: Array) -> None:
+        """Carry all frames to this state; energies stay as they are, whatever turned since the last call."""
+        tangent = unit_edges(self.positions(x), self.sheet.following)
+        self._director = carried(self._tangent, tangent, self._director)
+        self._reference_twist = joint_twists(
+            tangent, self._director, self.sheet.preceding, self._reference_twist
+        )
+        self._tangent = tangent
+        self._anchored()
+
+    def _anchored(self) -> None:
+        sheet, joints = self.sheet, self.sheet.joints
+        before = sheet.preceding[joints]
+        bend, twist = self.stiffness.joint_stiffness()
+        parameters = np.column_stack(
+            [
+                self._tangent[before], self._tangent[joints], self._director[before], self._director[joints],
+                self._reference_twist[joints], sheet.rest_curvature[joints], sheet.rest_twist[joints],
+                bend[joints], twist[joints],
+            ]
+        )  # fmt: skip
+        self.bend_twist = StencilSet(BEND_TWIST, self._joint_variables, parameters, 3)
+
+    @property
+    def directors(self) -> Array:
+        """Reference directors of the edges at the last anchor (n, 3)."""
+        return self._director
+
+    def moved_sheet(self, x: Array) -> YarnSheet:
+        """The sheet in this state."""
+        return self.sheet.moved(self.positions(x) * self.radius, twist=x[3 * self.count :].copy())
+
+    # --- contacts -------------------------------------------------------------------------------------
+
+    def contacts(self, x: Array) -> FabricContacts:
+        """Contact stencils valid at a state; listed anew when vertices have moved half a skin."""
+        positions, old = self.positions(x), self._contacts
+        if old is not None:
+            shift = positions - old.built_at
+            # Fabric that moves as a whole keeps its neighbours.
+            shift = shift - shift.mean(axis=0)
+            if 4.0 * float(np.einsum("ij,ij->i", shift, shift).max()) <= SKIN * SKIN:
+                return old
+        first, second = self._pairs(positions, SKIN)
+        variables = self._pair_variables(first, second)
+        rule = self.stiffness.rule
+        energy = contact_energy(rule.kernel, rule.quadrature_points, rule.quadrature_weights)
+        length = self.sheet.rest_length / self.radius
+        parameters = self.stiffness.pair_parameters(first, second, length[first] * length[second])
+        stencils = StencilSet(energy, variables, parameters, 4)
+        self._contacts = FabricContacts(first, second, positions.copy(), stencils, variables)
+        self.searches += 1
+        return self._contacts
+
+    def _pairs(self, positions: Array, margin: float) -> tuple[Indices, Indices]:
+        if not self._touch:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        sheet, rule = self.sheet, self.stiffness.rule
+        reach = contact_reach(rule) + margin
+        return close_pairs(positions, sheet.following, sheet.offsets, sheet.closed, reach, rule.neighbours)
+
+    def _pair_variables(self, first: Indices, second: Indices) -> Indices:
+        ends = self.sheet.following
+        return position_variables(np.stack([first, ends[first], second, ends[second]], 1))
+
+    def _block_pattern(self, contacts: FabricContacts, x: Array) -> BlockPattern:
+        if contacts.slots is None:
+            if self._pattern is None or not self._pattern.covers(contacts.variables):
+                groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
+                wide = self._pair_variables(*self._pairs(self.positions(x), SKIN + PATTERN_MARGIN))
+                rods = [self.stretch.variables, self._joint_variables, self.glue.variables]
+                self._pattern = BlockPattern.of(groups, [*rods, contacts.variables, wide])
+                self._rod_slots = [self._pattern.slots(v) for v in rods]
+                self.patterns += 1
+            contacts.slots = self._pattern.slots(contacts.variables)
+        assert self._pattern is not None
+        return self._pattern
+
+    # --- energy ---------------------------------------------------------------------------------------
+
+    @property
+    def _rods(self) -> tuple[StencilSet, StencilSet, StencilSet]:
+        return self.stretch, self.bend_twist, self.glue
+
+    def value(self, x: Array) -> float:
+        """Energy [E π r³]; inf where two yarns meet."""
+        value = sum(s.value(x) for s in (*self._rods, self.contacts(x).stencils))
+        return value if math.isfinite(value) else math.inf
+
+    def gradient(self, x: Array) -> tuple[float, Array, float]:
+        """Energy, gradient, and how strongly the terms pull against each other (the sum of their norms)."""
+        value, total, pull = 0.0, np.zeros(len(x)), 0.0
+        for stencils in (*self._rods, self.contacts(x).stencils):
+            force = np.zeros(len(x))
+            value += stencils.gradient(x, force)
+            pull += float(np.linalg.norm(force))
+            total += force
+        return (value if math.isfinite(value) else math.inf), total, pull
+
+    def hessian(self, x: Array) -> tuple[float, Array, float, BlockPattern, Array]:
+        """``gradient`` with the matrix pattern and the entries of the exact Hessian."""
+        contacts = self.contacts(x)
+        block = self._block_pattern(contacts, x)
+        assert contacts.slots is not None
+        entries, total, value, pull = np.zeros(block.pattern.entries), np.zeros(len(x)), 0.0, 0.0
+        for stencils, slots in zip(
+            (*self._rods, contacts.stencils), (*self._rod_slots, contacts.slots), strict=True
+        ):
+            force = np.zeros(len(x))
+            value += stencils.hessian(x, force, slots, NOT_TURNED, entries)
+            pull += float(np.linalg.norm(force))
+            total += force
+        return (value if math.isfinite(value) else math.inf), total, pull, block, entries
+
+    def bound(self, x: Array, step: Array) -> float:
+        """Fraction of a step that moves no vertex, twist or pair too far."""
+        n = self.count
+        moves = step[: 3 * n].reshape(-1, 3)
+        # Yarns meet by moving against each other: what all vertices move in common counts for nothing.
+        own = moves - moves.mean(axis=0)
+        longest = math.sqrt(float(np.einsum("ij,ij->i", own, own).max()))
+        turn = float(np.abs(step[3 * n :]).max(initial=0.0))
+        fraction = min(1.0, STEP_LIMIT / max(longest, 1e-300), TWIST_LIMIT / max(turn, 1e-300))
+        contacts = self.contacts(x)
+        return fraction * safe_fraction(
+            self.positions(x),
+            fraction * moves,
+            self.sheet.following,
+            contacts.first,
+            contacts.second,
+            GAP_SHARE,
+        )
+
+    # --- read-outs ------------------------------------------------------------------------------------
+
+    def parts(self, x: Array) -> dict[str, float]:
+        """Energy of stretch, bending with twist, contact and springs [J]."""
+        terms = {
+            "stretch": self.stretch, "bend_twist": self.bend_twist, "contact": self.contacts(x).stencils,
+            "springs": self.glue,
+        }  # fmt: skip
+        return {name: stencils.value(x) * self.unit for name, stencils in terms.items()}
+
+    def gaps(self, x: Array) -> Array:
+        """Distances of all listed pairs over the yarn diameter."""
+        contacts = self.contacts(x)
+        found = pair_gaps(self.positions(x), self.sheet.following, contacts.first, contacts.second)
+        return 0.5 * found
+
+    def penetration(self, x: Array) -> float:
+        """How deep yarns lie in each other, as a share of their diameter: 1 − distance/diameter, 0 where none touch."""
+        return max(0.0, 1.0 - float(self.gaps(x).min(initial=1.0)))
+
+    def extensions(self, x: Array) -> Array:
+        """Length over rest length − 1 of all edges (m,)."""
+        edges, positions = self.sheet.edges, self.positions(x)
+        length = np.linalg.norm(positions[self.sheet.following[edges]] - positions[edges], axis=1)
+        return length * self.radius / self.sheet.rest_length[edges] - 1.0
+
+    def vertex_energies(self, x: Array) -> Array:
+        """Energy shared out to vertices (n,) [J]: of an edge or pair to its ends alike, of a joint to its vertex."""
+        shares = np.zeros(self.count)
+        contacts = self.contacts(x)
+        for stencils, nodes in (
+            (self.stretch, self.stretch.variables[:, ::3] // 3),
+            (self.bend_twist, self._joint_variables[:, 3:4] // 3),
+            (self.glue, self.glue.variables[:, ::3] // 3),
+            (contacts.stencils, contacts.variables[:, ::3] // 3),
+        ):
+            if stencils.count:
+                energies = stencils.elements(x)[0] / nodes.shape[1]
+                np.add.at(shares, nodes, energies[:, None])
+        return shares * self.unit
+
+    def masses(self) -> Array:
+        """Mass of every vertex (n,) [kg]."""
+        line = [m.mass_per_length(self.radius) for m in self.stiffness.materials]
+        return np.array(line)[self.stiffness.kind] * self.sheet.voronoi_length
+
+    def spins(self) -> Array:
+        """Moment of inertia of every edge about itself (n,) [kg m²]; 0 at the ends of yarns."""
+        line = [m.mass_per_length(self.radius) for m in self.stiffness.materials]
+        length = np.where(self.sheet.following >= 0, self.sheet.rest_length, 0.0)
+        return 0.5 * self.radius**2 * np.array(line)[self.stiffness.kind] * length

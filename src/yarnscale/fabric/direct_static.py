@@ -1,0 +1,137 @@
+"""Equilibria of finite fabrics under holds and loads, in steps from one to the next."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_moves import PassageCount, safe_way
+from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
+from yarnscale.numerics.kkt import ConstrainedSolver
+from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.threads import on_one_thread
+
+Array = NDArray[np.float64]
+LinearSolver = ConstrainedSolver
+
+HOLD = 100.0
+"""Stiffness of what holds a vertex, over that of its yarn in tension."""
+
+
+@dataclass(frozen=True, eq=False)
+class Holds:
+    """Vertices held at places: nodes (k,), targets (k, 3) [m]."""
+
+    nodes: NDArray[np.int64]
+    targets: Array
+
+    @classmethod
+    def none(cls) -> Holds:
+        """Nothing is held."""
+        return cls(np.empty(0, np.int64), np.empty((0, 3)))
+
+    def wells(self, energy: FabricEnergy) -> Wells:
+        """Stiff springs to the targets."""
+        weight, centre = np.zeros((energy.count, 3)), np.zeros((energy.count, 3))
+        weight[self.nodes] = HOLD * energy.stiffness.position_scale()[self.nodes, None]
+        centre[self.nodes] = self.targets / energy.radius
+        rest = np.zeros(energy.count)
+        return Wells(np.concatenate([weight.ravel(), rest]), np.concatenate([centre.ravel(), rest]))
+
+    def forces(self, energy: FabricEnergy, x: Array) -> Array:
+        """Force with which each held vertex is held (k, 3) [N]."""
+        weight = HOLD * energy.stiffness.position_scale()[self.nodes, None]
+        return weight * (self.targets / energy.radius - energy.positions(x)[self.nodes]) * energy.force_unit
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A fabric at rest: its state [positions / r, twists], how the solve ended, iterations and seconds."""
+
+    x: Array
+    status: Status
+    residual: float
+    iterations: int
+    seconds: float
+
+
+def gravity_load(energy: FabricEnergy, gravity: Array) -> Array:
+    """Weight of every vertex as a load on the full vector (4n,); gravity (3,) [m/s²]."""
+    force = energy.masses()[:, None] * np.asarray(gravity, np.float64) / energy.force_unit
+    return np.concatenate([force.ravel(), np.zeros(energy.count)])
+
+
+@on_one_thread
+def equilibrium(
+    energy: FabricEnergy,
+    start: Array,
+    holds: Holds,
+    *,
+    load: Array | None = None,
+    obstacles: tuple[NodeForce, ...] = (),
+    tolerance: float = 1e-5,
+    max_iterations: int = 300,
+    linear: LinearSolver | None = None,
+    count: PassageCount | None = None,
+) -> Rest:
+    """The equilibrium reached from a state (4n,); frames are carried along on the way.
+
+    load: (4n,), see ``gravity_load``. tolerance: forces left over where the terms' forces count as 1. linear: a solver
+    from an earlier call. count: looks at every step.
+    """
+    began = time.perf_counter()
+    load = np.zeros(len(start)) if load is None else load
+    objective = FabricObjective(
+        energy, holds.wells(energy), load, obstacles, force_floor=1e-6 + float(np.linalg.norm(load))
+    )
+    solver = ConstrainedSolver(None, None) if linear is None else linear
+    energy.anchor(start)
+
+    def after(x: Array) -> None:
+        energy.anchor(x)
+        if count is not None:
+            count.follow(x)
+
+    solution: Solution = minimise(
+        objective, start, bound=energy.bound, after_step=after, tolerance=tolerance,
+        max_iterations=max_iterations, shift=ShiftRule(), check_minimum=False, linear=solver,
+    )  # fmt: skip
+    return Rest(
+        solution.x, solution.status, solution.residual, solution.iterations, time.perf_counter() - began
+    )
+
+
+def stretched(
+    energy: FabricEnergy,
+    start: Array,
+    holds: Callable[[float], Holds],
+    shares: Array,
+    *,
+    ahead: Callable[[Array, float, float], Array] | None = None,
+    tolerance: float = 1e-5,
+    max_iterations: int = 300,
+    count: PassageCount | None = None,
+    on_rest: Callable[[float, Rest], None] | None = None,
+) -> list[Rest]:
+    """Equilibria under holds that depend on a share, one from the other.
+
+    ahead(x, from, to): a guess of the next state; yarns that would pass each other stop it.
+    """
+    solver, x, before, found = ConstrainedSolver(None, None), start, 0.0, []
+    for share in shares:
+        if ahead is not None:
+            x = safe_way(energy, x, ahead(x, before, float(share)), count)
+        rest = equilibrium(
+            energy, x, holds(float(share)), tolerance=tolerance, max_iterations=max_iterations, linear=solver,
+            count=count,
+        )  # fmt: skip
+        x, before = rest.x, float(share)
+        found.append(rest)
+        if on_rest is not None:
+            on_rest(before, rest)
+    return found

@@ -1,0 +1,156 @@
+"""Finite sheets: whole loops, the energy of the periodic cell inside, frames that turn with the shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.fabric.boundary import border_vertices, glue
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_neighbours import close_pairs
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_frames import unit_edges
+from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn import library
+from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.neighbours import segment_gap
+from yarnscale.yarn.rest_frames import signed_angle
+
+STOCKINETTE = library.build("stockinette")
+SOFT = YarnMaterial.preset("hylc2020-stockinette")
+
+
+@pytest.mark.parametrize("name", ["stockinette", "plain", "honeycomb", "satin-5"])
+def test_a_sheet_has_all_yarns_of_its_periods(name: str) -> None:
+    pattern = library.build(name)
+    sheet = YarnSheet.of(pattern, 3, 4)
+    along_x = int((pattern.yarn_shift[:, 0] != 0).sum())
+    assert len(sheet.closed) == 4 * along_x + 3 * (len(pattern.yarns) - along_x)
+    assert abs(sheet.vertex_count - 12 * len(pattern.edges)) <= len(sheet.closed)
+    # Consecutive vertices of the sheet are neighbours in the pattern, as far apart as there.
+    edges = sheet.edges
+    assert (pattern.next_vertex[sheet.source[edges]] == sheet.source[sheet.following[edges]]).all()
+    vectors = sheet.vertices[sheet.following[edges]] - sheet.vertices[edges]
+    np.testing.assert_allclose(vectors, pattern.edge_vectors()[sheet.source[edges]], atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["stockinette", "plain"])
+def test_inside_a_sheet_the_energy_is_that_of_the_periodic_cell(name: str) -> None:
+    pattern = library.build(name)
+    material = YarnMaterial.preset(library.structure(name).material)
+    cell = PeriodicCell(pattern, material)
+    state = cell.relax(ShellStrain(s_x=0.1, s_a=0.05, s_y=-0.04))
+    sheet = YarnSheet.of(pattern, 7, 7)
+    # Frames go the way of the cell's: first with the macroscopic state, then with the fluctuation.
+    affine = cell.placement(replace(state, fluctuation=np.zeros_like(state.fluctuation)))
+    sheet = sheet.moved(affine(sheet.source, sheet.tile))
+    sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
+    energy = FabricEnergy(sheet, material)
+    shares = energy.vertex_energies(energy.start())
+    inside = ((sheet.tile >= 3) & (sheet.tile < 5)).all(axis=1)
+    assert inside.sum() == 4 * len(pattern.edges)
+    assert shares[inside].sum() / (4 * pattern.area) == pytest.approx(state.energy_density, rel=1e-10)
+    assert shares.sum() == pytest.approx(energy.value(energy.start()) * energy.unit, rel=1e-12)
+
+
+def test_a_tube_closes_and_all_its_stitches_are_alike() -> None:
+    sheet = YarnSheet.of(STOCKINETTE, 40, 4, tube=True)
+    assert sheet.closed.all() and len(sheet.closed) == 4
+    assert sheet.vertex_count == 160 * len(STOCKINETTE.edges)
+    energy = FabricEnergy(sheet, SOFT)
+    shares = energy.vertex_energies(energy.start())
+    for vertex in (0, 5, 13):
+        each = shares[sheet.source == vertex].reshape(4, 40)
+        np.testing.assert_allclose(each, np.repeat(each[:, :1], 40, axis=1), rtol=1e-9)
+
+
+def test_energy_does_not_know_rigid_motion_nor_how_often_the_fabric_turned() -> None:
+    """Frames turn about the tangents on a curved way; the material does not, so that twists take it back."""
+    sheet = YarnSheet.of(STOCKINETTE, 4, 4)
+    energy = FabricEnergy(sheet, SOFT)
+    value = energy.value(energy.start())
+    cross = np.cross(np.eye(3), np.array([0.48, 0.6, 0.64]))
+    turn = np.eye(3) + np.sin(1.1) * cross + (1 - np.cos(1.1)) * cross @ cross
+    x, director, turned = energy.start(), sheet.reference_director, np.zeros(energy.count)
+    for _ in range(7):  # 7.7 rad: more than a full turn
+        positions = energy.positions(x) @ turn.T
+        director = director @ turn.T
+        energy.anchor(energy.vector(positions * sheet.radius, sheet.twist))
+        tangents = unit_edges(positions, sheet.following)
+        back = signed_angle(energy.directors, director, tangents)
+        turned = back + 2 * np.pi * np.round((turned - back) / (2 * np.pi))
+        x = energy.vector(positions * sheet.radius, sheet.twist + turned)
+        assert energy.value(x) == pytest.approx(value, rel=1e-9)
+
+
+def test_anchoring_changes_no_energy_and_no_gradient() -> None:
+    generator = np.random.default_rng(3)
+    energy = FabricEnergy(YarnSheet.of(STOCKINETTE, 4, 4), SOFT)
+    x = energy.start()
+    x = x + 0.05 * generator.standard_normal(len(x))
+    value, gradient, _ = energy.gradient(x)
+    energy.anchor(x)
+    anchored, other, _ = energy.gradient(x)
+    assert anchored == pytest.approx(value, rel=1e-12)
+    # Twists count from the anchors: forces on positions agree there, where the frames have not turned.
+    np.testing.assert_allclose(other[3 * energy.count :], gradient[3 * energy.count :], atol=1e-9)
+
+
+def test_hessian_is_the_slope_of_the_gradient() -> None:
+    generator = np.random.default_rng(4)
+    sheet = YarnSheet.of(STOCKINETTE, 3, 3)
+    energy = FabricEnergy(sheet, SOFT, springs=glue(sheet, SOFT))
+    x = energy.start() + 0.02 * generator.standard_normal(4 * energy.count)
+    direction = generator.standard_normal(len(x))
+    _, _, _, block, entries = energy.hessian(x)
+    step = 1e-6
+    slope = (energy.gradient(x + step * direction)[1] - energy.gradient(x - step * direction)[1]) / (2 * step)
+    product = block.pattern.multiply(entries, direction)
+    assert np.abs(slope).max() > 1e-3
+    np.testing.assert_allclose(product, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max())
+
+
+def test_close_pairs_are_those_of_a_plain_search() -> None:
+    sheet = YarnSheet.of(STOCKINETTE, 3, 2)
+    positions, following = sheet.vertices / sheet.radius, sheet.following
+    first, second = close_pairs(positions, following, sheet.offsets, sheet.closed, 2.5, 3)
+    found = set(zip(first.tolist(), second.tolist(), strict=True))
+    yarn, expected = sheet.yarn_of_vertex, set()
+    for i in sheet.edges:
+        for g in sheet.edges[sheet.edges > i]:
+            if yarn[i] == yarn[g] and g - i <= 3:
+                continue
+            ends = (positions[i], positions[following[i]], positions[g], positions[following[g]])
+            if segment_gap(*np.concatenate(ends)) < 2.5**2:
+                expected.add((int(i), int(g)))
+    assert found == expected and len(found) > 400
+
+
+def test_glue_pulls_through_the_thickness_only() -> None:
+    sheet = YarnSheet.of(STOCKINETTE, 6, 8)
+    springs = glue(sheet, SOFT, pull=0.5)
+    away = sheet.vertices[springs.pairs[:, 0]] - sheet.vertices[springs.pairs[:, 1]]
+    length = np.linalg.norm(away, axis=1)
+    assert (springs.rest_length <= length + 1e-15).all() and (springs.rest_length < 0.99 * length).any()
+    border = border_vertices(sheet, 6.0 * sheet.radius)
+    assert len(springs) > 100
+    near = springs.pairs.ravel()
+    touching = border | border[np.maximum(sheet.preceding, 0)] | border[np.maximum(sheet.following, 0)]
+    assert touching[near].all()
+
+
+def test_sizes_that_make_no_sense_are_refused() -> None:
+    for columns, rows in ((0, 3), (3, -1), (2.5, 3), (True, 3), (10_000, 10_000)):
+        with pytest.raises(InputError):
+            YarnSheet.of(STOCKINETTE, columns, rows)  # type: ignore[arg-type]
+    for width, height in ((1e-3, 0.1), (0.1, float("nan")), (0.1, float("inf")), (-1.0, 0.1)):
+        with pytest.raises(InputError):
+            YarnSheet.filling(STOCKINETTE, width, height)
+    sheet = YarnSheet.filling(STOCKINETTE, 0.05, 0.04)
+    assert sheet.size == pytest.approx((0.048, 0.0405))
+    with pytest.raises(InputError, match="line 0"):
+        YarnSheet.from_lines([np.zeros((1, 3))], 1e-3)
