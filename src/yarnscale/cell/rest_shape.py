@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import Equilibrium
 from yarnscale.errors import InputError
+from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.rest_frames import material_curvature, parallel_transport, signed_angle
 
@@ -38,11 +39,16 @@ def rebased(pattern: YarnPattern, state: Equilibrium) -> YarnPattern:
             expected=f"{len(pattern.edges)} vertices",
             found=len(state.positions),
         )
+    return redrawn(pattern, strain, state.positions, state.twist)
+
+
+def redrawn(pattern: YarnPattern, strain: ShellStrain, positions: Array, twist: Array) -> YarnPattern:
+    """The pattern drawn at positions (n, 3) [m] and twists (n,), its periods stretched; rest shapes of yarns stay."""
     stretch = np.array([1.0 + strain.s_x, 1.0 + strain.s_y, 1.0])
     period = pattern.period * stretch[:2]
     edge = pattern.edge_vectors()
     rest, affine = _unit(edge), _unit(edge * stretch)
-    moved = state.positions[pattern.edges[:, 1]] - state.positions
+    moved = positions[pattern.edges[:, 1]] - positions
     moved[:, :2] += pattern.edges[:, 2:] * period
     tangent = _unit(moved)
     director = _upright(pattern.reference_director, rest)
@@ -50,8 +56,8 @@ def rebased(pattern: YarnPattern, state: Equilibrium) -> YarnPattern:
     director = _upright(director, tangent)
     return replace(
         pattern,
-        vertices=state.positions,
-        twist=state.twist,
+        vertices=positions,
+        twist=twist,
         reference_director=director,
         reference_twist=_continued_twist(pattern, tangent, director),
         period=period,
