@@ -19,7 +19,7 @@ from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.orthotropic import OrthotropicMaterial
 from yarnscale.shell.quasi_static import LoadSteps, equilibrium, follow_load
 from yarnscale.shell.scene import central_stretch
-from yarnscale.shell.simulate import ClothSolver, Schedule, SolverOptions, simulate
+from yarnscale.shell.simulate import ClothSolver, Schedule, SolverOptions, StepResult, simulate
 from yarnscale.shell.state import ClothState
 
 BEND, LENGTH, WIDTH = 2e-5, 0.08, 0.024
@@ -101,11 +101,11 @@ def test_a_path_that_cannot_go_on_keeps_the_last_equilibrium() -> None:
     solver = strip_solver(0.008, 0.05 * LENGTH)
     impossible = ClothSolver(solver.cloth, SolverOptions(tolerance=1e-13, acceptable=1e-13, iterations=2))
     start = ClothState.flat(solver.cloth.mesh)
-    reached: list[ClothState] = []
+    reached: list[StepResult] = []
     loads = LoadSteps(smallest=0.06, easy=0, viscous_steps=2)
     path = follow_load(impossible, start, 1.0, loads=loads, on_equilibrium=reached.append)
     assert not path.converged and path.halvings >= 1 and path.state.time < 1.0
-    assert len(reached) == path.steps and path.state is (reached[-1] if reached else start)
+    assert len(reached) == path.steps and path.state is (reached[-1].state if reached else start)
 
 
 def test_stretched_stockinette_narrows_the_same_by_statics_and_by_dynamics(shared: Path) -> None:
@@ -115,7 +115,7 @@ def test_stretched_stockinette_narrows_the_same_by_statics_and_by_dynamics(share
     solver = ClothSolver(cloth)
     heights: list[float] = []
     path = follow_load(
-        solver, ClothState.flat(mesh), 1.0, on_equilibrium=lambda s: heights.append(float(s.time))
+        solver, ClothState.flat(mesh), 1.0, on_equilibrium=lambda r: heights.append(float(r.state.time))
     )
     assert path.converged and all(b > a for a, b in itertools.pairwise(heights))
     run = simulate(solver, ClothState.flat(mesh), Schedule(1.0, 0.1, rest_tolerance=1e-3))

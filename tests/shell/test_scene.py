@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.scene_toml import read_scene
 from yarnscale.shell.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.scene import BAR_GAP, central_stretch, drape, run_scene, stretch
+from yarnscale.shell.scene import BAR_GAP, BAR_TRAVEL, central_stretch, drape, run_scene, stretch
+from yarnscale.shell.simulate import ANIMATION_ITERATIONS
 
 CLOTH = OrthotropicMaterial(
     stretch_weft=60.0,
@@ -83,6 +85,22 @@ def test_stretch_opens_the_gap_by_the_amount(direction) -> None:
     assert summary["seconds"] > 0 and summary["simulated_seconds"] > 0 and summary["steps"] > 3
 
 
+@pytest.mark.parametrize(("fabric", "seconds"), [("stockinette", 0.4), ("basket", 0.25), ("rib", 0.45)])
+def test_bars_move_as_published(fabric: str, seconds: float) -> None:
+    """HYLC20 §8.1: way and time of the bars, strips of 21 mm × 201 mm with centre lines 48 mm inside, air drag."""
+    scene = stretch(CLOTH, travel=BAR_TRAVEL[fabric], spacing=0.003)
+    assert scene.schedule.duration == pytest.approx(seconds) and scene.cloth.air_drag == 10.0
+    # Vertices 3 mm apart meet each end of a strip to within that.
+    for handle, side in zip(scene.cloth.handles, (-1.0, 1.0), strict=True):
+        assert handle.motion.displacement == pytest.approx((side * BAR_TRAVEL[fabric], 0.0, 0.0))
+        assert handle.motion.duration == pytest.approx(seconds)
+        assert np.abs(handle.rest[:, 0] - side * 0.102).max() <= 0.0105 + 1e-9
+        np.testing.assert_allclose(np.ptp(handle.rest[:, :2], axis=0), [0.021, 0.201], atol=0.006)
+    slow = stretch(CLOTH, amount=0.2, duration=1.0, air_drag=0.0)
+    assert slow.schedule.duration == 1.0 and slow.cloth.air_drag == 0.0
+    assert slow.cloth.handles[1].motion.displacement[0] == pytest.approx(0.1 * BAR_GAP)
+
+
 def test_central_stretch_of_a_uniform_state() -> None:
     mesh = stretch(CLOTH, spacing=0.01).cloth.mesh
     positions = np.column_stack([mesh.panel * [1.3, 0.9], np.zeros(mesh.vertex_count)])
@@ -98,23 +116,23 @@ def test_drape_covers_the_ball_and_hangs() -> None:
 
 
 @pytest.mark.parametrize(
-    ("material", "direction", "amount", "along", "across"),
+    ("material", "direction", "travel", "along", "across"),
     [
-        ("satin1.json", "course", 0.213, 1.214, 0.996),
-        ("satin1.json", "wale", 0.213, 1.214, 0.996),
-        ("stock1.json", "course", 0.373, 1.379, 0.892),
-        ("stock1.json", "wale", 0.373, 1.388, 0.889),
+        ("satin1.json", "course", 0.020, 1.214, 0.996),
+        ("satin1.json", "wale", 0.020, 1.214, 0.996),
+        ("stock1.json", "course", 0.035, 1.379, 0.892),
+        ("stock1.json", "wale", 0.035, 1.388, 0.889),
     ],
 )
 def test_published_stretch_shapes(
-    shared: Path, material: str, direction, amount: float, along: float, across: float
+    shared: Path, material: str, direction, travel: float, along: float, across: float
 ):
-    """Centre of the published sheets of HYLC20 within 3 %; see the README of the reference data."""
+    """Centre of the published sheets of HYLC20, pulled as they were, within 2 %; see the README of the reference data."""
     path = shared / "reference" / material
-    result = run_scene(stretch(read_material(path), direction=direction, amount=amount))
+    result = run_scene(stretch(read_material(path), direction=direction, travel=travel))
     assert result.converged
-    assert result.measures["lambda_along"] == pytest.approx(along, rel=0.03)
-    assert result.measures["lambda_across"] == pytest.approx(across, rel=0.03)
+    assert result.measures["lambda_along"] == pytest.approx(along, rel=0.02)
+    assert result.measures["lambda_across"] == pytest.approx(across, rel=0.02)
 
 
 def test_scene_file_is_read_and_runs(scene_file: Path) -> None:
@@ -132,6 +150,52 @@ def test_scene_file_is_read_and_runs(scene_file: Path) -> None:
     last = read_frame(frames.folder / names[2])
     np.testing.assert_array_equal(last.positions, result.state.positions)
     assert last.time == pytest.approx(0.1)
+
+
+def test_scene_file_of_statics_ends_as_its_motion_does(scene_file: Path) -> None:
+    """Equilibria while the bar moves: the last one is where the motion comes to rest."""
+    upwards = SCENE.replace("[0.0, 0.01, 0.0]", "[0.0, 0.0, 0.01]")
+    exact = "tolerance = 1e-7\nrest_tolerance = 1e-5\nlongest_step = 10"
+    scene_file.write_text(upwards.replace("time_step = 0.02", 'method = "newton"\nto_rest = true\n' + exact))
+    scene = read_scene(scene_file)
+    assert scene.options.method == "newton"
+    moved = run_scene(scene)
+    scene_file.write_text(upwards.replace("time_step = 0.02", "statics = true\nfirst_load = 0.25\n" + exact))
+    scene = read_scene(scene_file)
+    assert scene.schedule.statics and scene.schedule.load_steps.first == 0.25
+    times: list[float] = []
+    shares: list[float] = []
+    followed = run_scene(
+        scene,
+        on_frame=lambda _, state: times.append(state.time),
+        on_step=lambda progress: shares.append(progress.share),
+    )
+    assert moved.converged and followed.converged and followed.steps >= 4
+    assert times[0] == 0.0 and times[-1] == pytest.approx(0.1)
+    assert shares[-1] == pytest.approx(1.0) and shares == sorted(shares)
+    np.testing.assert_allclose(followed.state.positions, moved.state.positions, atol=1e-4)
+
+
+def test_statics_go_on_from_a_checkpoint(scene_file: Path) -> None:
+    scene_file.write_text(SCENE.replace("time_step = 0.02", "statics = true\nfirst_load = 0.25"))
+    scene, kept = read_scene(scene_file), []
+    whole = run_scene(scene, on_checkpoint=kept.append)
+    half = next(place for place in kept if 0.4 < place.state.time / 0.1 < 0.9)
+    rest = run_scene(scene, resume=half)
+    assert rest.converged and rest.steps > half.steps
+    np.testing.assert_allclose(rest.state.positions, whole.state.positions, atol=2e-4)
+
+
+def test_animation_bounds_the_work_of_a_step(scene_file: Path) -> None:
+    scene_file.write_text(SCENE.replace("time_step = 0.02", "animation = true\nrough_iterations = 2"))
+    scene = read_scene(scene_file)
+    assert scene.schedule.time_step == 1 / 30 and not scene.schedule.to_rest
+    result = run_scene(scene)
+    assert result.converged and result.steps == 3 and result.newton_iterations <= 6
+    spent = []
+    animated = replace(scene, schedule=stretch(CLOTH, spacing=0.03).schedule.animated())
+    run_scene(animated, on_step=lambda progress: spent.append(progress.iterations))
+    assert max(spent) <= ANIMATION_ITERATIONS
 
 
 def test_all_obstacles_are_read(scene_file: Path) -> None:
@@ -177,6 +241,24 @@ position = [0, 0, -3]
         ("width = 0.1\n", "", "missing field 'mesh.width'"),
         ("width = 0.1", "width = -0.1", r"scene.toml: \[mesh\] width; expected a positive length"),
         ("width = 0.1", "width = nan", "field 'mesh.width'; expected finite numbers"),
+        ("time_step = 0.02", 'method = "gauss"', r"\[schedule\] method; expected quasi-newton or newton"),
+        ("time_step = 0.02", "rough_iterations = 0", r"\[schedule\] rough_iterations; expected at least 1"),
+        ("time_step = 0.02", "animation = 1", "'schedule.animation'; expected true or false"),
+        (
+            "time_step = 0.02",
+            "animation = true\nstatics = true",
+            "'schedule.animation'; expected false with statics",
+        ),
+        (
+            "time_step = 0.02",
+            "statics = true\nfirst_load = 2",
+            r"\[schedule\] load steps; expected 0 < smallest",
+        ),
+        (
+            "duration = 0.1\ntime",
+            "statics = true\nduration = 0\ntime",
+            "duration; expected a positive number for stat",
+        ),
         ("spacing = 0.02", "spacing = 0.02\nradius = 1", "unknown key 'mesh.radius'"),
         (
             "spacing = 0.02",
@@ -227,6 +309,9 @@ def test_bad_obstacle_files_are_told_with_file_and_line(scene_file: Path, text: 
     [
         (lambda: stretch(CLOTH, direction="bias"), "direction; expected course or wale"),  # type: ignore[arg-type]
         (lambda: stretch(CLOTH, amount=math.nan), "amount; expected a number"),
+        (lambda: stretch(CLOTH, travel=1.0), "travel of a bar; expected between"),
+        (lambda: stretch(CLOTH, duration=-1.0), "motion duration; expected"),
+        (lambda: stretch(CLOTH, air_drag=-1.0), "air_drag; expected zero or more"),
         (lambda: drape(CLOTH, radius=-0.1), "sphere radius; expected a positive length"),
     ],
 )

@@ -287,12 +287,26 @@ def _cloth_commands(add: _Add) -> None:
         "--direction", choices=("course", "wale"), required=True, help="direction of the pull"
     )
     command.add_argument(
-        "--amount", type=_number, required=True, help="growth of the bars' distance, e.g. 0.373"
+        "--amount", type=_number, help="growth of the bars' distance, e.g. 0.373; or give --travel"
+    )
+    command.add_argument(
+        "--travel", type=_number, metavar="M",
+        help="way of each bar [m]; published: 0.035 stockinette, 0.02 basket, 0.04 rib",
+    )  # fmt: skip
+    command.add_argument(
+        "--duration", type=_positive, metavar="S", help="of the pull [s] (as published: 0.05 + way / 0.1 m/s)"
+    )
+    command.add_argument("--air-drag", type=_number, metavar="D", help="[kg/m³], quadratic (10)")
+    command.add_argument(
+        "--spacing", type=_positive, metavar="H", help="edge length of triangles [m] (0.0065)"
     )
     _cloth_output(command)
 
     command = add("drape", "cloth", "Drape a 30 × 30 cm sheet over a sphere.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="shell material")
+    command.add_argument(
+        "--spacing", type=_positive, metavar="H", help="edge length of triangles [m] (0.0065)"
+    )
     _cloth_output(command)
 
     command = add("simulate", "cloth", "Simulate a scene file, or a ready scene such as the sweater.")
@@ -373,6 +387,10 @@ def _cloth_output(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--resume", action="store_true", help="go on from the last frame of a run that was interrupted"
     )
+    command.add_argument(
+        "--animation", action="store_true",
+        help="the motion alone, with bounded work a step: steps of 1/30 s that need not converge",
+    )  # fmt: skip
     command.add_argument(
         "--format", action="append", choices=("obj", "gltf", "usd", "vtk", "mp4", "png"), default=[],
         help="convert the frames at the end; may be given several times",

@@ -28,13 +28,18 @@ FRAMES = 6
 def stretch(options: argparse.Namespace) -> int:
     """Stretch a sheet between two bars."""
     material = read_material(options.material)
-    scene = stretch_scene(material, direction=options.direction, amount=options.amount, frame_interval=0.1)
-    return _run(scene, options)
+    if (options.amount is None) == (options.travel is None):
+        found = "neither" if options.amount is None else "both"
+        raise InputError("way of the bars", expected="--amount or --travel", found=found)
+    given = {name: getattr(options, name) for name in ("amount", "travel", "duration", "air_drag", "spacing")}
+    given = {name: value for name, value in given.items() if value is not None}
+    return _run(stretch_scene(material, direction=options.direction, frame_interval=0.1, **given), options)
 
 
 def drape(options: argparse.Namespace) -> int:
     """Drape a sheet over a sphere."""
-    return _run(drape_scene(read_material(options.material), frame_interval=0.1), options)
+    given = {} if options.spacing is None else {"spacing": options.spacing}
+    return _run(drape_scene(read_material(options.material), frame_interval=0.1, **given), options)
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -69,6 +74,8 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     for kind in options.format:
         require(kind)
     folder = writable_folder(options.out)
+    if options.animation:
+        scene = replace(scene, schedule=scene.schedule.animated())
     result = simulate_into(scene, folder, resume=options.resume)
     for kind in options.format:
         write(read_animation(folder / "frames"), kind, folder / NAMES[kind])

@@ -124,10 +124,22 @@ def _schedule(
 ) -> tuple[Schedule, SolverOptions]:
     """The schedule and how steps are solved; ``usual`` and ``options`` say what holds where the file is silent."""
     section.known("duration", "time_step", "to_rest", "rest_tolerance", "longest_step", "frame_interval",
-                  "tolerance", "iterations", "integrator")  # fmt: skip
+                  "tolerance", "iterations", "integrator", "method", "animation", "rough_iterations", "statics",
+                  "first_load", "smallest_load", "largest_load")  # fmt: skip
     options = options or SolverOptions()
     if usual is None:
         usual = section.build(lambda: Schedule(section.number("duration"), 0.02, to_rest=False))
+    if section.flag_or("animation", False):
+        told = [key for key in ("statics", "to_rest") if section.flag_or(key, False)]
+        if told:
+            raise section.fault("animation", expected=f"false with {told[0]}", found="true")
+        usual = usual.animated()
+    rough = (
+        section.integer("rough_iterations")
+        if "rough_iterations" in section.content
+        else usual.rough_iterations
+    )
+    loads = usual.load_steps
     frames = section.number("frame_interval") if "frame_interval" in section.content else usual.frame_interval
     schedule = section.build(
         lambda: replace(
@@ -138,6 +150,14 @@ def _schedule(
             longest_step=section.number_or("longest_step", usual.longest_step),
             rest_tolerance=section.number_or("rest_tolerance", usual.rest_tolerance),
             frame_interval=frames,
+            rough_iterations=rough,
+            statics=section.flag_or("statics", usual.statics),
+            load_steps=replace(
+                loads,
+                first=section.number_or("first_load", loads.first),
+                smallest=section.number_or("smallest_load", loads.smallest),
+                largest=section.number_or("largest_load", loads.largest),
+            ),
         )
     )
     return schedule, section.build(
@@ -146,5 +166,6 @@ def _schedule(
             tolerance=section.number_or("tolerance", options.tolerance),
             iterations=section.integer_or("iterations", options.iterations),
             integrator=section.text_or("integrator", options.integrator),
+            method=section.text_or("method", options.method),
         )
     )

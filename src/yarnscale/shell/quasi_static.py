@@ -98,21 +98,23 @@ def follow_load(
     duration: float,
     *,
     loads: LoadSteps = LoadSteps(),
-    on_equilibrium: Callable[[ClothState], None] | None = None,
+    on_equilibrium: Callable[[StepResult], None] | None = None,
 ) -> LoadPath:
     """Equilibria while the handles move as from the time of ``start`` to ``duration`` [s] later.
 
+    on_equilibrium: gets each of them, with all iterations spent since the one before.
     A load step that fails even at the smallest size ends the path with its status and the last equilibrium.
     """
     if not (math.isfinite(duration) and duration > 0):
         raise InputError("duration", expected="a positive number of seconds", found=duration)
     state, done, share = start, 0.0, loads.first
-    steps = viscous = halvings = iterations = 0
+    steps = viscous = halvings = iterations = spent = 0
     status = Status.CONVERGED
     while done < 1.0 - 1e-12:
         share = min(share, 1.0 - done)
         result, crept = equilibrium(solver, state, time=start.time + (done + share) * duration, loads=loads)
         iterations += result.iterations
+        spent += result.iterations
         if result.status is not Status.CONVERGED:
             halvings += 1
             share *= 0.5
@@ -122,7 +124,8 @@ def follow_load(
             continue
         state, done, steps, viscous = result.state, done + share, steps + 1, viscous + crept
         if on_equilibrium is not None:
-            on_equilibrium(state)
+            on_equilibrium(replace(result, iterations=spent))
+        spent = 0
         if not crept and result.iterations <= loads.easy:
             share = min(2.0 * share, loads.largest)
         elif crept:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -31,6 +32,10 @@ SPACING = 0.0065
 """Edge length of its triangles [m]: 2612 vertices."""
 BAR_WIDTH, BAR_LENGTH, BAR_INSET = 0.021, 0.201, 0.048
 """The bars of the published stretch tests [m]: strips with their centre lines 48 mm inside opposite edges."""
+BAR_TRAVEL = {"stockinette": 0.035, "basket": 0.020, "rib": 0.040}
+"""Way of each bar in the published tests [m], to both sides; of the rib along its wale."""
+AIR_DRAG = 10.0
+"""Of the published stretch tests, quadratic in the speed across the surface [kg/m³]."""
 BAR_GAP = SHEET - 2 * BAR_INSET - BAR_WIDTH
 """Distance between the facing edges of the bars at rest [m]; it grows by the amount of the stretch."""
 
@@ -123,6 +128,9 @@ def stretch(
     *,
     direction: Literal["course", "wale"] = "course",
     amount: float = 0.2,
+    travel: float | None = None,
+    duration: float | None = None,
+    air_drag: float = AIR_DRAG,
     spacing: float = SPACING,
     time_step: float = 0.05,
     self_contact: bool = True,
@@ -131,32 +139,39 @@ def stretch(
     """A square sheet hanging between two bars that move apart until their gap has grown by ``amount``, then
     at rest.
 
-    The published test of HYLC20 (its Fig. 16): 30×30 cm, gravity −z, the bars of ``BAR_WIDTH`` etc. Measures:
-    ``lambda_along``, ``lambda_across`` (area-weighted stretch over the central 6×6 cm) and ``bar_force`` [N].
-    Without self-contact the curled edges of a knit pass through themselves. Raises InputError.
+    The published test of HYLC20 (its Fig. 16): 30×30 cm, gravity −z, the bars of ``BAR_WIDTH`` etc. travel: way of
+    each bar [m], instead of ``amount``; published ones in ``BAR_TRAVEL``. duration: of it [s], default
+    ``bar_duration``. air_drag: [kg/m³]. Measures: ``lambda_along``, ``lambda_across`` (area-weighted stretch over the
+    central 6×6 cm) and ``bar_force`` [N]. Without self-contact the curled edges of a knit pass through themselves.
+    Raises InputError.
     """
     if direction not in ("course", "wale"):
         raise InputError("direction", expected="course or wale", found=direction)
     if not (np.isfinite(amount) and -0.5 < amount < 5):
         raise InputError("amount", expected="a number between -0.5 and 5", found=amount)
+    if travel is None:
+        travel = 0.5 * amount * BAR_GAP
+    if not (math.isfinite(travel) and -0.25 < travel / BAR_GAP < 2.5):
+        limits = f"between {-0.25 * BAR_GAP:g} and {2.5 * BAR_GAP:g} m"
+        raise InputError("travel of a bar", expected=limits, found=travel)
+    if duration is None:
+        duration = bar_duration(travel)
     axis = 0 if direction == "course" else 1
     mesh = rectangle(SHEET, SHEET, spacing)
     start = ClothState.flat(mesh)
-    travel = np.zeros(3)
-    travel[axis] = 0.5 * amount * BAR_GAP
-    # The published bars take 0.25 s to 0.4 s; a bar moves at up to a quarter of a metre per second.
-    duration = max(0.25, 0.2 * round(abs(amount) / 0.373 * 2))
+    way = np.zeros(3)
+    way[axis] = travel
     bars = []
     for name, side in (("first bar", -1.0), ("second bar", 1.0)):
         centre, half = np.zeros(2), np.full(2, 0.5 * BAR_LENGTH)
         centre[axis] = side * (0.5 * SHEET - BAR_INSET)
         half[axis] = 0.5 * BAR_WIDTH
         vertices = np.flatnonzero((np.abs(mesh.panel - centre) <= half + 1e-9).all(axis=1))
-        displacement = side * travel
+        displacement = side * way
         motion = Motion((displacement[0], displacement[1], displacement[2]), 0.0, duration)
         bars.append(Handle(name, vertices, start.positions[vertices], motion))
     contact = ContactSettings(thickness=cloth_thickness(material, mesh)) if self_contact else None
-    cloth = Cloth(mesh, material, tuple(bars), contact=contact)
+    cloth = Cloth(mesh, material, tuple(bars), contact=contact, air_drag=air_drag)
 
     def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
         stretches = central_stretch(mesh, state.positions, 0.03)
@@ -170,6 +185,14 @@ def stretch(
     # Only the rest counts; dynamics on the way to it need not be solved exactly.
     schedule = Schedule(duration, time_step, frame_interval=frame_interval, rough_iterations=30)
     return Scene(f"stretch {direction}", cloth, start, schedule, measure=measure)
+
+
+def bar_duration(travel: float) -> float:
+    """Seconds in which the bars of the stretch test go this way [m].
+
+    The published 0.4 s for 35 mm, 0.25 s for 20 mm and 0.45 s for 40 mm lie on a line: 0.1 m/s and 0.05 s.
+    """
+    return 0.05 + abs(travel) / 0.1
 
 
 def drape(

@@ -1,19 +1,21 @@
 """Cloth through time: a schedule of steps, first dynamics, then steps without inertia until the cloth rests.
 
-Statics of cloth is fragile (it buckles and wrinkles), so rest is found by steps without inertia and growing Δt.
+Statics of cloth is fragile (it buckles and wrinkles), so rest is found by steps without inertia and growing Δt. A
+schedule of statics has no dynamics: equilibria follow the handles (``quasi_static``).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from yarnscale.errors import InputError
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.checkpoint import Checkpoint
+from yarnscale.shell.quasi_static import LoadSteps, follow_load
 from yarnscale.shell.solver import ClothSolver, SolverOptions, StepResult
 from yarnscale.shell.state import ClothState
 
@@ -28,7 +30,7 @@ class Schedule:
     longest_step: of these [s]; rest_tolerance: unrest (inertial force per weight) that counts as rest.
     frame_interval: [s] between frames, None for the last only. rough_iterations: Newton iterations per step of the
     dynamics, kept unconverged, where only the rest counts (None: all). max_rest_steps: then the cloth is declared
-    restless.
+    restless. statics: equilibria while the handles move for ``duration``, by ``load_steps``, instead of all this.
     """
 
     duration: float
@@ -39,8 +41,14 @@ class Schedule:
     frame_interval: float | None = None
     max_rest_steps: int = 30
     rough_iterations: int | None = None
+    statics: bool = False
+    load_steps: LoadSteps = field(default_factory=LoadSteps)
 
     def __post_init__(self) -> None:
+        if self.rough_iterations is not None and self.rough_iterations < 1:
+            raise InputError("rough_iterations", expected="at least 1", found=self.rough_iterations)
+        if self.statics and self.duration == 0:
+            raise InputError("duration", expected="a positive number for statics", found=self.duration)
         for name in ("duration", "time_step", "longest_step", "rest_tolerance", "frame_interval"):
             value = getattr(self, name)
             allowed_zero = name == "duration"
@@ -48,6 +56,25 @@ class Schedule:
                 continue
             if not (math.isfinite(value) and (value > 0 or (allowed_zero and value == 0))):
                 raise InputError(name, expected="a positive number", found=value)
+
+    def animated(self) -> Schedule:
+        """The motion alone, with bounded work: steps and frames of 1/30 s, ``ANIMATION_ITERATIONS`` of Newton each.
+
+        Steps are kept as they are then; the forces left over act in the next one. Contact stays free of crossings.
+        """
+        frame = min(self.frame_interval or ANIMATION_STEP, ANIMATION_STEP)
+        return replace(
+            self,
+            time_step=ANIMATION_STEP,
+            to_rest=False,
+            frame_interval=frame,
+            rough_iterations=ANIMATION_ITERATIONS,
+            statics=False,
+        )
+
+
+ANIMATION_STEP, ANIMATION_ITERATIONS = 1 / 30, 20
+"""Step [s] and iterations a step of an animation."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +163,8 @@ class _Runner:
                 )
             self._frame(state)
         end = self.begin + schedule.duration
+        if schedule.statics:
+            return self._follow_load(state, end)
         while self.rest_step is None and end - state.time > 1e-9 * max(end, 1.0):
             remaining = end - state.time
             count = max(1, math.ceil(remaining / schedule.time_step - 1e-9))
@@ -149,6 +178,17 @@ class _Runner:
         if not schedule.to_rest:
             return self._finish(state, Status.CONVERGED)
         return self._settle(state, end)
+
+    def _follow_load(self, state: ClothState, end: float) -> Run:
+        def reached(result: StepResult) -> None:
+            self._count(result, end)
+            self._frame(result.state)
+            self._checkpoint(result.state)
+
+        path = follow_load(
+            self.solver, state, end - state.time, loads=self.schedule.load_steps, on_equilibrium=reached
+        )
+        return self._finish(path.state, path.status)
 
     def _settle(self, state: ClothState, end: float) -> Run:
         status, duration = Status.ITERATION_LIMIT, self.rest_step or self.schedule.time_step
@@ -180,6 +220,10 @@ class _Runner:
         self, state: ClothState, duration: float, *, inertia: bool, end: float, rough: int | None
     ) -> StepResult:
         result = self.solver.advance(state, duration, inertia=inertia, rough=rough)
+        self._count(result, end)
+        return result
+
+    def _count(self, result: StepResult, end: float) -> None:
         self.steps += 1
         self.iterations += result.iterations
         self.loose += result.residual > self.solver.options.tolerance
@@ -192,7 +236,6 @@ class _Runner:
                     result.state.time, share, self.steps, result.iterations, result.residual, result.unrest
                 )
             )
-        return result
 
     def _frame(self, state: ClothState, *, last: bool = False) -> None:
         interval = self.schedule.frame_interval
