@@ -1,32 +1,63 @@
-"""Cloth against itself and against bodies of triangles, through ``ipctk``."""
+"""Cloth against itself and against bodies of triangles.
+
+Energy ¼ Σ A b(d) over pairs of a vertex and a triangle, A the vertex's area, and over pairs of edges, A the areas of
+both, the latter times a factor that vanishes where edges are parallel (Li et al. 2020, sections 4 and 5, with areas as
+in Li et al. 2023). Frames are checked for crossings by ``ipctk``, which has no part in keeping them apart.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import ipctk
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.shell.barrier import ContactSettings
+from yarnscale.numerics.threads import run_parts
+from yarnscale.shell import pair_hessian, pair_loops
+from yarnscale.shell.barrier import ContactSettings, barrier, smooth_length
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.obstacles import Body
+from yarnscale.shell.pair_search import PairSearch, shares
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_SAFE = 0.9
+_KEPT = 0.1
+"""Share of a distance that a step may not use up."""
 
 # One warning for every pair of a state that intersects says nothing that ``intersects`` does not say.
 ipctk.set_logger_level(ipctk.LoggerLevel.error)
 
 
+@dataclass(frozen=True, eq=False)
+class _Grip:
+    """What rubs during a step: pairs (k, 4), coefficients (k, 4), normals (k, 3), limits of friction (k,) [N].
+
+    origin: all vertices at its start (nv, 3) [m]; reach: slip below which friction is not full [m].
+    """
+
+    vertices: Integers
+    coefficients: Floats
+    normals: Floats
+    limits: Floats
+    origin: Floats
+    reach: float
+
+    def slip(self, positions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Tangential motion of the closest points (k, 3), and its smoothed length f: f, f'/l and f'', each (k,)."""
+        moved = (positions - self.origin)[self.vertices]
+        apart = np.einsum("nk,nki->ni", self.coefficients, moved)
+        sliding = apart - np.einsum("ni,ni->n", apart, self.normals)[:, None] * self.normals
+        return sliding, *smooth_length(np.linalg.norm(sliding, axis=1), self.reach)
+
+
 class SurfaceContact:
     """Contact of surfaces; bodies come with the row of their first point, or None where they stand still.
 
-    Vertices for ``ipctk``: all rows of the positions, then those of bodies that stand still.
+    Vertices: all rows of the positions, then those of bodies that stand still.
     """
 
     def __init__(
@@ -48,124 +79,132 @@ class SurfaceContact:
             next_row += len(points) if first is None else 0
             rest[start : start + len(points)] = points
             faces.append(body.triangles + start)
-        triangles = np.asfortranarray(np.concatenate(faces).astype(np.int32))
-        self.mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(triangles), triangles)
-        if not settings.self_contact:
-            self.mesh.can_collide = ipctk.make_vertex_patches_filter(
-                (np.arange(len(rest)) >= mesh.vertex_count).astype(np.int32)
-            )
-        elif bodies:
-            self.mesh.can_collide = ipctk.make_static_obstacle_filter(mesh.vertex_count)
-        self.barrier = ipctk.BarrierPotential(settings.thickness, settings.stiffness)
-        self.narrow = ipctk.AdditiveCCD()
-        self.candidates = ipctk.Candidates()
-        self.path: tuple[Floats, Floats] | None = None
-        self._found: tuple[Floats, ipctk.NormalCollisions] | None = None
-        self.slack = settings.thickness
-        self.tangential, self.friction, self.origin = ipctk.TangentialCollisions(), None, np.zeros((0, 3))
+        triangles = np.concatenate(faces).astype(np.int64)
+        self.search = PairSearch(triangles, len(mesh.triangles), rest, settings)
+        self._check = _check_mesh(mesh.vertex_count, triangles, rest, settings.self_contact)
+        self._grip: _Grip | None = None
 
     def start_step(self, positions: Floats, duration: float, time: float) -> None:
         if self.settings.friction == 0.0:
             return
         everything = self.everything(positions)
-        self.origin = everything
-        self.tangential = ipctk.TangentialCollisions()
-        self.tangential.build(
-            self.mesh, everything, self._collisions(positions), self.barrier, self.settings.friction
+        close = self.search.close(everything)
+        slope = barrier(close.distances, self.settings.thickness)[1]
+        apart = np.einsum("nk,nki->ni", close.coefficients, everything[close.vertices])
+        self._grip = _Grip(
+            close.vertices,
+            close.coefficients,
+            apart / close.distances[:, None],
+            -self.settings.friction * close.weights * close.fade[0] * slope,
+            everything,
+            self.settings.slip * duration,
         )
-        self.friction = ipctk.FrictionPotential(self.settings.slip * duration)
 
     def value(self, positions: Floats) -> float:
         everything = self.everything(positions)
-        value = self.barrier(self._collisions(positions), self.mesh, everything)
-        if self.friction is not None:
-            value += self.friction(self.tangential, self.mesh, self._slip(everything))
-        return float(value) if math.isfinite(value) else math.inf
+        close = self.search.close(everything)
+        if not close.distances.all():
+            return math.inf
+        energy = barrier(close.distances, self.settings.thickness)[0]
+        value = float((close.weights * close.fade[0]) @ energy)
+        if self._grip is not None:
+            value += float(self._grip.limits @ self._grip.slip(everything)[1])
+        return value
 
     def gradient(self, positions: Floats, gradient: Floats) -> float:
         everything = self.everything(positions)
-        collisions = self._collisions(positions)
-        value = self.barrier(collisions, self.mesh, everything)
-        push = self.barrier.gradient(collisions, self.mesh, everything)
-        if self.friction is not None:
-            slip = self._slip(everything)
-            value += self.friction(self.tangential, self.mesh, slip)
-            push = push + self.friction.gradient(self.tangential, self.mesh, slip)
-        gradient += push.reshape(-1, 3)[: self.rows]
-        return float(value)
+        close = self.search.close(everything)
+        if not close.distances.all():
+            return math.inf
+        energy, slope, _ = barrier(close.distances, self.settings.thickness)
+        fade, turning, _ = close.fade
+        forces = np.zeros_like(everything)
+        pair_loops.add_forces(
+            everything,
+            close.vertices,
+            close.coefficients,
+            close.weights * fade * slope / close.distances,
+            close.weights * turning * energy,
+            forces,
+        )
+        value = float((close.weights * fade) @ energy)
+        if self._grip is not None:
+            grip = self._grip
+            sliding, potential, rate, _ = grip.slip(everything)
+            pair_loops.add_pulls(
+                grip.vertices, grip.coefficients, (grip.limits * rate)[:, None] * sliding, forces
+            )
+            value += float(grip.limits @ potential)
+        gradient += forces[: self.rows]
+        return value
 
     def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
-        everything = self.everything(positions)
-        clamp = ipctk.PSDProjectionMethod.CLAMP
-        matrix = self.barrier.hessian(self._collisions(positions), self.mesh, everything, clamp)
-        if self.friction is not None:
-            matrix = matrix + self.friction.hessian(self.tangential, self.mesh, self._slip(everything), clamp)
-        matrix.sort_indices()
-        return _lower_entries(matrix.indptr, matrix.indices, matrix.data, 3 * self.rows)
+        everything, grip = self.everything(positions), self._grip
+        close = self.search.close(everything)
+        count = len(close.distances)
+        pairs = close.vertices if grip is None else np.concatenate([close.vertices, grip.vertices])
+        slots, starts, found = pair_hessian.block_slots(pairs, self.rows)
+        blocks = np.zeros((len(found), 9))
+        energy, slope, bend = barrier(close.distances, self.settings.thickness)
+        fade, turning, turned = (close.weights * factor for factor in close.fade)
+        pair_hessian.add_repulsion(
+            everything,
+            close.vertices,
+            close.is_corner,
+            close.coefficients,
+            fade * slope,
+            fade * bend,
+            turning * energy,
+            turned * energy,
+            slots[:count],
+            blocks,
+        )
+        if grip is not None:
+            sliding, _, rate, change = grip.slip(everything)
+            along = _outer(sliding / np.maximum(np.linalg.norm(sliding, axis=1), 1e-300)[:, None])
+            across = np.eye(3) - _outer(grip.normals) - along
+            stiffness = rate[:, None, None] * across + change[:, None, None] * along
+            stiffness *= grip.limits[:, None, None]
+            pair_hessian.add_friction(grip.vertices, grip.coefficients, stiffness, slots[count:], blocks)
+        keys = pair_hessian.scalar_keys(starts, found, 3 * self.rows)
+        return keys, pair_hessian.scalar_entries(starts, found, blocks, len(keys))
+
+    def room(self, positions: Floats, within: float) -> Integers:
+        """Keys, as of ``hessian``, of pairs nearer than ``within`` [m]."""
+        close = self.search.nearer(self.everything(positions), within)
+        _, starts, found = pair_hessian.block_slots(close.vertices, self.rows)
+        return pair_hessian.scalar_keys(starts, found, 3 * self.rows)
 
     def bound(self, positions: Floats, step: Floats) -> float:
         start, end = self.everything(positions), self.everything(positions + step)
-        self.candidates.build(self.mesh, start, end, 0.5 * self.settings.thickness)
-        self.path = (positions.copy(), step.copy())
-        fraction = self.candidates.compute_collision_free_stepsize(self.mesh, start, end, 0.0, self.narrow)
-        return 1.0 if fraction >= 1.0 else _SAFE * float(fraction)
+        pairs, moves = self.search.along(start, end), end - start
+
+        def part(bounds: tuple[int, int]) -> float:
+            return pair_loops.free_fraction(start, moves, pairs.vertices, pairs.corners, _KEPT, *bounds)
+
+        return min(run_parts(part, shares(len(pairs.vertices))))
 
     def closest(self, positions: Floats) -> float:
-        square = self._collisions(positions).compute_minimum_distance(self.mesh, self.everything(positions))
-        return math.sqrt(square)
+        return float(self.search.close(self.everything(positions)).distances.min(initial=math.inf))
 
     def intersects(self, positions: Floats) -> bool:
-        return bool(ipctk.has_intersections(self.mesh, self.everything(positions)))
+        return bool(ipctk.has_intersections(self._check, np.asfortranarray(self.everything(positions))))
 
     def everything(self, positions: Floats) -> Floats:
-        """Every vertex, in the order of memory that ``ipctk`` wants."""
-        return np.asfortranarray(np.concatenate([positions, self.fixed]))
-
-    def _slip(self, everything: Floats) -> Floats:
-        return np.asfortranarray(everything - self.origin)
-
-    def _collisions(self, positions: Floats) -> ipctk.NormalCollisions:
-        """Pairs closer than the thickness; candidates are searched anew only off the path they were built for."""
-        if self._found is not None and np.array_equal(self._found[0], positions):
-            return self._found[1]
-        if not self._covered(positions):
-            inflation = 0.5 * self.settings.thickness + self.slack
-            self.candidates.build(self.mesh, self.everything(positions), inflation)
-            self.path = (positions.copy(), np.zeros_like(positions))
-        collisions = ipctk.NormalCollisions()
-        collisions.use_area_weighting = True
-        collisions.build(self.candidates, self.mesh, self.everything(positions), self.settings.thickness)
-        self._found = (positions.copy(), collisions)
-        return collisions
-
-    def _covered(self, positions: Floats) -> bool:
-        """Whether the candidates include every pair that may be near at these positions."""
-        if self.path is None:
-            return False
-        start, step = self.path
-        moved = positions - start
-        length = float(np.vdot(step, step))
-        if length == 0.0:
-            return bool(np.abs(moved).max() < self.slack / math.sqrt(3))
-        fraction = float(np.vdot(moved, step)) / length
-        off = np.abs(moved - fraction * step).max()
-        return bool(-1e-9 <= fraction <= 1 + 1e-9 and off <= 1e-9 * (1.0 + np.abs(moved).max()))
+        """Every vertex."""
+        return np.concatenate([positions, self.fixed])
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _lower_entries(starts, rows, values, size):
-    """Keys ``column·size + row`` and entries of the lower triangle of the leading ``size`` rows, by columns."""
-    count = 0
-    for column in range(size):
-        for k in range(starts[column], starts[column + 1]):
-            count += column <= rows[k] < size
-    keys, entries = np.empty(count, np.int64), np.empty(count)
-    place = 0
-    for column in range(size):
-        for k in range(starts[column], starts[column + 1]):
-            row = rows[k]
-            if column <= row < size:
-                keys[place] = np.int64(column) * size + row
-                entries[place] = values[k]
-                place += 1
-    return keys, entries
+def _check_mesh(cloth: int, triangles: Integers, rest: Floats, self_contact: bool) -> ipctk.CollisionMesh:
+    """What the test of frames sees: all surfaces, the first ``cloth`` vertices of the cloth."""
+    faces = np.asfortranarray(triangles.astype(np.int32))
+    mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(faces), faces)
+    if not self_contact:
+        mesh.can_collide = ipctk.make_vertex_patches_filter((np.arange(len(rest)) >= cloth).astype(np.int32))
+    elif cloth < len(rest):
+        mesh.can_collide = ipctk.make_static_obstacle_filter(cloth)
+    return mesh
+
+
+def _outer(vectors: Floats) -> Floats:
+    return vectors[:, :, None] * vectors[:, None, :]

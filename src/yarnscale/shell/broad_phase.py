@@ -1,0 +1,215 @@
+"""Which corners and triangles, and which edges, come near each other: a tree of boxes over triangles.
+
+Triangles overlap in pairs; every vertex and edge belongs to one of its triangles, so each pair of a vertex and a
+triangle, and each pair of edges, is found once (representative triangles: Curtis, Tamstorf and Manocha 2008). The
+tree is balanced, over triangles sorted along a space-filling curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.threads import available_threads, run_parts
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Triangles (m, 3), those of the cloth first, with the vertices and edges that each represents.
+
+    edges: vertices of each edge (k, 2); sides: the edge from corner i to i + 1 of each triangle (m, 3); own_corners,
+    own_sides: which of these the triangle represents (m, 3).
+    """
+
+    triangles: Integers
+    cloth: int
+    edges: Integers
+    sides: Integers
+    own_corners: NDArray[np.bool_]
+    own_sides: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, triangles: Integers, cloth: int) -> Surfaces:
+        """Surfaces of triangles (m, 3), of which the first ``cloth`` are the cloth's and the rest bodies'."""
+        ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+        edges, first, sides = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+        own_sides, own_corners = np.zeros(len(ends), bool), np.zeros(triangles.size, bool)
+        own_sides[first] = True
+        own_corners[np.unique(triangles, return_index=True)[1]] = True
+        shape = triangles.shape
+        return cls(
+            triangles,
+            cloth,
+            edges,
+            sides.reshape(shape).astype(np.int64),
+            own_corners.reshape(shape),
+            own_sides.reshape(shape),
+        )
+
+
+def near_pairs(
+    surfaces: Surfaces, lowest: Floats, highest: Floats, *, within_cloth: bool
+) -> tuple[Integers, Integers]:
+    """Pairs whose boxes overlap, in a fixed order, other than those with a vertex in common or of bodies only.
+
+    lowest, highest: corners of the boxes of the vertices, (nv, 3) [m]. Returns vertices and triangles (n, 2), and edges
+    and edges (m, 2).
+    """
+    parts = []
+    split = surfaces.cloth
+    cloth = _Tree.of(surfaces.triangles, lowest, highest, 0, split)
+    if within_cloth:
+        parts += _queries(surfaces, lowest, highest, cloth, cloth, True)
+    if len(surfaces.triangles) > split:
+        bodies = _Tree.of(surfaces.triangles, lowest, highest, split, len(surfaces.triangles))
+        parts += _queries(surfaces, lowest, highest, cloth, bodies, False)
+    corners = np.concatenate([np.zeros((0, 2), np.int64), *(a for a, _ in parts)])
+    return corners, np.concatenate([np.zeros((0, 2), np.int64), *(b for _, b in parts)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    """A complete binary tree of boxes: children of node i are 2i and 2i + 1, the root is 1.
+
+    order: triangle of each leaf; boxes: (nodes, 6), lowest and then negated highest corner.
+    """
+
+    order: Integers
+    boxes: Floats
+    leaves: int
+
+    @classmethod
+    def of(cls, triangles: Integers, lowest: Floats, highest: Floats, begin: int, end: int) -> _Tree:
+        corners = triangles[begin:end]
+        low, high = lowest[corners].min(axis=1), highest[corners].max(axis=1)
+        order = np.argsort(_curve(low + high), kind="stable")
+        leaves = 1 << max(0, int(np.ceil(np.log2(max(1, len(order))))))
+        boxes = np.full((2 * leaves, 6), np.inf)
+        boxes[leaves : leaves + len(order), :3] = low[order]
+        boxes[leaves : leaves + len(order), 3:] = -high[order]
+        level = leaves
+        while level > 1:
+            pairs = boxes[level : 2 * level].reshape(-1, 2, 6)
+            boxes[level // 2 : level] = pairs.min(axis=1)
+            level //= 2
+        return cls(order + begin, boxes, leaves)
+
+
+def _curve(points: Floats) -> Integers:
+    """Place of points (n, 3) along a curve that keeps neighbours together (Morton), 15 bits an axis."""
+    extent = np.ptp(points, axis=0).max() if len(points) else 0.0
+    scaled = (points - points.min(axis=0, initial=np.inf)) * (32767.0 / extent if extent > 0 else 0.0)
+    cells, place = scaled.astype(np.int64), np.zeros(len(points), np.int64)
+    for bit in range(15):
+        for axis in range(3):
+            place |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return place
+
+
+def _queries(
+    surfaces: Surfaces, lowest: Floats, highest: Floats, asking: _Tree, asked: _Tree, same: bool
+) -> list[tuple[Integers, Integers]]:
+    s = surfaces
+    cuts = np.linspace(0, len(asking.order), available_threads() + 1).astype(int).tolist()
+
+    def part(bounds: tuple[int, int]) -> tuple[Integers, Integers]:
+        return _query(
+            s.triangles, s.edges, s.sides, s.own_corners, s.own_sides, lowest, highest,
+            asking.order, asking.boxes, asking.leaves, asked.order, asked.boxes, asked.leaves, same, *bounds,
+        )  # fmt: skip
+
+    return run_parts(part, list(pairwise(cuts)))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _query(
+    triangles, edges, sides, own_corners, own_sides, lowest, highest,
+    order, boxes, leaves, other_order, other_boxes, other_leaves, same, begin, end,
+):  # fmt: skip
+    """Pairs of the triangles at places begin … end − 1 of one tree with those of another, or later ones of the same."""
+    corners, met = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
+    corner_count = met_count = 0
+    stack = np.empty(256, np.int64)
+    for place in range(begin, end):
+        a = order[place]
+        stack[0] = 1
+        height = 1
+        while height:
+            height -= 1
+            node = stack[height]
+            if not _overlap(boxes, leaves + place, other_boxes, node):
+                continue
+            if node < other_leaves:
+                stack[height] = 2 * node + 1
+                stack[height + 1] = 2 * node
+                height += 2
+                continue
+            if same and node - other_leaves <= place:
+                continue
+            b = other_order[node - other_leaves]
+            if corner_count + 6 > len(corners):
+                corners = np.concatenate((corners, np.empty_like(corners)))
+            if met_count + 9 > len(met):
+                met = np.concatenate((met, np.empty_like(met)))
+            corner_count = _add_corners(triangles, own_corners, lowest, highest, a, b, corners, corner_count)
+            corner_count = _add_corners(triangles, own_corners, lowest, highest, b, a, corners, corner_count)
+            met_count = _add_sides(edges, sides, own_sides, lowest, highest, a, b, met, met_count)
+    return corners[:corner_count].copy(), met[:met_count].copy()
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _overlap(boxes, i, others, j):
+    """Whether boxes overlap, given as lowest and negated highest corners."""
+    apart = False
+    for k in range(3):
+        apart |= boxes[i, k] > -others[j, k + 3] or others[j, k] > -boxes[i, k + 3]
+    return not apart
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _add_corners(triangles, own_corners, lowest, highest, a, b, found, count):
+    """Vertices that triangle a represents with triangle b."""
+    p, q, r = triangles[b, 0], triangles[b, 1], triangles[b, 2]
+    for i in range(3):
+        v = triangles[a, i]
+        if not own_corners[a, i] or v in (p, q, r):
+            continue
+        apart = False
+        for k in range(3):
+            low = min(lowest[p, k], lowest[q, k], lowest[r, k])
+            high = max(highest[p, k], highest[q, k], highest[r, k])
+            apart |= lowest[v, k] > high or low > highest[v, k]
+        if not apart:
+            found[count, 0], found[count, 1] = v, b
+            count += 1
+    return count
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _add_sides(edges, sides, own_sides, lowest, highest, a, b, found, count):
+    """Edges that triangle a represents with those that triangle b represents."""
+    for i in range(3):
+        if not own_sides[a, i]:
+            continue
+        e = sides[a, i]
+        p, q = edges[e, 0], edges[e, 1]
+        for j in range(3):
+            f = sides[b, j]
+            r, s = edges[f, 0], edges[f, 1]
+            if not own_sides[b, j] or p in (r, s) or q in (r, s):
+                continue
+            apart = False
+            for k in range(3):
+                apart |= min(lowest[p, k], lowest[q, k]) > max(highest[r, k], highest[s, k])
+                apart |= min(lowest[r, k], lowest[s, k]) > max(highest[p, k], highest[q, k])
+            if not apart:
+                found[count, 0], found[count, 1] = e, f
+                count += 1
+    return count
