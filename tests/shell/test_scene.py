@@ -127,7 +127,7 @@ def test_drape_covers_the_ball_and_hangs() -> None:
 def test_published_stretch_shapes(
     shared: Path, material: str, direction, travel: float, along: float, across: float
 ):
-    """Centre of the published sheets of HYLC20, pulled as they were, within 2 %; see the README of the reference data."""
+    """Centre of the published sheets of HYLC20, pulled as they were, within 2 %: README of the reference data."""
     path = shared / "reference" / material
     result = run_scene(stretch(read_material(path), direction=direction, travel=travel))
     assert result.converged
