@@ -1,8 +1,8 @@
 """Affine parametrisation q = B y + d of full degrees of freedom by free ones (theory §7).
 
-``AffineMap`` has any sparse B: pinned vertices. ``NodeMap`` has nodes that are weighted sums of others, as in a
-bounding volume. ``CopiedNodes`` is the case where every full node is a turned and shifted copy of one free node, as
-periodic images are; its pull-back happens stencil by stencil (``assembly``).
+``NodeMap`` has nodes that are weighted sums of others, as in a bounding volume. ``CopiedNodes`` is the case where every
+full node is a turned and shifted copy of one free node, as periodic images are; its pull-back happens stencil by stencil
+(``assembly``).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import cast
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csr_array
 
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
@@ -21,33 +21,6 @@ from yarnscale.numerics.newton import Objective
 
 Array = NDArray[np.float64]
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
-
-
-@dataclass(frozen=True, eq=False)
-class AffineMap:
-    """q = matrix @ y + offset: matrix (n_full, n_free) sparse, offset (n_full,)."""
-
-    matrix: csr_array
-    offset: Array
-
-    @classmethod
-    def pinning(cls, values: Array, pinned: NDArray[np.bool_]) -> AffineMap:
-        """Map whose pinned entries keep ``values`` (n,) and whose free entries are y."""
-        free = np.flatnonzero(~pinned)
-        matrix = csr_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(len(values), len(free)))
-        return cls(matrix, np.where(pinned, values, 0.0))
-
-    def expand(self, free: Array) -> Array:
-        """Full degrees of freedom, (n_full,)."""
-        return self.matrix @ free + self.offset
-
-    def pull_gradient(self, gradient: Array) -> Array:
-        """Gradient by the free degrees of freedom, Bᵀ g."""
-        return self.matrix.T @ gradient
-
-    def pulled(self, inner: SymmetricPattern) -> _SparsePull:
-        """How matrices of this pattern are pulled back."""
-        return _SparsePull(self.matrix, inner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,36 +45,6 @@ class NodeMap:
     def pulled(self, inner: SymmetricPattern) -> _NodePull:
         """How matrices of this pattern are pulled back."""
         return _NodePull(self.weights, inner)
-
-
-def _mirrored(pattern: SymmetricPattern, values: Array) -> csc_array:
-    """A symmetric matrix from its lower triangle."""
-    lower = csc_array((values, pattern.rows, pattern.starts), shape=(pattern.size, pattern.size))
-    diagonal = csc_array((values[pattern.diagonal], (np.arange(pattern.size),) * 2), shape=lower.shape)
-    return csc_array(lower + lower.T - diagonal)
-
-
-class _SparsePull:
-    """Bᵀ H B for a sparse B."""
-
-    def __init__(self, matrix: csr_array, inner: SymmetricPattern) -> None:
-        self._matrix, self._inner = matrix, inner
-        _, size = cast("tuple[int, int]", matrix.shape)
-        ones = abs(matrix)
-        product = (ones.T @ _mirrored(inner, np.ones(inner.entries)) @ ones).tocoo()
-        below = product.row >= product.col
-        keys = product.col[below].astype(np.int64) * size + product.row[below]
-        diagonal = np.arange(size) * (size + 1)
-        self._keys = np.unique(np.concatenate([keys, diagonal]))
-        self.pattern = SymmetricPattern.from_keys(size, self._keys)
-
-    def entries(self, values: Array) -> Array:
-        product = (self._matrix.T @ _mirrored(self._inner, values) @ self._matrix).tocoo()
-        below = product.row >= product.col
-        entries = np.zeros(self.pattern.entries)
-        keys = product.col[below].astype(np.int64) * self.pattern.size + product.row[below]
-        np.add.at(entries, np.searchsorted(self._keys, keys), product.data[below])
-        return entries
 
 
 class _NodePull:
@@ -140,7 +83,7 @@ class _NodePull:
 
 
 class _PulledModel:
-    def __init__(self, model: QuadraticModel, pull: _SparsePull | _NodePull) -> None:
+    def __init__(self, model: QuadraticModel, pull: _NodePull) -> None:
         self._model, self._pull = model, pull
         self.pattern = pull.pattern
 
@@ -152,10 +95,10 @@ class _PulledModel:
 class MappedObjective:
     """An objective of the full degrees of freedom, as an objective of the free ones."""
 
-    def __init__(self, objective: Objective, affine: AffineMap | NodeMap) -> None:
+    def __init__(self, objective: Objective, affine: NodeMap) -> None:
         self._objective, self._affine = objective, affine
         self._inner: SymmetricPattern | None = None
-        self._pull: _SparsePull | _NodePull | None = None
+        self._pull: _NodePull | None = None
 
     @property
     def residual_scale(self) -> float:
