@@ -1,8 +1,8 @@
 """Affine parametrisation q = B y + d of full degrees of freedom by free ones (theory §7).
 
 ``NodeMap`` has nodes that are weighted sums of others, as in a bounding volume. ``CopiedNodes`` is the case where every
-full node is a turned and shifted copy of one free node, as periodic images are; its pull-back happens stencil by stencil
-(``assembly``).
+full node is a turned and shifted copy of one free node, as periodic images are; its pull-back happens stencil by
+stencil (``assembly``).
 """
 
 from __future__ import annotations
