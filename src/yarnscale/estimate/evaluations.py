@@ -1,0 +1,137 @@
+"""Evaluations of an objective, each made once: over processes, remembered, and kept as they finish."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.estimate.objective import Evaluation, YarnObjective
+from yarnscale.numerics.threads import on_one_thread
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What an evaluation came to: residuals (m,), equilibria and seconds it took."""
+
+    residuals: Array
+    solves: int
+    seconds: float
+
+    @property
+    def objective(self) -> float:
+        """Value of eq. 11."""
+        return float(self.residuals @ self.residuals)
+
+
+class Store(Protocol):
+    """Where finished evaluations are kept; ``key`` names the objective's point and the one it was reached from."""
+
+    def find(self, key: bytes) -> Residuals | None:
+        """The evaluation of a key, if it is there."""
+        ...
+
+    def keep(self, key: bytes, unknowns: Array, found: Residuals) -> None:
+        """Keep an evaluation, whole or not at all."""
+        ...
+
+
+@dataclass(eq=False)
+class Evaluations:
+    """Evaluates points of one objective; ``many`` at once over an executor's workers.
+
+    store: where evaluations are looked up and kept; None: only in memory. count, solves, seconds: of all that were
+    asked for, those found in the store included, so that a run that was interrupted tells the same as one that was
+    not. told: called after every evaluation.
+    """
+
+    objective: YarnObjective
+    executor: Executor | None = None
+    store: Store | None = None
+    told: Callable[[Evaluations], None] | None = None
+    count: int = 0
+    solves: int = 0
+    seconds: float = 0.0
+    best: tuple[float, Array] | None = None
+    _known: dict[bytes, Residuals] = field(default_factory=dict)
+    _whole: dict[bytes, Evaluation] = field(default_factory=dict)
+
+    def residuals(self, unknowns: Array) -> Array:
+        """Residuals (m,) at one point."""
+        return self.many([unknowns])[0].residuals
+
+    def many(self, points: Sequence[Array], *, near: Array | None = None) -> list[Residuals]:
+        """Residuals at points, in their order; ``near``: a point that all of them almost are."""
+        fresh = [point for point in points if self._find(point, near) is None]
+        start = self.whole(near) if near is not None and fresh else None
+        for point, evaluation in zip(fresh, self._run(fresh, start), strict=True):
+            self._keep(point, near, evaluation)
+        found = [self._find(point, near) for point in points]
+        return [entry for entry in found if entry is not None]
+
+    def whole(self, point: Array) -> Evaluation:
+        """The evaluation at a point with all its states; evaluated anew where only its residuals are kept."""
+        key = point.tobytes()
+        if key not in self._whole:
+            self._whole[key] = self._run([point], None)[0]
+            if self._find(point, None) is None:
+                self._keep(point, None, self._whole[key])
+        return self._whole[key]
+
+    def _run(self, points: Sequence[Array], near: Evaluation | None) -> list[Evaluation]:
+        if self.executor is None:
+            return [evaluate(self.objective, point, near) for point in points]
+        futures = [self.executor.submit(evaluate, self.objective, point, near) for point in points]
+        return [self._result(point, near, future) for point, future in zip(points, futures, strict=True)]
+
+    def _result(self, point: Array, near: Evaluation | None, future: Future) -> Evaluation:
+        """The result of a worker, of this process where workers die."""
+        try:
+            return future.result()
+        except (BrokenProcessPool, CancelledError):
+            self.executor = None
+            return evaluate(self.objective, point, near)
+
+    def _find(self, point: Array, near: Array | None) -> Residuals | None:
+        key = _key(point, near)
+        if key not in self._known and self.store is not None:
+            found = self.store.find(key)
+            if found is not None:
+                self._count(point, near, key, found)
+        return self._known.get(key)
+
+    def _keep(self, point: Array, near: Array | None, evaluation: Evaluation) -> None:
+        key = _key(point, near)
+        found = Residuals(evaluation.residuals, evaluation.solves, evaluation.seconds)
+        if self.store is not None:
+            self.store.keep(key, point, found)
+        self._count(point, near, key, found)
+
+    def _count(self, point: Array, near: Array | None, key: bytes, found: Residuals) -> None:
+        self._known[key] = found
+        self.count, self.solves, self.seconds = (
+            self.count + 1,
+            self.solves + found.solves,
+            self.seconds + found.seconds,
+        )
+        if near is None and (self.best is None or found.objective < self.best[0]):
+            self.best = found.objective, np.array(point)
+        if self.told is not None:
+            self.told(self)
+
+
+def _key(point: Array, near: Array | None) -> bytes:
+    return point.tobytes() + (b"" if near is None else near.tobytes())
+
+
+@on_one_thread
+def evaluate(objective: YarnObjective, unknowns: Array, near: Evaluation | None) -> Evaluation:
+    """One evaluation, run by a worker."""
+    return objective.evaluate(unknowns, near=near)

@@ -1,0 +1,154 @@
+"""How far a yarn model is from uniform data: rest shape, pulled states, residuals (EST22 eq. 11).
+
+Residuals are the roots of the weighted terms of eq. 11: errors of σ/(1 + s) and of c over the largest target of the
+comfort range, times the decaying weights, over the root of the number of samples; so the objective is a mean square.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.uniform_data import UniformCurve, UniformData, UniformErrors
+from yarnscale.estimate.yarn_model import YarnModel
+from yarnscale.estimate.yarn_rest import RestedCell, RestRule, at_rest
+from yarnscale.estimate.yarn_states import YarnCurve, differentiated, pulled
+
+Array = NDArray[np.float64]
+
+FAILED = 3.0
+"""Error that counts for a state that did not converge."""
+
+
+@dataclass(frozen=True)
+class ErrorWeights:
+    """How much errors of stress and of contraction weigh; zero leaves them out."""
+
+    stress: float = 1.0
+    contraction: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What a yarn with some parameters does.
+
+    unknowns: (n,) in [0, 1]. residuals: (m,). curves: in the order of the data. periods: of the cell at rest [m].
+    errors: of EST22 §8. solves: equilibria it took; seconds: of one process. failed: states that are not at rest.
+    """
+
+    unknowns: Array
+    residuals: Array
+    curves: tuple[YarnCurve, ...]
+    rested: RestedCell
+    errors: UniformErrors
+    solves: int
+    seconds: float
+
+    @property
+    def objective(self) -> float:
+        """Value of eq. 11."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def failed(self) -> int:
+        """States that are not at rest."""
+        return sum(int((~curve.converged).sum()) for curve in self.curves)
+
+
+@dataclass(frozen=True, eq=False)
+class YarnObjective:
+    """Uniform data that a yarn model is compared with."""
+
+    model: YarnModel
+    data: UniformData
+    rule: RestRule = field(default_factory=RestRule)
+    weights: ErrorWeights = field(default_factory=ErrorWeights)
+
+    def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
+        """Rest shape and states of a yarn; ``near`` gives the states to start from, of almost the same yarn."""
+        began, unknowns = time.perf_counter(), np.array(unknowns, np.float64)
+        rested = at_rest(self.model.cell(self.model.values(unknowns)), self.rule)
+        curves = []
+        for k, target in enumerate(self.data.curves):
+            start = None if near is None else near.curves[k]
+            if rested.relaxed:
+                curves.append(pulled(rested.cell, target.direction, target.stretch, near=start))
+            else:
+                curves.append(_none(target))
+        solves = rested.solves + sum(curve.solves for curve in curves)
+        residuals = np.concatenate(
+            [self._residuals(target, curve) for target, curve in zip(self.data.curves, curves, strict=True)]
+        )
+        errors = self.data.errors(
+            [np.where(c.converged, c.stress, np.nan) for c in curves],
+            [np.where(c.converged, c.contraction, np.nan) for c in curves],
+        )
+        return Evaluation(
+            unknowns, residuals, tuple(curves), rested, errors, solves, time.perf_counter() - began
+        )
+
+    def held_jacobian(self, evaluation: Evaluation) -> Array:
+        """d(residuals)/d(unknowns of the yarn) (m, 5) by exact sensitivities, the rest shape held."""
+        rows = []
+        slopes = self.model.slopes(evaluation.unknowns)[:5]
+        for target, curve in zip(self.data.curves, evaluation.curves, strict=True):
+            derivatives = differentiated(evaluation.rested.cell, curve)
+            stress = self.model.by_parameter(derivatives.stress) * slopes
+            contraction = self.model.by_parameter(derivatives.contraction) * slopes
+            rows.append(self._scaled(target, stress / (1.0 + target.stretch)[:, None], contraction))
+        return np.nan_to_num(np.vstack(rows))
+
+    def _residuals(self, target: UniformCurve, curve: YarnCurve) -> Array:
+        stress = curve.stress / (1.0 + target.stretch) - target.second_stress
+        residuals = self._scaled(target, stress[:, None], (curve.contraction - target.contraction)[:, None])[
+            :, 0
+        ]
+        good = np.tile(curve.converged, len(residuals) // len(curve.converged))
+        failed = FAILED / np.sqrt(self._samples)
+        return np.where(good, np.clip(np.nan_to_num(residuals), -failed, failed), failed)
+
+    def _scaled(self, target: UniformCurve, stress: Array, contraction: Array) -> Array:
+        """Differences (n, k) of stress and contraction as weighted residuals (2n, k)."""
+        weight = np.sqrt(self.weights.stress * target.stress_decay / self._samples)
+        rows = [weight[:, None] * stress / self.data.stress_scale]
+        if self.weights.contraction > 0 and target.contraction_measured:
+            weight = np.sqrt(self.weights.contraction * target.contraction_decay / self._samples)
+            rows.append(weight[:, None] * contraction / self.data.contraction_scale)
+        return np.concatenate(rows)
+
+    @property
+    def _samples(self) -> int:
+        return sum(len(curve.stretch) for curve in self.data.curves)
+
+
+def _none(target: UniformCurve) -> YarnCurve:
+    """A curve of no states, of a yarn that has no rest shape."""
+    n = len(target.stretch)
+    return YarnCurve(target.direction, target.stretch, np.zeros(n), np.zeros(n), np.zeros(n, bool), (), 0)
+
+
+def coarser(data: UniformData, samples: int) -> UniformData:
+    """The same curves at fewer stretches, evenly spaced to the largest; one at the end of the comfort range stays."""
+    if samples < 2:
+        raise InputError("samples per direction", expected="2 or more", found=samples)
+    curves = []
+    for curve in data.curves:
+        stretch = curve.stretch[-1] * np.arange(1, samples + 1) / samples
+        at = np.argmin(np.abs(stretch - curve.comfort_stretch))
+        stretch[at] = min(curve.comfort_stretch, stretch[at]) if at == samples - 1 else curve.comfort_stretch
+
+        def between(values: Array, stretch: Array = stretch, old: Array = curve.stretch) -> Array:
+            from scipy.interpolate import PchipInterpolator
+
+            return PchipInterpolator(np.append(0.0, old), np.append(0.0, values))(stretch)
+
+        curves.append(
+            replace(
+                curve, stretch=stretch, stress=between(curve.stress), contraction=between(curve.contraction)
+            )
+        )
+    return replace(data, curves=tuple(curves))

@@ -1,0 +1,222 @@
+"""The yarn whose parameters are estimated: five unknowns within ranges, the rest set beforehand (EST22 §7.3.2).
+
+Unknown are the soft stretch stiffness k_s1, the strain ε̄ where it ends, the bending stiffness k_b, the outer contact
+radius R₁ and its stiffness k_c1. The stiff stretch stiffness k_s2 is that of the stiffest yarn of the fabric; the inner
+contact keeps yarns apart and no more. Ranges are counted from k_s2 and from R_est, which the drawing gives.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.cell.rest_shape import redrawn, set_as_drawn
+from yarnscale.errors import InputError
+from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
+from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+
+PARAMETERS = ("k_s1", "knee", "k_b", "R_1", "k_c1")
+"""Parameters of the yarn in their order: k_s1 [N], ε̄ [-], k_b [N m²], R₁ [m], k_c1 [kg/s²]."""
+SHAPE = ("aspect", "shortening")
+"""Unknowns of a fabric whose stitch density was not measured: the width of its drawing over its height as drawn [-],
+yarn length unchanged; and the share of the yarn's length by which it is shorter at rest than drawn [-]."""
+UNITS = {"k_s1": "N", "k_b": "N m²", "R_1": "m", "k_c1": "kg/s²"}
+_LOGARITHMIC = ("k_s1", "k_b", "k_c1", "aspect")
+"""Unknowns sought by their logarithm."""
+INNER_STIFFNESS = 1e3
+"""k_c2 [kg/s²]."""
+INNER_RADIUS = 0.25
+"""R₂ [R_est]."""
+LARGEST_KNEE = 0.15
+SOFTEST_CONTACT, STIFFEST_CONTACT = 1e-2, 1e2
+LARGEST_ASPECT = 1.8
+LARGEST_SHORTENING = 0.15
+TWIST_SHARE = 0.8
+"""Twist stiffness over bending stiffness: a round rod with G = 0.4 E. EST22 §6 finds that twist does not matter."""
+
+
+@dataclass(frozen=True, eq=False)
+class YarnModel:
+    """A pattern and what is known of its yarn.
+
+    pattern: one period as drawn [m]; its ``radius`` is R_est. stiffness: k_s2 [N]. density: of the yarn [kg/m³].
+    two_phase: whether stretch has two phases; a linear yarn has k_s1 in all of its range, and ε̄ does nothing.
+    free_shape: whether ``SHAPE`` is unknown too. stiffest_contact: end of the range of k_c1 [kg/s²].
+    """
+
+    pattern: YarnPattern
+    stiffness: float
+    density: float = 300.0
+    two_phase: bool = True
+    free_shape: bool = False
+    largest_knee: float = LARGEST_KNEE
+    stiffest_contact: float = STIFFEST_CONTACT
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.stiffness) and self.stiffness > 0):
+            raise InputError(
+                "stiffness k_s2 of the yarn", expected="a positive force [N]", found=self.stiffness
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Unknowns in their order, n of them."""
+        return PARAMETERS + SHAPE if self.free_shape else PARAMETERS
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest values, both (n,) (EST22 §7.3.2)."""
+        radius, k = self.pattern.radius, self.stiffness
+        base = k * radius**2 / 4.0
+        ranges = {
+            "k_s1": (1e-3 * k, k),
+            "knee": (0.0, self.largest_knee),
+            "k_b": (1e-3 * base, 10.0 * base),
+            "R_1": (0.5 * radius, 1.5 * radius),
+            "k_c1": (SOFTEST_CONTACT, self.stiffest_contact),
+            "aspect": (1.0 / LARGEST_ASPECT, LARGEST_ASPECT),
+            "shortening": (0.0, LARGEST_SHORTENING),
+        }
+        low, high = np.array([ranges[name] for name in self.names]).T
+        return low, high
+
+    @cached_property
+    def _logarithmic(self) -> NDArray[np.bool_]:
+        return np.array([name in _LOGARITHMIC for name in self.names])
+
+    def values(self, unknowns: Array) -> Array:
+        """Values (n,) of unknowns (n,) in [0, 1], which cover the ranges."""
+        low, high = self._scale
+        share = np.clip(unknowns, 0.0, 1.0)
+        inner = low + share * (high - low)
+        return np.where(self._logarithmic, np.exp(inner), inner)
+
+    def unknowns(self, values: Array) -> Array:
+        """Unknowns of values; the inverse of ``values``. Values beyond the ranges go to their ends."""
+        low, high = self._scale
+        inner = np.where(self._logarithmic, np.log(np.maximum(values, 1e-300)), values)
+        return np.clip((inner - low) / (high - low), 0.0, 1.0)
+
+    def slopes(self, unknowns: Array) -> Array:
+        """d(value)/d(unknown), (n,)."""
+        low, high = self._scale
+        return (high - low) * np.where(self._logarithmic, self.values(unknowns), 1.0)
+
+    @cached_property
+    def _scale(self) -> tuple[Array, Array]:
+        low, high = self.bounds
+        safe = [np.log(np.where(self._logarithmic, bound, 1.0)) for bound in (low, high)]
+        return np.where(self._logarithmic, safe[0], low), np.where(self._logarithmic, safe[1], high)
+
+    def material(self, values: Array) -> YarnMaterial:
+        """The yarn with these parameters."""
+        radius = self.pattern.radius
+        soft, knee, bending, outer, contact = (float(value) for value in values[:5])
+        stretch = StretchRule()
+        if self.two_phase:
+            stretch = StretchRule("two_phase", knee, self.stiffness / (math.pi * radius**2))
+        rule = ContactRule(
+            kernel="est2022", weights="simpson", outer_radius_ratio=outer / radius,
+            inner_radius_ratio=INNER_RADIUS, inner_stiffness=INNER_STIFFNESS,
+        )  # fmt: skip
+        base = YarnMaterial(
+            1.0, 1.0, 1.0, contact, self.density, name="estimated", contact=rule, stretch=stretch
+        )
+        return base.with_stiffnesses(radius, stretch=soft, bending=bending, twist=TWIST_SHARE * bending)
+
+    def cell(self, values: Array) -> PeriodicCell:
+        """The drawn pattern made of the yarn with these values."""
+        pattern = self.pattern
+        if self.free_shape:
+            pattern = reshaped(pattern, float(values[5]))
+            pattern = replace(pattern, rest_length=pattern.rest_length * (1.0 - float(values[6])))
+        return PeriodicCell(pattern, self.material(values))
+
+    def by_parameter(self, derivatives: dict[str, Array]) -> Array:
+        """Derivatives by the five parameters in the last axis, from ``Sensitivities`` by name."""
+        zero = np.zeros_like(derivatives["stretch_stiffness"])
+        columns = (
+            derivatives["stretch_stiffness"],
+            derivatives.get("stretch.knee", zero),
+            derivatives["bending_stiffness"] + TWIST_SHARE * derivatives["twist_stiffness"],
+            derivatives["contact.outer_radius_ratio"] / self.pattern.radius,
+            derivatives["contact_stiffness"],
+        )
+        return np.stack(columns, axis=-1)
+
+
+def yarn_model(
+    pattern: YarnPattern, stiffness: float, *, yarn_length: float | None = None, free_shape: bool = False
+) -> YarnModel:
+    """The model of a drawn pattern, whose radius becomes R_est.
+
+    stiffness: k_s2 [N]. yarn_length: of one period, to which the drawing is scaled [m]; None keeps its size.
+    """
+    if yarn_length is not None:
+        if not (math.isfinite(yarn_length) and yarn_length > 0):
+            raise InputError("yarn length of a period", expected="a positive length [m]", found=yarn_length)
+        pattern = pattern.scaled(yarn_length / drawn_length(pattern))
+    return YarnModel(replace(pattern, radius=estimated_radius(pattern)), stiffness, free_shape=free_shape)
+
+
+def drawn_length(pattern: YarnPattern) -> float:
+    """Length of all yarns in one period of a drawing [m]."""
+    return float(np.linalg.norm(pattern.edge_vectors(), axis=1).sum())
+
+
+def reshaped(pattern: YarnPattern, aspect: float) -> YarnPattern:
+    """A drawing made wider than high by a factor, with as much yarn; the yarns' rest shape follows the drawing."""
+    scale = np.array([math.sqrt(aspect), 1.0 / math.sqrt(aspect), 1.0])
+    stretched = ShellStrain(s_x=scale[0] - 1.0, s_y=scale[1] - 1.0)
+    length = drawn_length(pattern)
+    drawn = replace(set_as_drawn(redrawn(pattern, stretched, pattern.vertices * scale, pattern.twist)))
+    factor = length / drawn_length(drawn)
+    return replace(drawn.scaled(factor), radius=pattern.radius)
+
+
+def estimated_radius(pattern: YarnPattern, *, neighbours: int = 3) -> float:
+    """R_est: the smallest radius at which every segment touches another [m] (EST22 §7.3.2).
+
+    neighbours: segments of one yarn at most this many edges apart do not count. Raises InputError where a segment is
+    alone within the cell's own size.
+    """
+    largest = 0.25 * float(np.linalg.norm(pattern.period))
+    reach = min(4.0 * pattern.radius, largest)
+    while True:
+        nearest = _nearest(pattern, reach, neighbours)
+        # A pair search stops at ``reach``; only gaps within it are certain to be the smallest.
+        if nearest.max() <= reach:
+            return 0.5 * float(nearest.max())
+        if reach >= 2.0 * largest:
+            raise InputError(
+                f"pattern '{pattern.name}'",
+                expected="segments that lie near others",
+                found="one that is alone",
+            )
+        reach *= 1.5
+
+
+def _nearest(pattern: YarnPattern, reach: float, neighbours: int) -> Array:
+    """Distance of each segment to the nearest other one, infinite beyond ``reach``, (n,) [m]."""
+    rings = np.ceil((reach + np.linalg.norm(pattern.edge_vectors(), axis=1).max()) / pattern.period).astype(
+        int
+    )
+    extent = np.ceil(np.ptp(pattern.vertices[:, :2], axis=0) / pattern.period).astype(int)
+    images = Images.of(pattern, (int(rings[0] + extent[0]), int(rings[1] + extent[1])))
+    search = PairSearch(pattern, images, neighbours=neighbours, ordered=True)
+    shifts = np.zeros((len(images.tiles), 3))
+    shifts[:, :2] = images.tiles * pattern.period
+    nodes = (pattern.vertices[None] + shifts[:, None]).reshape(-1, 3)
+    first, second = search.find(nodes, reach)
+    nearest = np.full(len(pattern.edges), np.inf)
+    np.minimum.at(nearest, first, pair_gaps(nodes, images.segment_end, first, second))
+    return nearest

@@ -1,0 +1,118 @@
+"""The rest shape of yarns after every change of their parameters, as a smooth function of them (EST22 §7.2).
+
+EST22 alternates equilibria with resets of the rest shape until the coarse stress is small. How many rounds that takes
+jumps with the parameters, and so would everything measured from there. Here the rounds are a fixed number, which makes
+the rest shape as smooth as its equilibria, and the periods then follow to where no coarse stress at all is left, as
+fabric does that lies on a table: stretch is counted from there, as measured stretch is from zero force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.cell.rest_shape import rebased, set_as_drawn
+from yarnscale.kinematics import ShellStrain
+
+Array = NDArray[np.float64]
+
+LENGTH_BOUND = 0.2
+"""Largest change of a rest length, relative (EST22 §7.2)."""
+_RELEASES = 25
+_RELEASED = 1e-7
+"""A step of the periods below this is none."""
+_LARGEST_STEP = 0.08
+_SMALLEST_DIFFERENCE = 1e-4
+
+
+@dataclass(frozen=True)
+class RestRule:
+    """How a drawing comes to rest.
+
+    rounds: equilibria after which the rest shape is reset by ``share`` of the way to them; 0: yarns keep the rest shape
+    they are drawn with. shortening: share of the rest lengths taken away first, which tightens a slack drawing.
+    release: whether the periods follow to zero stress.
+    """
+
+    rounds: int = 4
+    share: float = 0.5
+    release: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class RestedCell:
+    """A cell at rest: its pattern is drawn at the equilibrium.
+
+    change: of the periods by the release, (2,). solves: equilibria that it took. relaxed: whether they converged.
+    """
+
+    cell: PeriodicCell
+    change: Array
+    solves: int
+    relaxed: bool
+
+
+def at_rest(cell: PeriodicCell, rule: RestRule) -> RestedCell:
+    """Bring a drawn cell to rest."""
+    drawn = cell.pattern
+    low, high = drawn.rest_length * (1.0 - LENGTH_BOUND), drawn.rest_length * (1.0 + LENGTH_BOUND)
+    solves = 0
+    for _ in range(rule.rounds):
+        state = cell.relax()
+        solves += 1
+        if not state.converged:
+            return RestedCell(cell, np.zeros(2), solves, False)
+        pattern = set_as_drawn(rebased(cell.pattern, state), share=rule.share)
+        cell = replace(cell, pattern=replace(pattern, rest_length=np.clip(pattern.rest_length, low, high)))
+    if not rule.release:
+        state = cell.relax()
+        return RestedCell(
+            replace(cell, pattern=rebased(cell.pattern, state)), np.zeros(2), solves + 1, state.converged
+        )
+    return _released(cell, solves)
+
+
+def _released(cell: PeriodicCell, solves: int) -> RestedCell:
+    """Periods at zero stress by Newton's method; its matrix is kept up by Broyden's updates from differences.
+
+    Solves nearby are far cheaper than moduli.
+    """
+    periods = np.zeros(2)
+    state = cell.relax()
+    solves += 1
+    stress, matrix, step = state.stress[[0, 2]], None, np.zeros(2)
+    for _ in range(_RELEASES):
+        if not state.converged:
+            break
+        if matrix is None:
+            matrix = np.empty((2, 2))
+            for k in range(2):
+                near = periods + np.eye(2)[k] * _SMALLEST_DIFFERENCE
+                side = cell.relax(_flat(near), start=state)
+                matrix[:, k] = (side.stress[[0, 2]] - stress) / _SMALLEST_DIFFERENCE
+            solves += 2
+        sizes, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
+        used = np.maximum(np.abs(sizes), 1e-4 * np.abs(sizes).max())
+        step = -axes @ ((axes.T @ stress) / used)
+        longest = np.abs(step).max()
+        if longest < _RELEASED:
+            break
+        step *= min(1.0, _LARGEST_STEP / longest)
+        further = cell.relax(_flat(periods + step), start=state)
+        solves += 1
+        change = further.stress[[0, 2]] - stress
+        fell = np.linalg.norm(further.stress[[0, 2]]) < 0.5 * np.linalg.norm(stress)
+        periods, state, stress = periods + step, further, further.stress[[0, 2]]
+        # Where Newton does not pay, the matrix is taken anew.
+        matrix = matrix + np.outer(change - matrix @ step, step) / (step @ step) if fell else None
+    relaxed = state.converged and bool(np.abs(step).max() < 1e-4)
+    if not state.converged:
+        return RestedCell(cell, periods, solves, False)
+    return RestedCell(replace(cell, pattern=rebased(cell.pattern, state)), periods, solves, relaxed)
+
+
+def _flat(periods: Array) -> ShellStrain:
+    return ShellStrain(s_x=float(periods[0]), s_y=float(periods[1]))

@@ -1,0 +1,233 @@
+"""A cell of yarn pulled along one direction and free across: stress and contraction, and their derivatives.
+
+F = U diag(1 + s, 1 − c) Uᵀ as for the shell (EST22 eq. 3 and §7.1). The contraction c is where the stress across
+vanishes: Newton's method on that stress, each state starting from where the one before points to. Derivatives follow
+from the moduli by the implicit function theorem; nothing is searched without them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.estimate.measurements import Direction
+from yarnscale.kinematics import ShellStrain
+
+Array = NDArray[np.float64]
+
+_STEPS = 12
+_TOLERANCE = 1e-4
+"""Largest stress across over the stress along, at which a state is at rest across."""
+_LARGEST_STEP = 0.1
+_NEAR = 1e-4
+"""Difference of the contraction from which the stiffness across is first taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class YarnCurve:
+    """Uniaxial response of a cell; arrays (n,) at its stretches.
+
+    stress: first Piola–Kirchhoff [N/m]. states: the equilibria. converged: which states are at rest, also across.
+    solves: equilibria it took.
+    """
+
+    direction: Direction
+    stretch: Array
+    stress: Array
+    contraction: Array
+    converged: NDArray[np.bool_]
+    states: tuple[Equilibrium, ...]
+    solves: int
+
+
+@dataclass(frozen=True, eq=False)
+class CurveDerivatives:
+    """Derivatives of stress and contraction by named quantities: each a dictionary of (n,) or (n, k)."""
+
+    stress: dict[str, Array]
+    contraction: dict[str, Array]
+    modulus: Array
+
+
+class _Map(Protocol):
+    def __call__(self, stretch: float, contraction: float) -> Array: ...
+
+
+def strain_map(angle: float) -> _Map:
+    """(s, c) → (s_x, s_a, s_y, 0, 0, 0) for a stretch along an angle from the course direction [rad]."""
+    cos, sin = math.cos(angle), math.sin(angle)
+
+    def strain(stretch: float, contraction: float) -> Array:
+        along, across = (1.0 + stretch) ** 2, (1.0 - contraction) ** 2
+        first = along * cos**2 + across * sin**2
+        second = along * sin**2 + across * cos**2
+        mixed = (along - across) * cos * sin
+        return np.array(
+            [
+                math.sqrt(first) - 1.0,
+                mixed / math.sqrt(first * second),
+                math.sqrt(second) - 1.0,
+                0.0,
+                0.0,
+                0.0,
+            ]
+        )
+
+    return strain
+
+
+def _slopes(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array, Array]:
+    """∂z/∂s and ∂z/∂c (6,), ∂²z/∂c² and ∂²z/∂s∂c (6,)."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    length, width = 1.0 + stretch, 1.0 - contraction
+    # Squares I11, I22 and the product I12, as polynomials of length and width.
+    value = np.array([length**2 * cos**2 + width**2 * sin**2, (length**2 - width**2) * cos * sin,
+                      length**2 * sin**2 + width**2 * cos**2])  # fmt: skip
+    by_length = 2 * length * np.array([cos**2, cos * sin, sin**2])
+    by_width = 2 * width * np.array([sin**2, -cos * sin, cos**2])
+    twice_width = 2 * np.array([sin**2, -cos * sin, cos**2])
+
+    def chain(a: Array, b: Array, both: Array) -> Array:
+        """Second derivative of z along a and b, whose mixed derivative of I is ``both``."""
+        found = np.zeros(6)
+        for place, k in ((0, 0), (2, 2)):
+            root = math.sqrt(value[k])
+            found[place] = both[k] / (2 * root) - a[k] * b[k] / (4 * root**3)
+        x, y, m = value[0], value[2], value[1]
+        scale = 1.0 / math.sqrt(x * y)
+        log_a, log_b = -0.5 * (a[0] / x + a[2] / y), -0.5 * (b[0] / x + b[2] / y)
+        log_ab = -0.5 * (both[0] / x + both[2] / y) + 0.5 * (a[0] * b[0] / x**2 + a[2] * b[2] / y**2)
+        found[1] = scale * (both[1] + a[1] * log_b + b[1] * log_a + m * (log_a * log_b + log_ab))
+        return found
+
+    def first(a: Array) -> Array:
+        x, y = value[0], value[2]
+        scale = 1.0 / math.sqrt(x * y)
+        shear = scale * (a[1] - 0.5 * value[1] * (a[0] / x + a[2] / y))
+        return np.array([a[0] / (2 * math.sqrt(x)), shear, a[2] / (2 * math.sqrt(y)), 0.0, 0.0, 0.0])
+
+    none = np.zeros(3)
+    # c falls with the width: one sign for each derivative by it.
+    return (
+        first(by_length),
+        -first(by_width),
+        chain(by_width, by_width, twice_width),
+        -chain(by_length, by_width, none),
+    )
+
+
+def pulled(
+    cell: PeriodicCell, direction: Direction, stretches: Array, *, near: YarnCurve | None = None
+) -> YarnCurve:
+    """Stretch a cell that is at rest, state by state in rising order.
+
+    near: the curve of a similar cell at the same stretches, whose states are started from.
+    """
+    path = _Path(cell, direction.angle)
+    states, contraction, stress, converged = [], [], [], []
+    for k, stretch in enumerate(stretches):
+        seed = None if near is None or not near.converged[k] else (near.states[k], float(near.contraction[k]))
+        state, width, good = path.advance(float(stretch), seed)
+        states.append(state)
+        contraction.append(width)
+        stress.append(float(state.stress @ _slopes(direction.angle, float(stretch), width)[0]))
+        converged.append(good)
+    return YarnCurve(
+        direction, np.array(stretches, np.float64), np.array(stress), np.array(contraction), np.array(converged),
+        tuple(states), path.solves,
+    )  # fmt: skip
+
+
+class _Path:
+    """Follows the states at zero stress across from rest."""
+
+    def __init__(self, cell: PeriodicCell, angle: float) -> None:
+        self.cell, self.angle, self.strain = cell, angle, strain_map(angle)
+        self.state: Equilibrium | None = None
+        self.stiffness: float | None = None
+        self.history: list[tuple[float, float]] = [(0.0, 0.0)]
+        self.solves = 0
+
+    def advance(
+        self, stretch: float, seed: tuple[Equilibrium, float] | None
+    ) -> tuple[Equilibrium, float, bool]:
+        """The state at the next stretch: its equilibrium, contraction, and whether it is at rest."""
+        start, width = (self.state, self._ahead(stretch)) if seed is None else seed
+        state, across = self._solve(stretch, width, start)
+        lower, upper = -np.inf, np.inf
+        for _ in range(_STEPS):
+            if not state.converged or self._small(state, across, stretch, width):
+                break
+            # The stress across, ∂ψ/∂c, rises with c at a minimum.
+            lower, upper = (width, upper) if across < 0 else (lower, width)
+            if self.stiffness is None:
+                near, there = self._solve(stretch, width + _NEAR, state)
+                self.stiffness = (there - across) / _NEAR if near.converged else None
+            step = (
+                -across / self.stiffness if self.stiffness and self.stiffness > 0 else -0.03 * np.sign(across)
+            )
+            step = float(np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
+            if not lower < width + step < upper:
+                step = 0.5 * (lower + upper) - width if np.isfinite(lower + upper) else step
+            further, there = self._solve(stretch, width + step, state)
+            if further.converged:
+                self.stiffness = (there - across) / step
+            state, width, across = further, width + step, there
+        good = state.converged and self._small(state, across, stretch, width, 50.0)
+        if good:
+            self.state = state
+            self.history.append((stretch, width))
+        return state, width, good
+
+    def _ahead(self, stretch: float) -> float:
+        """Contraction on the parabola through the last three states."""
+        points = np.array(self.history[-3:])
+        if len(points) == 1:
+            return 0.0
+        return float(np.polyval(np.polyfit(points[:, 0], points[:, 1], len(points) - 1), stretch))
+
+    def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> tuple[Equilibrium, float]:
+        self.solves += 1
+        state = self.cell.relax(ShellStrain.from_vector(self.strain(stretch, width)), start=start)
+        return state, float(state.stress @ _slopes(self.angle, stretch, width)[1])
+
+    def _small(
+        self, state: Equilibrium, across: float, stretch: float, width: float, factor: float = 1.0
+    ) -> bool:
+        along = float(state.stress @ _slopes(self.angle, stretch, width)[0])
+        return abs(across) <= factor * _TOLERANCE * max(abs(along), 1e-3)
+
+
+def differentiated(cell: PeriodicCell, curve: YarnCurve) -> CurveDerivatives:
+    """Derivatives of a curve's stress and contraction by all that ``Sensitivities`` names, by ``rest_length`` too.
+
+    The rest shape is held. dc/dp = −ψ,cp/ψ,cc and dσ/dp = ψ,sp + ψ,sc dc/dp, ψ the energy density as a function of
+    (s, c, p). States that did not converge get nan.
+    """
+    stress: dict[str, list[Array]] = {}
+    contraction: dict[str, list[Array]] = {}
+    modulus = []
+    for k, state in enumerate(curve.states):
+        along, across, twice, mixed = _slopes(curve.direction.angle, curve.stretch[k], curve.contraction[k])
+        answer = cell.sensitivities(state)
+        by_width = across @ answer.moduli @ across + state.stress @ twice
+        by_both = along @ answer.moduli @ across + state.stress @ mixed
+        named = {**answer.stress, "rest_length": answer.stress_by_rest_length}
+        good = curve.converged[k]
+        for name, change in named.items():
+            wider = -(across @ change) / by_width
+            stress.setdefault(name, []).append(
+                np.asarray(along @ change + by_both * wider) * (1.0 if good else np.nan)
+            )
+            contraction.setdefault(name, []).append(np.asarray(wider) * (1.0 if good else np.nan))
+        modulus.append(by_width)
+    return CurveDerivatives(
+        {name: np.array(values) for name, values in stress.items()},
+        {name: np.array(values) for name, values in contraction.items()},
+        np.array(modulus),
+    )

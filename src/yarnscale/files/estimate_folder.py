@@ -1,0 +1,55 @@
+"""Finished evaluations of an estimate in a folder, one small file each, so that a run goes on where it was killed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.evaluations import Residuals
+from yarnscale.estimate.objective import YarnObjective
+from yarnscale.files.atomic import write_text
+from yarnscale.files.fingerprint import fingerprint
+
+Array = NDArray[np.float64]
+
+
+class EstimateFolder:
+    """Evaluations of one objective; those of others in the same folder are not mistaken for its own."""
+
+    def __init__(self, folder: Path, objective: YarnObjective) -> None:
+        self.folder, self._mark = folder, fingerprint(objective).encode()
+
+    def find(self, key: bytes) -> Residuals | None:
+        """The evaluation of a key, None where it is not there or cannot be read."""
+        try:
+            entry = json.loads(self._path(key).read_text())
+            return Residuals(
+                np.array(entry["residuals"], float), int(entry["solves"]), float(entry["seconds"])
+            )
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def keep(self, key: bytes, unknowns: Array, found: Residuals) -> None:
+        """Write an evaluation in one step. InputError where the folder cannot be written."""
+        entry = {"unknowns": unknowns.tolist(), "residuals": found.residuals.tolist(), "solves": found.solves,
+                 "seconds": found.seconds}  # fmt: skip
+        write_text(self._path(key), json.dumps(entry))
+
+    def _path(self, key: bytes) -> Path:
+        return self.folder / f"{hashlib.sha256(self._mark + key).hexdigest()[:24]}.json"
+
+
+def evaluation_folder(folder: Path, *, resume: bool) -> Path:
+    """The folder for evaluations, emptied unless a run is resumed. InputError where there is nothing to resume."""
+    if resume and not folder.is_dir():
+        raise InputError("nothing to resume", where=folder, expected="evaluations of an earlier run")
+    folder.mkdir(parents=True, exist_ok=True)
+    if not resume:
+        for path in folder.glob("*.json"):
+            path.unlink()
+    return folder
