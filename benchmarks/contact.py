@@ -1,4 +1,4 @@
-"""Least milliseconds of the parts of contact, with 5 000 and 20 000 triangles, and the broad phases side by side.
+"""Least milliseconds of the parts of contact, with 5 000 and 20 000 triangles, and searches side by side.
 
 Run ``python benchmarks/contact.py``. Two states: a sheet rolled up with its layers 0.7 mm apart (self-contact), and one
 lying on a moving body of as many triangles (a body's contact).
@@ -13,6 +13,8 @@ import ipctk
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.numerics.threads import available_threads
+from yarnscale.shell.broad_phase import near_pairs
 from yarnscale.shell.contact import ClothContact, ContactSettings
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.motion import Motion
@@ -23,7 +25,6 @@ Floats = NDArray[np.float64]
 
 SHEET = 0.3
 SETTINGS = ContactSettings(friction=0.3)
-BROAD_PHASES = ("LBVH", "SweepAndPrune", "HashGrid", "SpatialHash")
 
 
 def milliseconds(run: Callable[[], object], repeats: int = 5) -> float:
@@ -73,7 +74,7 @@ def parts(contact: ClothContact, positions: Floats) -> None:
         return points[turn % 2]
 
     tests: list[tuple[str, Callable[[], object]]] = [
-        ("bound of a step (broad phase, then CCD)", lambda: contact.bound(positions, step)),
+        ("bound of a step, searched before", lambda: contact.bound(positions, step)),
         ("start of a step", lambda: contact.start_step(elsewhere(), 1 / 60)),
         ("energy at a new place (close pairs)", lambda: contact.value(elsewhere())),
         ("energy and gradient at a known place", lambda: contact.gradient(points[0])),
@@ -83,19 +84,21 @@ def parts(contact: ClothContact, positions: Floats) -> None:
     contact.bound(positions, step)
     for text, run in tests:
         print(f"  {text:44}{milliseconds(run):9.1f}")
-    # A step of random directions makes boxes large; that of a solver is smaller.
-    start, end = surface.everything(positions), surface.everything(positions + step)
-    for kind in BROAD_PHASES:
-        broad, found = getattr(ipctk, kind)(), ipctk.Candidates()
-        cost = milliseconds(
-            lambda found=found, broad=broad: found.build(surface.mesh, start, end, 5e-4, broad), 3
-        )
-        print(f"  broad phase {kind:32}{cost:9.1f}")
-    print(f"  {'edge pairs after the broad phase':44}{len(found.ee_candidates):9}")
+    search, everything = surface.search, surface.everything(positions)
+    reach = 0.5 * SETTINGS.thickness + search.slack
+    low, high = everything - reach, everything + reach
+    cost = milliseconds(lambda: near_pairs(search.surfaces, low, high, within_cloth=True), 3)
+    print(f"  {'search for pairs':44}{cost:9.1f}")
+    faces = np.asfortranarray(search.surfaces.triangles.astype(np.int32))
+    mesh = ipctk.CollisionMesh(np.asfortranarray(everything), ipctk.edges(faces), faces)
+    found = ipctk.Candidates()
+    cost = milliseconds(lambda: found.build(mesh, np.asfortranarray(everything), reach), 3)
+    print(f"  {'the same by ipctk, bodies with themselves too':44}{cost:9.1f}")
+    print(f"  {'close pairs':44}{len(search.close(everything).distances):9}")
 
 
 def main() -> None:
-    print(f"{ipctk.get_num_threads()} threads; milliseconds")
+    print(f"{available_threads()} threads; milliseconds")
     for spacing in (0.0065, 0.00325):
         mesh = rectangle(SHEET, SHEET, spacing)
         for name, build in (("rolled", rolled), ("on a moving body", lying)):

@@ -62,23 +62,32 @@ def near_pairs(
     lowest, highest: corners of the boxes of the vertices, (nv, 3) [m]. Returns vertices and triangles (n, 2), and edges
     and edges (m, 2).
     """
-    parts = []
-    split = surfaces.cloth
-    cloth = _Tree.of(surfaces.triangles, lowest, highest, 0, split)
+    boxes = np.column_stack([lowest, -highest])
+    boxes = _Boxes(boxes, boxes[surfaces.edges].min(axis=1), boxes[surfaces.triangles].min(axis=1))
+    parts, split, end = [], surfaces.cloth, len(surfaces.triangles)
+    cloth = _Tree.of(boxes.triangles, 0, split)
     if within_cloth:
-        parts += _queries(surfaces, lowest, highest, cloth, cloth, True)
-    if len(surfaces.triangles) > split:
-        bodies = _Tree.of(surfaces.triangles, lowest, highest, split, len(surfaces.triangles))
-        parts += _queries(surfaces, lowest, highest, cloth, bodies, False)
+        parts += _queries(surfaces, boxes, cloth, cloth, True)
+    if end > split:
+        parts += _queries(surfaces, boxes, cloth, _Tree.of(boxes.triangles, split, end), False)
     corners = np.concatenate([np.zeros((0, 2), np.int64), *(a for a, _ in parts)])
     return corners, np.concatenate([np.zeros((0, 2), np.int64), *(b for _, b in parts)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Boxes:
+    """Boxes (n, 6) of vertices, edges and triangles: lowest and then negated highest corners."""
+
+    vertices: Floats
+    edges: Floats
+    triangles: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
     """A complete binary tree of boxes: children of node i are 2i and 2i + 1, the root is 1.
 
-    order: triangle of each leaf; boxes: (nodes, 6), lowest and then negated highest corner.
+    order: triangle of each leaf; boxes: (nodes, 6), lowest and then negated highest corners.
     """
 
     order: Integers
@@ -86,18 +95,17 @@ class _Tree:
     leaves: int
 
     @classmethod
-    def of(cls, triangles: Integers, lowest: Floats, highest: Floats, begin: int, end: int) -> _Tree:
-        corners = triangles[begin:end]
-        low, high = lowest[corners].min(axis=1), highest[corners].max(axis=1)
-        order = np.argsort(_curve(low + high), kind="stable")
+    def of(cls, triangles: Floats, begin: int, end: int) -> _Tree:
+        """Tree of some of the boxes of triangles (m, 6)."""
+        own = triangles[begin:end]
+        order = np.argsort(_curve(own[:, :3] - own[:, 3:]), kind="stable")
         leaves = 1 << max(0, int(np.ceil(np.log2(max(1, len(order))))))
         boxes = np.full((2 * leaves, 6), np.inf)
-        boxes[leaves : leaves + len(order), :3] = low[order]
-        boxes[leaves : leaves + len(order), 3:] = -high[order]
+        boxes[leaves : leaves + len(order)] = own[order]
         level = leaves
         while level > 1:
             pairs = boxes[level : 2 * level].reshape(-1, 2, 6)
-            boxes[level // 2 : level] = pairs.min(axis=1)
+            np.minimum(pairs[:, 0], pairs[:, 1], out=boxes[level // 2 : level])
             level //= 2
         return cls(order + begin, boxes, leaves)
 
@@ -114,15 +122,16 @@ def _curve(points: Floats) -> Integers:
 
 
 def _queries(
-    surfaces: Surfaces, lowest: Floats, highest: Floats, asking: _Tree, asked: _Tree, same: bool
+    surfaces: Surfaces, boxes: _Boxes, asking: _Tree, asked: _Tree, same: bool
 ) -> list[tuple[Integers, Integers]]:
     s = surfaces
     cuts = np.linspace(0, len(asking.order), available_threads() + 1).astype(int).tolist()
 
     def part(bounds: tuple[int, int]) -> tuple[Integers, Integers]:
         return _query(
-            s.triangles, s.edges, s.sides, s.own_corners, s.own_sides, lowest, highest,
-            asking.order, asking.boxes, asking.leaves, asked.order, asked.boxes, asked.leaves, same, *bounds,
+            s.triangles, s.edges, s.sides, s.own_corners, s.own_sides,
+            boxes.vertices, boxes.edges, boxes.triangles,
+            asking.order, asked.order, asked.boxes, asked.leaves, same, *bounds,
         )  # fmt: skip
 
     return run_parts(part, list(pairwise(cuts)))
@@ -130,8 +139,8 @@ def _queries(
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _query(
-    triangles, edges, sides, own_corners, own_sides, lowest, highest,
-    order, boxes, leaves, other_order, other_boxes, other_leaves, same, begin, end,
+    triangles, edges, sides, own_corners, own_sides, vertex_boxes, edge_boxes, triangle_boxes,
+    order, other_order, other_boxes, other_leaves, same, begin, end,
 ):  # fmt: skip
     """Pairs of the triangles at places begin … end − 1 of one tree with those of another, or later ones of the same."""
     corners, met = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
@@ -144,7 +153,7 @@ def _query(
         while height:
             height -= 1
             node = stack[height]
-            if not _overlap(boxes, leaves + place, other_boxes, node):
+            if not _overlap(triangle_boxes, a, other_boxes, node):
                 continue
             if node < other_leaves:
                 stack[height] = 2 * node + 1
@@ -158,58 +167,53 @@ def _query(
                 corners = np.concatenate((corners, np.empty_like(corners)))
             if met_count + 9 > len(met):
                 met = np.concatenate((met, np.empty_like(met)))
-            corner_count = _add_corners(triangles, own_corners, lowest, highest, a, b, corners, corner_count)
-            corner_count = _add_corners(triangles, own_corners, lowest, highest, b, a, corners, corner_count)
-            met_count = _add_sides(edges, sides, own_sides, lowest, highest, a, b, met, met_count)
+            for p, q in ((a, b), (b, a)):
+                corner_count = _add_corners(
+                    triangles, own_corners, vertex_boxes, triangle_boxes, p, q, corners, corner_count
+                )
+            met_count = _add_sides(edges, sides, own_sides, edge_boxes, triangle_boxes, a, b, met, met_count)
     return corners[:corner_count].copy(), met[:met_count].copy()
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _overlap(boxes, i, others, j):
     """Whether boxes overlap, given as lowest and negated highest corners."""
-    apart = False
-    for k in range(3):
-        apart |= boxes[i, k] > -others[j, k + 3] or others[j, k] > -boxes[i, k + 3]
-    return not apart
+    return (
+        boxes[i, 0] <= -others[j, 3]
+        and boxes[i, 1] <= -others[j, 4]
+        and boxes[i, 2] <= -others[j, 5]
+        and others[j, 0] <= -boxes[i, 3]
+        and others[j, 1] <= -boxes[i, 4]
+        and others[j, 2] <= -boxes[i, 5]
+    )
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _add_corners(triangles, own_corners, lowest, highest, a, b, found, count):
+def _add_corners(triangles, own_corners, vertex_boxes, triangle_boxes, a, b, found, count):
     """Vertices that triangle a represents with triangle b."""
     p, q, r = triangles[b, 0], triangles[b, 1], triangles[b, 2]
     for i in range(3):
         v = triangles[a, i]
-        if not own_corners[a, i] or v in (p, q, r):
-            continue
-        apart = False
-        for k in range(3):
-            low = min(lowest[p, k], lowest[q, k], lowest[r, k])
-            high = max(highest[p, k], highest[q, k], highest[r, k])
-            apart |= lowest[v, k] > high or low > highest[v, k]
-        if not apart:
+        if own_corners[a, i] and _overlap(vertex_boxes, v, triangle_boxes, b) and v not in (p, q, r):
             found[count, 0], found[count, 1] = v, b
             count += 1
     return count
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _add_sides(edges, sides, own_sides, lowest, highest, a, b, found, count):
+def _add_sides(edges, sides, own_sides, edge_boxes, triangle_boxes, a, b, found, count):
     """Edges that triangle a represents with those that triangle b represents."""
     for i in range(3):
-        if not own_sides[a, i]:
-            continue
         e = sides[a, i]
+        if not (own_sides[a, i] and _overlap(edge_boxes, e, triangle_boxes, b)):
+            continue
         p, q = edges[e, 0], edges[e, 1]
         for j in range(3):
             f = sides[b, j]
-            r, s = edges[f, 0], edges[f, 1]
-            if not own_sides[b, j] or p in (r, s) or q in (r, s):
+            if not (own_sides[b, j] and _overlap(edge_boxes, e, edge_boxes, f)):
                 continue
-            apart = False
-            for k in range(3):
-                apart |= min(lowest[p, k], lowest[q, k]) > max(highest[r, k], highest[s, k])
-                apart |= min(lowest[r, k], lowest[s, k]) > max(highest[p, k], highest[q, k])
-            if not apart:
+            r, s = edges[f, 0], edges[f, 1]
+            if p not in (r, s) and q not in (r, s):
                 found[count, 0], found[count, 1] = e, f
                 count += 1
     return count

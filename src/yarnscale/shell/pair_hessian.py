@@ -177,9 +177,19 @@ def add_repulsion(positions, pairs, corner, coefficients, slopes, bends, turning
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def add_friction(pairs, coefficients, stiffness, slots, blocks):
-    """Add the Hessians c cᵀ ⊗ stiffness (n, 3, 3), symmetric, of pairs (n, 4) to blocks (m, 9)."""
+def add_friction(pairs, coefficients, normals, sliding, across, along, slots, blocks):
+    """Add c cᵀ ⊗ K of pairs (n, 4) to blocks (m, 9): K has ``along`` for sliding on and ``across`` to its side."""
+    stiffness = np.empty((3, 3))
     for n in range(len(pairs)):
+        square = sliding[n, 0] ** 2 + sliding[n, 1] ** 2 + sliding[n, 2] ** 2
+        more = (along[n] - across[n]) / square if square > 0.0 else 0.0
+        for row in range(3):
+            for column in range(3):
+                stiffness[row, column] = (
+                    more * sliding[n, row] * sliding[n, column]
+                    - across[n] * normals[n, row] * normals[n, column]
+                )
+            stiffness[row, row] += across[n]
         place = 0
         for i in range(4):
             for j in range(i + 1):
@@ -190,7 +200,7 @@ def add_friction(pairs, coefficients, stiffness, slots, blocks):
                 factor = coefficients[n, i] * coefficients[n, j]
                 for row in range(3):
                     for column in range(3):
-                        blocks[slot, 3 * row + column] += factor * stiffness[n, row, column]
+                        blocks[slot, 3 * row + column] += factor * stiffness[row, column]
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

@@ -97,6 +97,24 @@ def add_pulls(pairs, coefficients, pulls, gradient):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def slips(positions, origin, pairs, coefficients, normals):
+    """Motion of the closest points of pairs (n, 4) against each other from the origin, across the normals, (n, 3)."""
+    sliding = np.empty((len(pairs), 3))
+    for n in range(len(pairs)):
+        along = 0.0
+        for k in range(3):
+            apart = 0.0
+            for i in range(4):
+                v = pairs[n, i]
+                apart += coefficients[n, i] * (positions[v, k] - origin[v, k])
+            sliding[n, k] = apart
+            along += apart * normals[n, k]
+        for k in range(3):
+            sliding[n, k] -= along * normals[n, k]
+    return sliding
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def crossed_squares(positions, pairs):
     """|(x₁ − x₀) × (x₃ − x₂)|² of pairs of edges (n, 4), (n,) [m⁴]."""
     squares = np.empty(len(pairs))

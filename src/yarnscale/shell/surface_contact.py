@@ -48,9 +48,7 @@ class _Grip:
 
     def slip(self, positions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Tangential motion of the closest points (k, 3), and its smoothed length f: f, f'/l and f'', each (k,)."""
-        moved = (positions - self.origin)[self.vertices]
-        apart = np.einsum("nk,nki->ni", self.coefficients, moved)
-        sliding = apart - np.einsum("ni,ni->n", apart, self.normals)[:, None] * self.normals
+        sliding = pair_loops.slips(positions, self.origin, self.vertices, self.coefficients, self.normals)
         return sliding, *smooth_length(np.linalg.norm(sliding, axis=1), self.reach)
 
 
@@ -161,11 +159,16 @@ class SurfaceContact:
         )
         if grip is not None:
             sliding, _, rate, change = grip.slip(everything)
-            along = _outer(sliding / np.maximum(np.linalg.norm(sliding, axis=1), 1e-300)[:, None])
-            across = np.eye(3) - _outer(grip.normals) - along
-            stiffness = rate[:, None, None] * across + change[:, None, None] * along
-            stiffness *= grip.limits[:, None, None]
-            pair_hessian.add_friction(grip.vertices, grip.coefficients, stiffness, slots[count:], blocks)
+            pair_hessian.add_friction(
+                grip.vertices,
+                grip.coefficients,
+                grip.normals,
+                sliding,
+                grip.limits * rate,
+                grip.limits * change,
+                slots[count:],
+                blocks,
+            )
         keys = pair_hessian.scalar_keys(starts, found, 3 * self.rows)
         return keys, pair_hessian.scalar_entries(starts, found, blocks, len(keys))
 
@@ -204,7 +207,3 @@ def _check_mesh(cloth: int, triangles: Integers, rest: Floats, self_contact: boo
     elif cloth < len(rest):
         mesh.can_collide = ipctk.make_static_obstacle_filter(cloth)
     return mesh
-
-
-def _outer(vectors: Floats) -> Floats:
-    return vectors[:, :, None] * vectors[:, None, :]
