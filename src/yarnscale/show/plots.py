@@ -89,7 +89,7 @@ def axis_plots(
     Raises InputError on an unknown component or a file that cannot be written.
     """
     rows = 1 if stress is None else 2
-    with _figure(path, 3.1 * len(axes), 2.6 * rows, title=title) as figure:
+    with written_figure(path, 3.1 * len(axes), 2.6 * rows, title=title) as figure:
         grid = figure.subplots(rows, len(axes), squeeze=False)
         for k, axis in enumerate(axes):
             _axis_panel(grid[0, k], axis, axis.energy, energy)
@@ -128,7 +128,7 @@ def plane_plot(
     good = np.ones(len(values), bool) if converged is None else converged
     norm = _norm(np.concatenate([fitted.ravel(), np.asarray(values)[good]]), scale)
     fitted = np.clip(fitted, norm.vmin, norm.vmax)  # a logarithmic scale has no place for values below zero
-    with _figure(path, 4.6, 3.8, title=title) as figure:
+    with written_figure(path, 4.6, 3.8, title=title) as figure:
         axes = figure.subplots()
         axes.grid(False)
         image = axes.pcolormesh(
@@ -158,7 +158,7 @@ def error_histogram(
     floor = 1e-4
     top = max(max(float(e.max()) for e in groups.values()), 10 * floor)
     bins = np.geomspace(floor, top * 1.001, 40)
-    with _figure(path, 5.2, 0.9 + 0.75 * len(groups), title=title) as figure:
+    with written_figure(path, 5.2, 0.9 + 0.75 * len(groups), title=title) as figure:
         rows = figure.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, values) in zip(rows, groups.items(), strict=True):
             axes.hist(np.clip(values, floor, None), bins=list(bins), color=theme.SAMPLE, alpha=0.85)
@@ -181,7 +181,7 @@ def line_plot(
     title: str = "",
 ) -> None:
     """Curves by name, each (x, y) of shape (n,); labels with units."""
-    with _figure(path, 4.8, 3.2, title=title) as figure:
+    with written_figure(path, 4.8, 3.2, title=title) as figure:
         axes = figure.subplots()
         for k, (name, (x, y)) in enumerate(lines.items()):
             axes.plot(x, y, color=theme.YARNS[k % len(theme.YARNS)], marker="o", markersize=3, label=name)
@@ -214,7 +214,7 @@ def _norm(values: Array, scale: str) -> Any:
 
 
 @contextmanager
-def _figure(path: str | Path, width: float, height: float, *, title: str) -> Iterator[Figure]:
+def written_figure(path: str | Path, width: float, height: float, *, title: str) -> Iterator[Figure]:
     """A figure [inches] in the common style, written to ``path`` at the end; never touches pyplot's state."""
     with matplotlib.rc_context(rc=dict(theme.PLOT_STYLE)):  # type: ignore[arg-type]
         figure = Figure(figsize=(width, height), layout="constrained")
