@@ -17,6 +17,7 @@ from yarnscale.fabric.boundary import Springs
 from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_frames import carried, joint_twists, unit_edges
+from yarnscale.fabric.yarn_friction import YarnFriction, no_friction
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.yarn.contact import contact_energy, contact_reach
@@ -86,7 +87,8 @@ class FabricEnergy:
             ]
         )
         self.glue = StencilSet(STRETCH, position_variables(self.springs.pairs), ties, 2)
-        self._rod_slots: list[NDArray[np.int32]] = []
+        self._friction = no_friction()
+        self._rod_slots: list[NDArray[np.int32]] | None = None
         self._pattern: BlockPattern | None = None
         self._contacts: FabricContacts | None = None
         self._touch = contact and len(edges) > 1
@@ -175,23 +177,40 @@ class FabricEnergy:
         return position_variables(np.stack([first, ends[first], second, ends[second]], 1))
 
     def _block_pattern(self, contacts: FabricContacts, x: Array) -> BlockPattern:
-        if contacts.slots is None:
-            if self._pattern is None or not self._pattern.covers(contacts.variables):
+        rods = [stencils.variables for stencils in self._rods]
+        if contacts.slots is None or self._rod_slots is None:
+            fits = self._pattern is not None and all(
+                map(self._pattern.covers, (rods[-1], contacts.variables))
+            )
+            if not fits:
                 groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
                 wide = self._pair_variables(*self._pairs(self.positions(x), SKIN + PATTERN_MARGIN))
-                rods = [self.stretch.variables, self._joint_variables, self.glue.variables]
                 self._pattern = BlockPattern.of(groups, [*rods, contacts.variables, wide])
-                self._rod_slots = [self._pattern.slots(v) for v in rods]
                 self.patterns += 1
+                self._rod_slots = None
+            assert self._pattern is not None
+            if self._rod_slots is None:
+                self._rod_slots = [self._pattern.slots(v) for v in rods]
             contacts.slots = self._pattern.slots(contacts.variables)
         assert self._pattern is not None
         return self._pattern
 
+    def rub(self, x: Array, friction: YarnFriction | None) -> None:
+        """Begin a step of friction at a state: what presses there resists to slip from there on. None: no friction."""
+        had = self._friction.count
+        contacts = self.contacts(x)
+        new = (
+            no_friction() if friction is None else friction.stencils(self.positions(x), contacts.stencils, x)
+        )
+        self._friction = new
+        if had or new.count:
+            self._rod_slots = None
+
     # --- energy ---------------------------------------------------------------------------------------
 
     @property
-    def _rods(self) -> tuple[StencilSet, StencilSet, StencilSet]:
-        return self.stretch, self.bend_twist, self.glue
+    def _rods(self) -> tuple[StencilSet, ...]:
+        return self.stretch, self.bend_twist, self.glue, self._friction
 
     def value(self, x: Array) -> float:
         """Energy [E π r³]; inf where two yarns meet."""
@@ -212,7 +231,7 @@ class FabricEnergy:
         """``gradient`` with the matrix pattern and the entries of the exact Hessian."""
         contacts = self.contacts(x)
         block = self._block_pattern(contacts, x)
-        assert contacts.slots is not None
+        assert contacts.slots is not None and self._rod_slots is not None
         entries, total, value, pull = np.zeros(block.pattern.entries), np.zeros(len(x)), 0.0, 0.0
         for stencils, slots in zip(
             (*self._rods, contacts.stencils), (*self._rod_slots, contacts.slots), strict=True
@@ -271,16 +290,35 @@ class FabricEnergy:
     def vertex_energies(self, x: Array) -> Array:
         """Energy shared out to vertices (n,) [J]: of an edge or pair to its ends alike, of a joint to its vertex."""
         shares = np.zeros(self.count)
+        for stencils, nodes, spread in self._shares(x):
+            np.add.at(shares, nodes, stencils.elements(x)[0][:, None] / spread)
+        return shares * self.unit
+
+    def _shares(self, x: Array) -> list[tuple[StencilSet, Indices, int]]:
+        """Stencils, the vertices (N, k) that share each, and k."""
         contacts = self.contacts(x)
-        for stencils, nodes in (
+        found = (
             (self.stretch, self.stretch.variables[:, ::3] // 3),
             (self.bend_twist, self._joint_variables[:, 3:4] // 3),
             (self.glue, self.glue.variables[:, ::3] // 3),
             (contacts.stencils, contacts.variables[:, ::3] // 3),
-        ):
-            if stencils.count:
-                energies = stencils.elements(x)[0] / nodes.shape[1]
-                np.add.at(shares, nodes, energies[:, None])
+        )
+        return [(stencils, nodes, nodes.shape[1]) for stencils, nodes in found if stencils.count]
+
+    def vertex_virials(self, x: Array) -> Array:
+        """Σ ∂E/∂x ⊗ x of every stencil, shared out to vertices as ``vertex_energies`` (n, 3, 3) [J].
+
+        Over a patch of reference area A it is A P Fᵀ, P the stress of the fabric there and F its deformation.
+        """
+        shares = np.zeros((self.count, 3, 3))
+        for stencils, nodes, spread in self._shares(x):
+            force = stencils.elements(x)[1]
+            corners = stencils.variables[:, : 3 * stencils.vectors : 3] // 3
+            places = self.positions(x)[corners]
+            pull = np.einsum(
+                "nai,naj->nij", force[:, : 3 * stencils.vectors].reshape(places.shape), places - places[:, :1]
+            )
+            np.add.at(shares, nodes, pull[:, None] / spread)
         return shares * self.unit
 
     def masses(self) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, safe_way
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
+from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.threads import on_one_thread
@@ -19,34 +20,52 @@ from yarnscale.numerics.threads import on_one_thread
 Array = NDArray[np.float64]
 LinearSolver = ConstrainedSolver
 
-HOLD = 100.0
+HOLD = 1000.0
 """Stiffness of what holds a vertex, over that of its yarn in tension."""
 
 
 @dataclass(frozen=True, eq=False)
 class Holds:
-    """Vertices held at places: nodes (k,), targets (k, 3) [m]."""
+    """Vertices held at places: nodes (k,), targets (k, 3) [m]; axes: along which they are held (all).
+
+    spun: edges (j,) whose twist is held at ``angles`` (j,) [rad].
+    """
 
     nodes: NDArray[np.int64]
     targets: Array
+    axes: tuple[bool, bool, bool] = (True, True, True)
+    spun: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    angles: Array = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def none(cls) -> Holds:
         """Nothing is held."""
         return cls(np.empty(0, np.int64), np.empty((0, 3)))
 
+    def _weight(self, energy: FabricEnergy) -> Array:
+        return HOLD * energy.stiffness.position_scale()[self.nodes, None] * np.array(self.axes, np.float64)
+
     def wells(self, energy: FabricEnergy) -> Wells:
         """Stiff springs to the targets."""
         weight, centre = np.zeros((energy.count, 3)), np.zeros((energy.count, 3))
-        weight[self.nodes] = HOLD * energy.stiffness.position_scale()[self.nodes, None]
+        weight[self.nodes] = self._weight(energy)
         centre[self.nodes] = self.targets / energy.radius
-        rest = np.zeros(energy.count)
-        return Wells(np.concatenate([weight.ravel(), rest]), np.concatenate([centre.ravel(), rest]))
+        spin, angle = np.zeros(energy.count), np.zeros(energy.count)
+        spin[self.spun], angle[self.spun] = HOLD * energy.stiffness.twist_scale()[self.spun], self.angles
+        return Wells(np.concatenate([weight.ravel(), spin]), np.concatenate([centre.ravel(), angle]))
 
     def forces(self, energy: FabricEnergy, x: Array) -> Array:
         """Force with which each held vertex is held (k, 3) [N]."""
-        weight = HOLD * energy.stiffness.position_scale()[self.nodes, None]
-        return weight * (self.targets / energy.radius - energy.positions(x)[self.nodes]) * energy.force_unit
+        return (
+            self._weight(energy)
+            * (self.targets / energy.radius - energy.positions(x)[self.nodes])
+            * energy.force_unit
+        )
+
+    def torques(self, energy: FabricEnergy, x: Array) -> Array:
+        """Torque with which each edge is held (j,) [N m]."""
+        stiffness = HOLD * energy.stiffness.twist_scale()[self.spun]
+        return stiffness * (self.angles - x[3 * energy.count + self.spun]) * energy.unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,17 +134,21 @@ def stretched(
     ahead: Callable[[Array, float, float], Array] | None = None,
     tolerance: float = 1e-5,
     max_iterations: int = 300,
+    friction: YarnFriction | None = None,
     count: PassageCount | None = None,
     on_rest: Callable[[float, Rest], None] | None = None,
 ) -> list[Rest]:
     """Equilibria under holds that depend on a share, one from the other.
 
-    ahead(x, from, to): a guess of the next state; yarns that would pass each other stop it.
+    friction: slip counts from one equilibrium to the next. ahead(x, from, to): a guess of the next state; yarns that
+    would pass each other stop it.
     """
     solver, x, before, found = ConstrainedSolver(None, None), start, 0.0, []
     for share in shares:
+        solved = x
         if ahead is not None:
             x = safe_way(energy, x, ahead(x, before, float(share)), count)
+        energy.rub(solved, friction)
         rest = equilibrium(
             energy, x, holds(float(share)), tolerance=tolerance, max_iterations=max_iterations, linear=solver,
             count=count,

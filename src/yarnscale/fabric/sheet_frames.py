@@ -61,5 +61,8 @@ def rest_frames(
     twist = joint_twists(tangent, director, preceding, np.zeros(n))
     curvature = material_curvature(tangent, director, np.zeros(n), np.maximum(preceding, 0))
     curvature[(preceding < 0) | (following < 0)] = 0.0
-    length = np.where(following >= 0, np.linalg.norm(positions[following] - positions, axis=1), 1.0)
+    length = np.linalg.norm(positions[following] - positions, axis=1)
+    # No edge starts at the end of a yarn; the length before it keeps means what they are.
+    last = np.flatnonzero(following < 0)
+    length[last] = length[preceding[last]]
     return director, twist, curvature, length

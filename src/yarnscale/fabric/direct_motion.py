@@ -1,0 +1,227 @@
+"""Motion of finite fabrics, every yarn of it: implicit Euler steps by Newton's method, or explicit ones.
+
+Unknowns are positions in radii and twists; frames are carried along from step to step. What is not rigid in the motion
+of small patches is damped, which leaves momentum and angular momentum as they are (Kaldor et al. 2008; HYLC20 §8.1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_moves import PassageCount, safe_way
+from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
+from yarnscale.fabric.direct_static import Holds, gravity_load
+from yarnscale.fabric.yarn_friction import YarnFriction
+from yarnscale.numerics.kkt import ConstrainedSolver
+from yarnscale.numerics.newton import ShiftRule, Status, minimise
+from yarnscale.numerics.threads import on_one_thread
+
+Array = NDArray[np.float64]
+
+_PATCH = 5.0
+"""Side of the patches whose motion is taken for rigid, in stitches of about eight radii."""
+_STABLE_SHARE = 0.6
+"""Explicit steps over the longest stable one."""
+
+
+@dataclass(frozen=True, eq=False)
+class FabricMotion:
+    """State x and velocity, both (4n,) [r, rad; per s], at a time [s]."""
+
+    x: Array
+    velocity: Array
+    time: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class FabricStep:
+    """One step: the motion after it, how it ended, Newton iterations and factorisations."""
+
+    motion: FabricMotion
+    status: Status
+    iterations: int = 0
+    factorisations: int = 0
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """gravity [m/s²]; damping: rate at which non-rigid motion decays [1/s]; friction of yarns on each other.
+
+    tolerance: of an implicit step, forces left over per weight of the fabric; iterations: the most of Newton in a step.
+    """
+
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    damping: float = 0.0
+    friction: YarnFriction | None = None
+    tolerance: float = 2e-2
+    iterations: int = 12
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.damping) and self.damping >= 0):
+            raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
+
+
+@dataclass(eq=False)
+class FabricDynamics:
+    """A fabric that moves under gravity, holds that may move, and obstacles.
+
+    holds: what is held where at a time [s]. count: looks whether yarns pass through each other.
+    """
+
+    energy: FabricEnergy
+    settings: MotionSettings = field(default_factory=MotionSettings)
+    holds: Callable[[float], Holds] = field(default=lambda time: Holds.none())
+    obstacles: tuple[NodeForce, ...] = ()
+    count: PassageCount | None = None
+
+    def __post_init__(self) -> None:
+        energy = self.energy
+        mass = energy.masses() * energy.radius**2 / energy.unit
+        spin = np.where(energy.spins() > 0, energy.spins(), 1.0) / energy.unit
+        self.mass = np.concatenate([np.repeat(mass, 3), spin])
+        self.load = gravity_load(energy, np.array(self.settings.gravity))
+        standard = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, 9.81]))))
+        self.force_scale = standard
+        self._linear = ConstrainedSolver(None, None)
+        self._patches = _patches(energy)
+        self._shift = ShiftRule(start=1e-5, lowest=1e-9, lowest_is_zero=True, least=1e-6)
+
+    def start(self) -> FabricMotion:
+        """At rest in the sheet's own shape."""
+        x = self.energy.start()
+        return FabricMotion(x, np.zeros(len(x)))
+
+    # --- steps ----------------------------------------------------------------------------------------
+
+    @on_one_thread
+    def implicit(self, motion: FabricMotion, duration: float) -> FabricStep:
+        """One step of implicit Euler [s]."""
+        _check(duration)
+        energy, inertia = self.energy, self.mass / duration**2
+        energy.anchor(motion.x)
+        energy.rub(motion.x, self.settings.friction)
+        ahead = motion.x + duration * motion.velocity
+        holds = self.holds(motion.time + duration).wells(energy)
+        objective = FabricObjective(
+            energy, Wells(inertia, ahead).with_(holds), self.load, self.obstacles,
+            force_floor=self.force_scale, pull_share=0.0,
+        )  # fmt: skip
+        first = safe_way(energy, motion.x, ahead, self.count)
+        last = first
+
+        def after(x: Array) -> None:
+            energy.anchor(x)
+            if self.count is not None:
+                self.count.follow(x)
+
+        # Which start is better decides the energy: fabric in free motion goes on, fabric that is held comes to rest.
+        if not objective.value(first) <= objective.value(motion.x):
+            last = motion.x
+            after(last)
+        solution = minimise(
+            objective, last, bound=energy.bound, after_step=after, tolerance=self.settings.tolerance,
+            max_iterations=self.settings.iterations, shift=self._shift, check_minimum=False, linear=self._linear,
+        )  # fmt: skip
+        velocity = (solution.x - motion.x) / duration
+        moved = FabricMotion(solution.x, velocity, motion.time + duration)
+        moved = replace(moved, velocity=self._damped(moved, duration))
+        return FabricStep(moved, solution.status, solution.iterations, solution.factorisations)
+
+    @on_one_thread
+    def explicit(self, motion: FabricMotion, duration: float) -> FabricStep:
+        """One step of symplectic Euler [s]; must be shorter than ``stable_step``."""
+        _check(duration)
+        energy = self.energy
+        wells = self.holds(motion.time + duration).wells(energy)
+        objective = FabricObjective(energy, wells, self.load, self.obstacles)
+        value, gradient = objective.gradient(motion.x)
+        if not (math.isfinite(value) and np.isfinite(gradient).all()):
+            return FabricStep(motion, Status.INVALID)
+        velocity = motion.velocity - duration * gradient / self.mass
+        velocity = self._damped(replace(motion, velocity=velocity), duration)
+        step = duration * velocity
+        x = motion.x + min(1.0, energy.bound(motion.x, step)) * step
+        if self.count is not None:
+            self.count.follow(x)
+        energy.anchor(x)
+        return FabricStep(FabricMotion(x, velocity, motion.time + duration), Status.CONVERGED)
+
+    def stable_step(self, motion: FabricMotion, *, iterations: int = 40) -> float:
+        """A stable explicit step at a state [s], a share of 2/ω of the fastest vibration (power iteration)."""
+        wells = self.holds(motion.time).wells(self.energy)
+        _, _, _, block, entries = self.energy.hessian(motion.x)
+        vector = np.random.default_rng(0).standard_normal(len(motion.x))
+        square = 0.0
+        for _ in range(iterations):
+            vector /= np.linalg.norm(vector)
+            image = (block.pattern.multiply(entries, vector) + wells.weight * vector) / self.mass
+            square, vector = float(np.linalg.norm(image)), image
+        return _STABLE_SHARE * 2.0 / math.sqrt(square)
+
+    def _damped(self, motion: FabricMotion, duration: float) -> Array:
+        """Velocity whose non-rigid part, patch by patch, has decayed."""
+        rate = self.settings.damping
+        if rate == 0.0:
+            return motion.velocity
+        n = self.energy.count
+        kept = math.exp(-rate * duration)
+        velocity = motion.velocity.copy()
+        moves = velocity[: 3 * n].reshape(-1, 3)
+        rigid = rigid_motion(self.energy.positions(motion.x), moves, self.mass[: 3 * n : 3], self._patches)
+        velocity[: 3 * n] = (rigid + kept * (moves - rigid)).ravel()
+        velocity[3 * n :] *= kept
+        return velocity
+
+    # --- read-outs ------------------------------------------------------------------------------------
+
+    def energies(self, motion: FabricMotion) -> dict[str, float]:
+        """Elastic, gravity (zero at the origin) and kinetic energy [J]."""
+        unit = self.energy.unit
+        return {
+            "elastic": self.energy.value(motion.x) * unit,
+            "gravity": -float(self.load @ motion.x) * unit,
+            "kinetic": 0.5 * float((self.mass * motion.velocity) @ motion.velocity) * unit,
+        }
+
+
+def _check(duration: float) -> None:
+    if not (math.isfinite(duration) and duration > 0):
+        raise InputError("time step", expected="a positive number of seconds", found=duration)
+
+
+def _patches(energy: FabricEnergy) -> NDArray[np.int64]:
+    """Number of the patch of each vertex (n,): squares of the fabric as it lies, or pieces of lines."""
+    reach = _PATCH * 8.0
+    place = np.floor((energy.sheet.vertices - energy.sheet.vertices.min(axis=0)) / energy.radius / reach)
+    _, patch = np.unique(place.astype(np.int64), axis=0, return_inverse=True)
+    return patch.reshape(-1).astype(np.int64)
+
+
+def rigid_motion(positions: Array, velocities: Array, mass: Array, patch: NDArray[np.int64]) -> Array:
+    """Velocity of the rigid motion of each patch with its momentum and angular momentum; all (n, 3), mass (n,)."""
+    patches = int(patch.max()) + 1
+
+    def summed(values: Array) -> Array:
+        total = np.zeros((patches, values[:1].size))
+        for column, entries in enumerate(values.reshape(len(values), -1).T):
+            total[:, column] = np.bincount(patch, entries, patches)
+        return total.reshape(patches, *values.shape[1:])
+
+    weight = summed(mass)
+    centre = summed(mass[:, None] * positions) / weight[:, None]
+    mean = summed(mass[:, None] * velocities) / weight[:, None]
+    away, own = positions - centre[patch], velocities - mean[patch]
+    spin = summed(mass[:, None] * np.cross(away, own))
+    square = np.einsum("ni,ni->n", away, away)
+    tensor = summed(
+        mass[:, None, None] * (square[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :])
+    )
+    rate = np.einsum("pij,pj->pi", np.linalg.pinv(tensor, rcond=1e-9, hermitian=True), spin)
+    return mean[patch] + np.cross(rate[patch], away)

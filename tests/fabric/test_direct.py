@@ -1,0 +1,269 @@
+"""Yarns simulated directly: closed forms of rods, momentum, friction, obstacles, and yarns that must not pass."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings, rigid_motion
+from yarnscale.fabric.direct_moves import PassageCount, safe_way
+from yarnscale.fabric.direct_obstacles import Pushes, bar, plane, sphere, triangles
+from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_frames import unit_edges
+from yarnscale.fabric.yarn_friction import FRICTION, YarnFriction
+from yarnscale.numerics.newton import Status
+from yarnscale.yarn.material import YarnMaterial
+
+SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)
+"""A yarn that bends and twists as a solid rod does."""
+RADIUS = 1e-3
+
+
+def _straight(edges: int, length: float, *, along: int = 0) -> YarnSheet:
+    line = np.zeros((edges + 1, 3))
+    line[:, along] = np.linspace(0.0, length, edges + 1)
+    return YarnSheet.from_lines([line], RADIUS)
+
+
+def test_a_hanging_yarn_stretches_under_its_weight_as_a_bar_does() -> None:
+    """ρ g L²/(2E): exact at the vertices, the lumped weights act where the tension jumps."""
+    sheet = _straight(20, 0.5, along=2)
+    sheet = sheet.moved(sheet.vertices * [1, 1, -1])
+    energy = FabricEnergy(sheet, SOLID)
+    load = gravity_load(energy, np.array([0.0, 0.0, -9.81]))
+    holds = Holds(np.array([0]), np.zeros((1, 3)))
+    rest = equilibrium(energy, energy.start(), holds, load=load, tolerance=1e-10)
+    assert rest.status is Status.CONVERGED
+    weight = SOLID.mass_per_length(RADIUS) * 9.81
+    ends = energy.positions(rest.x)[[0, -1], 2] * RADIUS
+    tension = SOLID.stretch_stiffness(RADIUS)
+    assert (ends[0] - ends[1]) - 0.5 == pytest.approx(weight * 0.5**2 / (2 * tension), rel=1e-6)
+    # The hold carries the whole weight but that of the lowest half edge's share on its own vertex.
+    assert holds.forces(energy, rest.x)[0, 2] == pytest.approx(weight * 0.5, rel=1e-6)
+
+
+def test_a_cantilever_bends_as_a_beam_and_converges_with_the_square_of_the_edge() -> None:
+    """F L³/(3EI); the clamp is half an edge before the last vertex that is held."""
+    errors = []
+    for edges in (10, 20, 40):
+        length = 0.1
+        size = length / (edges + 0.5)
+        line = np.zeros((edges + 2, 3))
+        line[:, 0] = size * np.arange(edges + 2)
+        energy = FabricEnergy(YarnSheet.from_lines([line], RADIUS), SOLID)
+        stiffness = SOLID.bending_stiffness(RADIUS)
+        force = 1e-3 * 3 * stiffness / length**2  # the tip sinks by a thousandth of the length
+        load = np.zeros(4 * energy.count)
+        load[3 * energy.count - 1] = -force / energy.force_unit
+        holds = Holds(np.array([0, 1]), line[:2])
+        rest = equilibrium(energy, energy.start(), holds, load=load, tolerance=1e-8)
+        assert rest.status is Status.CONVERGED
+        tip = -energy.positions(rest.x)[-1, 2] * RADIUS
+        errors.append(abs(tip / (force * length**3 / (3 * stiffness)) - 1))
+    assert errors[0] < 5e-3
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.3)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.4)
+
+
+def _spun(angle: float, wobble: float) -> tuple[FabricEnergy, Holds, np.ndarray]:
+    """A yarn whose ends are clamped, one spun; it may draw its ends together."""
+    sheet = _straight(40, 0.2)
+    energy = FabricEnergy(sheet, SOLID, contact=False)
+    ends = np.array([0, 1, 39, 40])
+    holds = Holds(ends, sheet.vertices[ends], (False, True, True), np.array([0, 39]), np.array([0.0, angle]))
+    x = energy.start()
+    x[3 * energy.count : -1] = angle * np.linspace(0, 1, 40)
+    shape = np.sin(np.linspace(0, math.pi, 41)) ** 2
+    positions = energy.positions(x)
+    positions[:, 1] += wobble * shape
+    positions[:, 2] += 0.5 * wobble * shape
+    return energy, holds, x
+
+
+def test_a_twisted_yarn_has_its_torque_and_turns_evenly() -> None:
+    energy, holds, x = _spun(3.0, 0.0)
+    x[3 * energy.count : -1] = 0.0
+    rest = equilibrium(energy, x, holds, tolerance=1e-10)
+    assert rest.status is Status.CONVERGED
+    twist = rest.x[3 * energy.count : -1]
+    np.testing.assert_allclose(np.diff(twist), (twist[-1] - twist[0]) / 39, rtol=1e-6)
+    # Between the middles of the first and the last edge lie 39 of 40 edges.
+    torque = SOLID.twist_stiffness(RADIUS) * (twist[-1] - twist[0]) / (0.2 * 39 / 40)
+    assert holds.torques(energy, rest.x)[1] == pytest.approx(torque, rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "buckles"), [(0.9, False), (1.15, True)])
+def test_a_twisted_yarn_buckles_at_greenhills_torque(share: float, buckles: bool) -> None:
+    """M L/(EI) = 8.9868 for clamped ends that may draw together (Greenhill 1883; tan(M L/2EI) = M L/2EI)."""
+    ratio = SOLID.twist_stiffness(RADIUS) / SOLID.bending_stiffness(RADIUS)
+    energy, holds, x = _spun(share * 8.9868 / ratio, 0.2)
+    rest = equilibrium(energy, x, holds, tolerance=1e-7, max_iterations=600)
+    aside = np.linalg.norm(energy.positions(rest.x)[:, 1:], axis=1).max()
+    assert (aside > 1.0) == buckles
+    assert rest.status is Status.CONVERGED
+    if not buckles:
+        assert aside < 1e-2
+
+
+def _moving() -> tuple[FabricDynamics, FabricMotion]:
+    generator = np.random.default_rng(7)
+    turn = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+    ring = 0.01 * np.stack([np.cos(turn), np.sin(turn), 0.1 * np.sin(3 * turn)], 1)
+    sheet = YarnSheet.from_lines([ring], RADIUS, closed=True, bent=True)
+    dynamics = FabricDynamics(FabricEnergy(sheet, SOLID), MotionSettings(gravity=(0.0, 0.0, 0.0)))
+    start = dynamics.start()
+    velocity = np.zeros_like(start.velocity)
+    velocity[: 3 * 24] = 20.0 * generator.standard_normal(72)
+    return dynamics, FabricMotion(start.x, velocity)
+
+
+def test_explicit_steps_keep_momentum_and_energy_and_damping_only_what_is_not_rigid() -> None:
+    dynamics, motion = _moving()
+    count = dynamics.energy.count
+    step = 0.1 * dynamics.stable_step(motion)
+
+    def momenta(motion: FabricMotion) -> np.ndarray:
+        positions = dynamics.energy.positions(motion.x)
+        push = (dynamics.mass * motion.velocity)[: 3 * count].reshape(-1, 3)
+        tangents = unit_edges(positions, dynamics.energy.sheet.following)
+        spin = (dynamics.mass * motion.velocity)[3 * count :, None] * tangents
+        return np.concatenate([push.sum(axis=0), (np.cross(positions, push) + spin).sum(axis=0)])
+
+    before, first = momenta(motion), sum(dynamics.energies(motion).values())
+    for _ in range(400):
+        motion = dynamics.explicit(motion, step).motion
+    # Velocities belong to the middle of steps: those before and after a state make that of the state.
+    after = dynamics.explicit(motion, step).motion
+    middle = FabricMotion(motion.x, 0.5 * (motion.velocity + after.velocity))
+    assert sum(dynamics.energies(middle).values()) == pytest.approx(first, rel=1e-3)
+    scale = np.abs(before).max()
+    np.testing.assert_allclose(momenta(motion)[:3], before[:3], atol=1e-10 * scale)
+    np.testing.assert_allclose(momenta(motion)[3:], before[3:], atol=1e-2 * scale)
+    patch = np.zeros(count, np.int64)
+    moves = dynamics.energy.positions(motion.velocity).copy()
+    rigid = rigid_motion(dynamics.energy.positions(motion.x), moves, dynamics.mass[: 3 * count : 3], patch)
+    again = rigid_motion(dynamics.energy.positions(motion.x), rigid, dynamics.mass[: 3 * count : 3], patch)
+    np.testing.assert_allclose(again, rigid, atol=1e-9 * np.abs(rigid).max())
+    whole = np.concatenate([rigid.ravel(), motion.velocity[3 * count :]])
+    kept = FabricMotion(motion.x, whole)
+    np.testing.assert_allclose(momenta(kept), momenta(motion), atol=1e-10 * scale)
+
+
+def test_implicit_steps_fall_freely_and_lose_energy_only() -> None:
+    dynamics, motion = _moving()
+    dynamics = FabricDynamics(dynamics.energy, MotionSettings(tolerance=1e-8, iterations=60))
+    motion = FabricMotion(motion.x, 0.0 * motion.velocity)
+    height = dynamics.energy.positions(motion.x)[:, 2].mean() * RADIUS
+    total = sum(dynamics.energies(motion).values())
+    for _ in range(10):
+        step = dynamics.implicit(motion, 1 / 200)
+        assert step.status is Status.CONVERGED
+        motion = step.motion
+        new = sum(dynamics.energies(motion).values())
+        assert new <= total + 1e-12
+        total = new
+    # Implicit Euler falls by g t (t + Δt)/2.
+    fallen = height - dynamics.energy.positions(motion.x)[:, 2].mean() * RADIUS
+    assert fallen == pytest.approx(9.81 * 0.05 * (0.05 + 1 / 200) / 2, rel=1e-6)
+
+
+def _crossing(gap: float) -> FabricEnergy:
+    """Two straight yarns, the second one ``gap`` radii above the first."""
+    along = np.linspace(-0.01, 0.01, 21)
+    zero = np.zeros(21)
+    lines = [np.stack([along, zero, zero], 1), np.stack([zero, along, zero + gap * RADIUS], 1)]
+    return FabricEnergy(YarnSheet.from_lines(lines, RADIUS), SOLID)
+
+
+def test_a_yarn_that_is_forced_through_another_is_counted_and_safe_steps_stop_before() -> None:
+    energy = _crossing(2.5)
+    start = energy.start()
+    through = start.copy()
+    energy.positions(through)[21:, 2] -= 5.0
+    count = PassageCount(energy, start)
+    count.follow(through)
+    assert count.passages == 1
+    count.follow(start)
+    assert count.passages == 0  # taken back
+    stopped = safe_way(energy, start, through)
+    above = energy.positions(stopped)[21:, 2].min()
+    assert 0.0 < above < 0.1
+    watched = PassageCount(energy, start)
+    watched.follow(stopped)
+    assert watched.passages == 0
+
+
+def test_steps_stop_yarns_that_fly_at_each_other() -> None:
+    energy = _crossing(4.0)
+    count = PassageCount(energy, energy.start())
+    dynamics = FabricDynamics(energy, MotionSettings(gravity=(0.0, 0.0, 0.0), iterations=60), count=count)
+    motion = dynamics.start()
+    energy.positions(motion.velocity)[21:, 2] = -1000.0  # a metre a second
+    for _ in range(12):
+        motion = dynamics.implicit(motion, 1 / 500).motion
+    assert count.passages == 0
+    middle = energy.positions(motion.x)
+    assert middle[31, 2] > middle[10, 2]
+
+
+def test_friction_resists_sliding_with_the_share_of_the_pressure() -> None:
+    energy = _crossing(1.6)
+    start = energy.start()
+    pressed = energy.contacts(start).stencils
+    push = pressed.elements(start)[1].reshape(-1, 4, 3)[:, :2].sum(axis=1)
+    pressure = np.linalg.norm(push, axis=1).sum()
+    stencils = YarnFriction(0.3, slip=0.01).stencils(energy.positions(start), pressed, start)
+    assert stencils.count > 0 and stencils.energy is FRICTION
+    slid = start.copy()
+    energy.positions(slid)[21:, 0] += 0.5
+    drag = np.zeros(len(start))
+    stencils.gradient(slid, drag)
+    held = drag[: 3 * energy.count].reshape(-1, 3)[21:, 0].sum()
+    # Some of the pressures lean along the way: their sum is an upper bound, their resultant a lower one.
+    assert 0.3 * np.linalg.norm(push.sum(axis=0)) <= held <= 0.3 * pressure
+    assert pressure < 1.1 * np.linalg.norm(push.sum(axis=0))
+    assert np.abs(drag.reshape(-1)[: 3 * energy.count].reshape(-1, 3).sum(axis=0)).max() < 1e-12 * held
+
+
+def test_obstacles_know_their_distance_and_mesh_agrees_with_the_ball() -> None:
+    generator = np.random.default_rng(2)
+    points = generator.normal(size=(200, 3))
+    points *= (1.0 + 0.05 * generator.standard_normal(200))[:, None] / np.linalg.norm(points, axis=1)[:, None]
+    ball = sphere((0.0, 0.0, 0.0), 1.0)
+    phi, theta = np.meshgrid(np.linspace(0, 2 * np.pi, 61), np.linspace(1e-3, np.pi - 1e-3, 41))
+    grid = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    number = np.arange(61 * 41).reshape(41, 61)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    corners = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    mesh = triangles(grid.reshape(-1, 3), corners, reach=0.3)
+    exact, normal = ball(points)
+    found, direction = mesh(points)
+    np.testing.assert_allclose(found, exact, atol=6e-3)
+    assert (np.einsum("ij,ij->i", normal, direction) > 0.98).all()
+    rod = bar((0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 0.1)
+    np.testing.assert_allclose(rod(np.array([[0.5, 1.0, 0.0], [0.0, 2.6, 0.0]]))[0], [0.4, 0.5])
+    for wrong in (
+        lambda: sphere((0, 0, 0), -1.0),
+        lambda: plane((0, 0, 0), (0, 0, 0)),
+        lambda: bar((0, 0, 0), (0, 0, 0), 1),
+    ):
+        with pytest.raises(InputError):
+            wrong()
+
+
+def test_a_yarn_that_falls_on_the_floor_stays_on_it() -> None:
+    sheet = _straight(10, 0.02)
+    energy = FabricEnergy(sheet, SOLID)
+    floor = Pushes(energy, plane((0.0, 0.0, -0.003), (0.0, 0.0, 1.0)))
+    step, motion = 1 / 100, None
+    dynamics = FabricDynamics(energy, MotionSettings(damping=20.0, iterations=60), obstacles=(floor,))
+    motion = dynamics.start()
+    for _ in range(40):
+        motion = dynamics.implicit(motion, step).motion
+    heights = energy.positions(motion.x)[:, 2]
+    np.testing.assert_allclose(heights, -2.0, atol=0.05)  # one radius above the floor
