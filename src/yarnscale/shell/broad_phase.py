@@ -146,21 +146,25 @@ def _query(
     corners, met = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
     corner_count = met_count = 0
     stack = np.empty(256, np.int64)
+    last = np.empty(2 * other_leaves, np.int64)
+    for node in range(2 * other_leaves - 1, 0, -1):
+        last[node] = node - other_leaves if node >= other_leaves else last[2 * node + 1]
+    box = np.empty((1, 6))
     for place in range(begin, end):
         a = order[place]
+        box[0] = triangle_boxes[a]
+        after = place if same else -1
         stack[0] = 1
         height = 1
         while height:
             height -= 1
             node = stack[height]
-            if not _overlap(triangle_boxes, a, other_boxes, node):
+            if last[node] <= after or not _overlap(box, 0, other_boxes, node):
                 continue
             if node < other_leaves:
                 stack[height] = 2 * node + 1
                 stack[height + 1] = 2 * node
                 height += 2
-                continue
-            if same and node - other_leaves <= place:
                 continue
             b = other_order[node - other_leaves]
             if corner_count + 6 > len(corners):

@@ -31,6 +31,10 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
+_ROOM = 3.0
+"""Thicknesses within which pairs get places in the matrix before they touch."""
+
+
 class ClothContact:
     """All contact of one mesh with itself and with obstacles; see ``step.ContactEnergy`` for the methods' contract.
 
@@ -96,6 +100,11 @@ class ClothContact:
         keys = keys[order]
         first = np.flatnonzero(np.diff(keys, prepend=-1) > 0)
         return keys[first], np.add.reduceat(np.concatenate([e for _, e in found])[order], first)
+
+    def room(self, positions: Floats) -> Integers:
+        """Keys, as of ``hessian``, of what is nearer than three times the thickness and may soon touch, with repetitions."""
+        within = _ROOM * self.settings.thickness
+        return np.concatenate([np.zeros(0, np.int64), *(part.room(positions, within) for part in self.parts)])
 
     def bound(self, positions: Floats, step: Floats) -> float:
         """Fraction of a step, of the shape of the positions, after which nothing touches, in (0, 1]."""

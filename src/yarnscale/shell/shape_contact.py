@@ -102,6 +102,11 @@ class ShapeContact:
             found.append(self._entries(self.held, self.grip[:, None, None] * blocks))
         return np.concatenate([k for k, _ in found]), np.concatenate([e for _, e in found])
 
+    def room(self, positions: Floats, within: float) -> Integers:
+        """Keys, as of ``hessian``, of what is nearer than ``within`` [m]."""
+        touch = self._touch(positions, within)
+        return self._entries(touch, np.zeros((len(touch.which), 3, 3)))[0]
+
     def bound(self, positions: Floats, step: Floats) -> float:
         relative = positions[: self.count] - self._point(positions)
         moved = step[: self.count] - (step[self.guest] if self.guest is not None else 0.0)

@@ -12,6 +12,7 @@ is positive, costs one matrix a step, and vanishes for rigid motions, so that mo
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -41,6 +42,10 @@ class ContactEnergy(Protocol):
 
     def hessian(self, positions: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Positive model of the Hessian: sorted keys ``column·3nv + row`` of its lower triangle, entries [N/m]."""
+        ...
+
+    def room(self, positions: Floats) -> NDArray[np.int64]:
+        """Keys, sorted or not, that entries of ``hessian`` may soon have."""
         ...
 
     def bound(self, positions: Floats, step: Floats) -> float:
@@ -166,12 +171,16 @@ class PatternGrowth:
         self._base_keys = self._keys = columns * self.base.size + self.base.rows
         self.pattern, self._base_slots = self.base, slice(None)
 
-    def spread(self, base: Floats, keys: NDArray[np.int64], entries: Floats) -> Floats:
-        """Entries in ``pattern`` of a matrix in the base pattern plus one of (keys, entries)."""
+    def admit(self, keys: NDArray[np.int64], room: Callable[[], NDArray[np.int64]]) -> NDArray[np.int64]:
+        """Places of keys in ``pattern``, which grows where they do not fit, then also by the keys of ``room``."""
         slots = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        if len(keys) and not (self._keys[slots] == keys).all():
-            self._grow(keys)
-            slots = np.searchsorted(self._keys, keys)
+        if (self._keys[slots] == keys).all():
+            return slots
+        self._grow(np.concatenate([keys, room()]))
+        return np.searchsorted(self._keys, keys)
+
+    def spread(self, base: Floats, slots: NDArray[np.int64], entries: Floats) -> Floats:
+        """Entries in ``pattern`` of a matrix in the base pattern plus entries at some of its places."""
         values = np.zeros(self.pattern.entries)
         values[self._base_slots] = base
         values[slots] += entries
@@ -207,9 +216,9 @@ class StepModel:
         self._growth = growth
         self._touching = None
         if contact is not None:
-            self._touching = contact.hessian(self.positions)
+            keys, entries = contact.hessian(self.positions)
             # Let the pattern grow before it is asked for.
-            growth.spread(np.zeros(growth.base.entries), *self._touching)
+            self._touching = growth.admit(keys, lambda: contact.room(self.positions)), entries
 
     @property
     def pattern(self) -> SymmetricPattern:
