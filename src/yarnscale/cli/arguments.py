@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from yarnscale import __version__
+from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.cli.fabric_options import add_fabric_options
 
 
@@ -373,6 +374,9 @@ def _cloth_commands(add: _Add) -> None:
 
     command = add("fabric", "fabric", "Simulate a finite fabric, yarn by yarn or in a bounding volume.")
     add_fabric_options(command)
+
+    command = add("estimate", "estimate", "Estimate the yarn of a fabric from measured swatches.")
+    add_estimate_options(command)
 
     command = add("demo", "demo", "Run the whole first job on a built-in pattern, with pictures and a page.")
     command.add_argument(

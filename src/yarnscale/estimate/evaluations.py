@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
@@ -80,16 +80,19 @@ class Evaluations:
         """The evaluation at a point with all its states; evaluated anew where only its residuals are kept."""
         key = point.tobytes()
         if key not in self._whole:
-            self._whole[key] = self._run([point], None)[0]
+            self._whole[key] = next(self._run([point], None))
             if self._find(point, None) is None:
                 self._keep(point, None, self._whole[key])
         return self._whole[key]
 
-    def _run(self, points: Sequence[Array], near: Evaluation | None) -> list[Evaluation]:
+    def _run(self, points: Sequence[Array], near: Evaluation | None) -> Iterator[Evaluation]:
+        """Evaluations in order, each as soon as it is there."""
         if self.executor is None:
-            return [evaluate(self.objective, point, near) for point in points]
+            yield from (evaluate(self.objective, point, near) for point in points)
+            return
         futures = [self.executor.submit(evaluate, self.objective, point, near) for point in points]
-        return [self._result(point, near, future) for point, future in zip(points, futures, strict=True)]
+        for point, future in zip(points, futures, strict=True):
+            yield self._result(point, near, future)
 
     def _result(self, point: Array, near: Evaluation | None, future: Future) -> Evaluation:
         """The result of a worker, of this process where workers die."""

@@ -24,6 +24,8 @@ LENGTH_BOUND = 0.2
 _RELEASES = 25
 _RELEASED = 1e-7
 """A step of the periods below this is none."""
+_REDRAWN, _AT_REST = 4, 1e-5
+"""How often a cell is drawn anew at its released periods, until they change by less."""
 _LARGEST_STEP = 0.08
 _SMALLEST_DIFFERENCE = 1e-4
 
@@ -72,17 +74,23 @@ def at_rest(cell: PeriodicCell, rule: RestRule) -> RestedCell:
         return RestedCell(
             replace(cell, pattern=rebased(cell.pattern, state)), np.zeros(2), solves + 1, state.converged
         )
-    return _released(cell, solves)
+    periods = np.ones(2)
+    for _ in range(_REDRAWN):
+        found = _released(cell)
+        cell, solves, periods = found.cell, solves + found.solves, periods * (1.0 + found.change)
+        # Redrawn, the constraint that holds yarns in place follows their new tangents: a little stress comes back.
+        if not found.relaxed or np.abs(found.change).max() < _AT_REST:
+            break
+    return RestedCell(cell, periods - 1.0, solves, found.relaxed)
 
 
-def _released(cell: PeriodicCell, solves: int) -> RestedCell:
+def _released(cell: PeriodicCell) -> RestedCell:
     """Periods at zero stress by Newton's method; its matrix is kept up by Broyden's updates from differences.
 
     Solves nearby are far cheaper than moduli.
     """
     periods = np.zeros(2)
-    state = cell.relax()
-    solves += 1
+    state, solves = cell.relax(), 1
     stress, matrix, step = state.stress[[0, 2]], None, np.zeros(2)
     for _ in range(_RELEASES):
         if not state.converged:

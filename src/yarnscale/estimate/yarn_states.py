@@ -21,7 +21,7 @@ from yarnscale.kinematics import ShellStrain
 Array = NDArray[np.float64]
 
 _STEPS = 12
-_TOLERANCE = 1e-4
+TOLERANCE = 1e-4
 """Largest stress across over the stress along, at which a state is at rest across."""
 _LARGEST_STEP = 0.1
 _NEAR = 1e-4
@@ -81,7 +81,7 @@ def strain_map(angle: float) -> _Map:
     return strain
 
 
-def _slopes(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array, Array]:
+def strain_slopes(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array, Array]:
     """∂z/∂s and ∂z/∂c (6,), ∂²z/∂c² and ∂²z/∂s∂c (6,)."""
     cos, sin = math.cos(angle), math.sin(angle)
     length, width = 1.0 + stretch, 1.0 - contraction
@@ -122,20 +122,26 @@ def _slopes(angle: float, stretch: float, contraction: float) -> tuple[Array, Ar
 
 
 def pulled(
-    cell: PeriodicCell, direction: Direction, stretches: Array, *, near: YarnCurve | None = None
+    cell: PeriodicCell,
+    direction: Direction,
+    stretches: Array,
+    *,
+    near: YarnCurve | None = None,
+    tolerance: float = TOLERANCE,
 ) -> YarnCurve:
     """Stretch a cell that is at rest, state by state in rising order.
 
-    near: the curve of a similar cell at the same stretches, whose states are started from.
+    near: the curve of a similar cell at the same stretches, whose states are started from. tolerance: of the stress
+    across, relative to the stress along.
     """
-    path = _Path(cell, direction.angle)
+    path = _Path(cell, direction.angle, tolerance)
     states, contraction, stress, converged = [], [], [], []
     for k, stretch in enumerate(stretches):
         seed = None if near is None or not near.converged[k] else (near.states[k], float(near.contraction[k]))
         state, width, good = path.advance(float(stretch), seed)
         states.append(state)
         contraction.append(width)
-        stress.append(float(state.stress @ _slopes(direction.angle, float(stretch), width)[0]))
+        stress.append(float(state.stress @ strain_slopes(direction.angle, float(stretch), width)[0]))
         converged.append(good)
     return YarnCurve(
         direction, np.array(stretches, np.float64), np.array(stress), np.array(contraction), np.array(converged),
@@ -146,7 +152,8 @@ def pulled(
 class _Path:
     """Follows the states at zero stress across from rest."""
 
-    def __init__(self, cell: PeriodicCell, angle: float) -> None:
+    def __init__(self, cell: PeriodicCell, angle: float, tolerance: float) -> None:
+        self.tolerance = tolerance
         self.cell, self.angle, self.strain = cell, angle, strain_map(angle)
         self.state: Equilibrium | None = None
         self.stiffness: float | None = None
@@ -194,13 +201,13 @@ class _Path:
     def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> tuple[Equilibrium, float]:
         self.solves += 1
         state = self.cell.relax(ShellStrain.from_vector(self.strain(stretch, width)), start=start)
-        return state, float(state.stress @ _slopes(self.angle, stretch, width)[1])
+        return state, float(state.stress @ strain_slopes(self.angle, stretch, width)[1])
 
     def _small(
         self, state: Equilibrium, across: float, stretch: float, width: float, factor: float = 1.0
     ) -> bool:
-        along = float(state.stress @ _slopes(self.angle, stretch, width)[0])
-        return abs(across) <= factor * _TOLERANCE * max(abs(along), 1e-3)
+        along = float(state.stress @ strain_slopes(self.angle, stretch, width)[0])
+        return abs(across) <= factor * self.tolerance * max(abs(along), 1e-3)
 
 
 def differentiated(cell: PeriodicCell, curve: YarnCurve) -> CurveDerivatives:
@@ -213,7 +220,9 @@ def differentiated(cell: PeriodicCell, curve: YarnCurve) -> CurveDerivatives:
     contraction: dict[str, list[Array]] = {}
     modulus = []
     for k, state in enumerate(curve.states):
-        along, across, twice, mixed = _slopes(curve.direction.angle, curve.stretch[k], curve.contraction[k])
+        along, across, twice, mixed = strain_slopes(
+            curve.direction.angle, curve.stretch[k], curve.contraction[k]
+        )
         answer = cell.sensitivities(state)
         by_width = across @ answer.moduli @ across + state.stress @ twice
         by_both = along @ answer.moduli @ across + state.stress @ mixed

@@ -1,0 +1,112 @@
+"""The command ``estimate``: from measured swatches to the parameters of the yarn."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.materials import worker_count
+from yarnscale.estimate.evaluations import Evaluations
+from yarnscale.estimate.measurements import Direction, SwatchMeasurements
+from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, estimate_yarn
+from yarnscale.estimate.yarn_fit import FitOptions, work_ahead
+from yarnscale.estimate.yarn_model import YarnModel, yarn_model
+from yarnscale.files.atomic import write_text
+from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
+from yarnscale.files.measurements import read_measurements
+from yarnscale.files.patterns import is_drawing, read_pattern
+from yarnscale.homogenize.executors import dask_workers, local_workers
+
+DRAWN_RADIUS = 0.4e-3
+"""Radius of the yarn of a drawing whose size nothing tells [m]: a hand-knitting yarn of about 400 tex, as it lies in
+fabric. Fabrics of all sizes behave alike, so that it moves the values of parameters and not the errors."""
+
+
+def estimate(options: argparse.Namespace) -> int:
+    """Estimate a yarn and write the report."""
+    measurements = read_measurements(options.measurements, sample=options.sample)
+    model = _model(options, measurements)
+    settings = FitOptions(options.solver, options.seed, options.starts)
+    chosen = None if options.directions is None else [Direction(name) for name in options.directions]
+    holdout = None if options.holdout is None else Direction(options.holdout)
+    folder = writable_folder(options.out)
+    kept = evaluation_folder(folder / "evaluations", resume=options.resume)
+    with ExitStack() as stack:
+        executor = None
+        if options.dask is not None:
+            executor = stack.enter_context(dask_workers(options.dask, tell=_say))
+        elif worker_count(options) > 1:
+            executor = stack.enter_context(local_workers(worker_count(options)))
+        found = estimate_yarn(
+            measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=settings,
+            executor=executor, store=lambda objective: EstimateFolder(kept, objective),
+            told=_progress(measurements.name, work_ahead(settings, len(model.names))),
+        )  # fmt: skip
+    _report(folder, found, as_json=options.json)
+    return 0 if found.fit.evaluation.failed == 0 else 1
+
+
+def _model(options: argparse.Namespace, measurements: SwatchMeasurements) -> YarnModel:
+    pattern = read_pattern(options.pattern)
+    drawn = is_drawing(options.pattern)
+    if drawn and options.yarn_length is None:
+        pattern = pattern.scaled(DRAWN_RADIUS / pattern.radius)
+        _say(
+            f"size of the fabric unknown: {pattern.name} is drawn with a yarn of {1e3 * DRAWN_RADIUS:g} mm radius"
+        )
+    stiffness = options.stiffness or measurements.stiffest_yarn
+    if stiffness is None:
+        stiffness = UNKNOWN_STIFFNESS
+        _say(f"stiffness of the yarn unknown: k_s2 is taken as {stiffness:g} N")
+    free = drawn if options.shape is None else options.shape == "free"
+    return yarn_model(pattern, stiffness, yarn_length=options.yarn_length, free_shape=free)
+
+
+def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:
+    line, began = ProgressLine(f"yarn of {name}"), time.perf_counter()
+
+    def told(evaluations: Evaluations) -> None:
+        seconds, done = time.perf_counter() - began, evaluations.count
+        total = max(ahead, done + 1)
+        best = "" if evaluations.best is None else f"objective {evaluations.best[0]:.4f}"
+        line.show(done, total, seconds, seconds / done * (total - done), best)
+
+    return told
+
+
+def _report(folder: Path, found: FabricEstimate, *, as_json: bool) -> None:
+    summary = found.summary()
+    try:
+        from yarnscale.show.canvas import PicturesUnavailable
+        from yarnscale.show.estimate import write_estimate_report
+
+        try:
+            write_estimate_report(folder, found)
+        except PicturesUnavailable as error:
+            _say(f"no pictures of the cell: {error}")
+            write_estimate_report(folder, found, pictures=False)
+    finally:
+        write_text(folder / "estimate.json", json.dumps(summary, indent=1) + "\n")
+    if as_json:
+        print_json(summary)
+        return
+    fit = found.fit
+    print(f"yarn of {found.measurements.name}, {fit.evaluations} tried with {fit.solves} equilibria:")
+    for name, value in zip(fit.model.names, fit.values, strict=True):
+        print(f"  {name:<12}{value:.4g}{'   at the end of its range' if name in fit.at_bounds else ''}")
+    for name in ("comfort_error", "power_error", "compression_error", "bending_error", "shell_error"):
+        value = summary[name]
+        print(
+            f"  {name.replace('_', ' '):<18}{'not measured' if value is None else f'{100 * float(str(value)):.1f} %'}"
+        )
+    print(f"{folder / 'index.html'}: the report")
+
+
+def _say(said: str) -> None:
+    print(f"yarnscale: {said}", file=sys.stderr, flush=True)

@@ -1,0 +1,77 @@
+"""What ``estimate`` takes; imports nothing heavy."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+SOLVERS = ("sobol", "local", "paper")
+DIRECTIONS = ("weft", "bias", "warp")
+FOLLOW = ("shell", "measured")
+SHAPES = ("free", "drawn")
+
+
+def _directions(text: str) -> tuple[str, ...]:
+    names = tuple(part.strip() for part in text.split(","))
+    if not set(names) <= set(DIRECTIONS):
+        raise argparse.ArgumentTypeError(f"expected some of {', '.join(DIRECTIONS)}; found {text!r}")
+    return names
+
+
+def _length(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"expected a positive number; found {text!r}")
+    return value
+
+
+def add_estimate_options(command: argparse.ArgumentParser) -> None:
+    """The options of ``estimate``."""
+    command.add_argument(
+        "measurements", type=Path, metavar="MEASUREMENTS", help="TOML or CSV file of a fabric's swatch tests"
+    )
+    command.add_argument(
+        "--pattern", required=True, metavar="PATTERN",
+        help="built-in pattern, or a .pyp, .json or .chart file of the fabric's structure",
+    )  # fmt: skip
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the report and the evaluations"
+    )
+    command.add_argument(
+        "--sample", metavar="NAME-PREFIX", help="the fabric, where a table holds several: how its name begins"
+    )
+    command.add_argument(
+        "--directions", type=_directions, metavar="weft,bias,warp", help="directions to fit (all measured)"
+    )
+    command.add_argument("--holdout", choices=DIRECTIONS, help="direction that is not fitted but predicted")
+    command.add_argument(
+        "--solver", choices=SOLVERS, default="sobol",
+        help="sobol: scattered starts, then Gauss-Newton; local: Gauss-Newton alone; paper: swarm, then COBYLA (sobol)",
+    )  # fmt: skip
+    command.add_argument("--seed", type=int, default=0, help="of the search (0)")
+    command.add_argument(
+        "--follow", choices=FOLLOW, default="shell",
+        help="stress that the yarn follows: of the fitted shell, or as measured, without the clamps (shell)",
+    )  # fmt: skip
+    command.add_argument(
+        "--shape", choices=SHAPES,
+        help="drawn: the pattern has the fabric's stitch density; free: its width over height and its tightness are "
+        "estimated too (free for built-in patterns and charts, drawn for files of yarn geometry)",
+    )  # fmt: skip
+    command.add_argument(
+        "--yarn-length", type=_length, metavar="METRES",
+        help="yarn in one period of the pattern (default: of the pattern as drawn, 0.4 mm yarn for built-in patterns)",
+    )  # fmt: skip
+    command.add_argument(
+        "--stiffness", type=_length, metavar="NEWTON",
+        help="of the stiffest yarn, k_s2 (default: from the measurements, else an estimate of 60 N)",
+    )  # fmt: skip
+    command.add_argument("--starts", type=int, default=128, metavar="N", help="scattered starts (128)")
+    command.add_argument("--workers", type=int, metavar="N", help="processes (all cores)")
+    command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
+    command.add_argument("--resume", action="store_true", help="go on with the evaluations in DIR")
+    command.add_argument("--json", action="store_true", help="print one JSON object")

@@ -1,0 +1,158 @@
+"""Yarn parameters from uniform data: a search over the ranges, then refinement (EST22 §7.3)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
+from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
+from yarnscale.estimate.objective import ErrorWeights, Evaluation, YarnObjective, coarser
+from yarnscale.estimate.swarm import cobyla, swarm
+from yarnscale.estimate.uniform_data import UniformData
+from yarnscale.estimate.yarn_model import YarnModel
+from yarnscale.estimate.yarn_rest import RestRule
+
+Array = NDArray[np.float64]
+
+Solver = Literal["sobol", "local", "paper"]
+SOLVERS = ("sobol", "local", "paper")
+"""``sobol``: scattered starts, Gauss–Newton from the best; ``local``: Gauss–Newton from the middle of the ranges;
+``paper``: swarm, then COBYLA (EST22 §7.3.3)."""
+SEARCHED = 7
+"""Stretches per direction during the search (EST22 §7.3.3)."""
+STARTS, REFINED = 128, 3
+"""Scattered points, and how many of the best are refined."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How the parameters are sought; starts and refined belong to the solver ``sobol``."""
+
+    solver: Solver = "sobol"
+    seed: int = 0
+    starts: int = STARTS
+    refined: int = REFINED
+    samples: int = SEARCHED
+
+    def __post_init__(self) -> None:
+        if self.solver not in SOLVERS:
+            raise InputError("solver", expected=" or ".join(SOLVERS), found=self.solver)
+        for name in ("starts", "refined", "samples"):
+            if getattr(self, name) < 1:
+                raise InputError(name, expected="at least 1", found=getattr(self, name))
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpread:
+    """How well data fix the unknowns: J = U S Vᵀ of the residuals by the unknowns, which are shares of their ranges.
+
+    singular: S (n,), largest first. vectors: rows of Vᵀ (n, n). shift: how far each unknown must go along its range
+    until the root of the objective grows by 0.01 with all others following, at most 1, (n,).
+    """
+
+    names: tuple[str, ...]
+    singular: Array
+    vectors: Array
+    shift: Array
+
+    @classmethod
+    def of(cls, names: tuple[str, ...], slopes: Array) -> ParameterSpread:
+        """From a Jacobian (m, n)."""
+        _, singular, vectors = np.linalg.svd(slopes, full_matrices=False)
+        inverse = vectors.T @ np.diag(1.0 / np.maximum(singular, 1e-9) ** 2) @ vectors
+        return cls(names, singular, vectors, np.minimum(0.01 * np.sqrt(np.diag(inverse)), 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class YarnFit:
+    """Estimated parameters: ``values`` by the names of the model, and what the yarn does with them.
+
+    evaluation: at all samples of ``data``. spread: how well the values are fixed. evaluations, solves: of the search.
+    cpu_seconds: of all processes; seconds: of the clock.
+    """
+
+    model: YarnModel
+    data: UniformData
+    values: Array
+    evaluation: Evaluation
+    spread: ParameterSpread
+    options: FitOptions
+    objective: float
+    evaluations: int
+    solves: int
+    cpu_seconds: float
+    seconds: float
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Unknowns that ended at an end of their range."""
+        at = (self.evaluation.unknowns < 1e-3) | (self.evaluation.unknowns > 1.0 - 1e-3)
+        return tuple(name for name, end in zip(self.model.names, at, strict=True) if end)
+
+
+def fit_yarn(
+    model: YarnModel,
+    data: UniformData,
+    *,
+    options: FitOptions | None = None,
+    rule: RestRule | None = None,
+    weights: ErrorWeights | None = None,
+    executor: Executor | None = None,
+    store: Callable[[YarnObjective], Store] | None = None,
+    told: Callable[[Evaluations], None] | None = None,
+) -> YarnFit:
+    """Find the parameters with which a yarn model follows uniform data.
+
+    executor: where evaluations run side by side. store: keeps evaluations, so that a run goes on where it ended.
+    told: called after every evaluation. The result depends on ``options.seed``, not on workers.
+    """
+    options, began = options or FitOptions(), time.perf_counter()
+    objective = YarnObjective(
+        model, coarser(data, options.samples), rule or RestRule(), weights or ErrorWeights()
+    )
+    evaluations = Evaluations(objective, executor, None if store is None else store(objective), told)
+    unknowns = search(evaluations, options)
+    slopes = jacobian(evaluations, unknowns)
+    value = evaluations.many([unknowns])[0].objective
+    final = evaluate(replace(objective, data=data), unknowns, None)
+    return YarnFit(
+        model, data, model.values(unknowns), final, ParameterSpread.of(model.names, slopes), options, value,
+        evaluations.count + 1, evaluations.solves + final.solves, evaluations.seconds + final.seconds,
+        time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def search(evaluations: Evaluations, options: FitOptions) -> Array:
+    """The best unknowns that a solver finds."""
+    if options.solver == "paper":
+        return cobyla(evaluations, swarm(evaluations, seed=options.seed))
+    if options.solver == "local":
+        return gauss_newton(evaluations, middle(evaluations.objective.model))
+    starts = sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
+    ends = [gauss_newton(evaluations, start) for start in starts]
+    values = [found.objective for found in evaluations.many(ends)]
+    return ends[int(np.argmin(values))]
+
+
+def middle(model: YarnModel) -> Array:
+    """The middle of the ranges; the drawing as it is where its shape is unknown."""
+    point = np.full(len(model.names), 0.5)
+    if model.free_shape:
+        point[-1] = 0.0
+    return point
+
+
+def work_ahead(options: FitOptions, unknowns: int) -> int:
+    """About how many evaluations a search takes, for telling the time left."""
+    if options.solver == "paper":
+        return 64 * 10 + 150
+    steps = 12 * (unknowns + 2)
+    return steps if options.solver == "local" else options.starts + options.refined * steps

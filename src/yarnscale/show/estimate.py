@@ -1,0 +1,272 @@
+"""Pages of estimated yarns: measured, shell and yarn curves, parameters, and the cell at rest and stretched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
+from yarnscale.estimate.uniform_data import UniformCurve
+from yarnscale.estimate.yarn_estimate import FabricEstimate
+from yarnscale.estimate.yarn_model import UNITS
+from yarnscale.estimate.yarn_states import YarnCurve
+from yarnscale.show import theme
+from yarnscale.show.curves import periodic_curves, rings_for
+from yarnscale.show.plots import written_figure
+from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+from yarnscale.show.tubes import yarn_picture
+
+Array = NDArray[np.float64]
+
+_YARN, _SHELL, _MEASURED = theme.YARNS[1], theme.YARNS[0], theme.INK
+
+
+def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: bool = True) -> Path:
+    """Write ``index.html`` and its pictures; the path of the page.
+
+    pictures: whether to draw the cell too. Raises InputError where the folder cannot be written, and
+    PicturesUnavailable where the machine cannot draw.
+    """
+    summary, fit = estimate.summary(), estimate.fit
+    curves_plot(folder / "curves.png", estimate)
+    spread_plot(folder / "spread.png", estimate)
+    sections = [
+        Section("Curves", _words(estimate), [_errors(estimate)], [Picture(folder / "curves.png", wide=True)]),
+        Section(
+            "Parameters",
+            [
+                "How far a parameter can move: the share of its range after which the root of the objective has grown "
+                "by 0.01 while all others follow. A parameter that can move through its whole range is not known."
+            ],
+            [_parameters(estimate)],
+            [
+                Picture(
+                    folder / "spread.png",
+                    "Singular values of the sensitivity of the residuals, and their directions",
+                )
+            ],
+        ),
+    ]
+    if pictures:
+        sections.append(Section("The fabric", _shape(estimate), (), _cells(folder, estimate)))
+    facts: dict[str, Cell] = {
+        "comfort error": _percent(fit.evaluation.errors.comfort),
+        "full range": _percent(fit.evaluation.errors.full),
+        "compression error": _percent(fit.evaluation.errors.compression),
+        "shell error": _percent(estimate.shell.membrane.load_error),
+        "equilibria": fit.solves,
+        "seconds": round(float(str(summary["seconds"]))),
+    }
+    path = folder / "index.html"
+    write_report(path, f"Yarn of {estimate.measurements.name}", sections, facts=facts)
+    return path
+
+
+def write_summary_report(path: Path, estimates: Sequence[FabricEstimate]) -> None:
+    """One page over several fabrics: errors and parameters side by side (EST22 Fig. 13 to 15)."""
+    if not estimates:
+        raise InputError("summary of estimates", expected="one or more fabrics", found="none")
+    errors: list[list[Cell]] = []
+    for estimate in estimates:
+        found = estimate.fit.evaluation.errors
+        row: list[Cell] = [estimate.measurements.name, _percent(estimate.shell.membrane.load_error)]
+        row += [_percent(value) for value in (found.comfort, found.full, found.compression)]
+        ahead = None if estimate.prediction is None else estimate.prediction.errors.comfort
+        errors.append([*row, _percent(ahead), estimate.fit.solves, round(estimate.fit.cpu_seconds)])
+    columns = ["fabric", "shell", "comfort", "full", "compression", "held out", "equilibria", "CPU seconds"]
+    names = list(dict.fromkeys(name for estimate in estimates for name in estimate.fit.model.names))
+    values: list[list[Cell]] = []
+    for estimate in estimates:
+        own = dict(zip(estimate.fit.model.names, estimate.fit.values.tolist(), strict=True))
+        values.append([estimate.measurements.name, *(own.get(name) for name in names)])
+    labels = ["fabric", *(f"{name} [{UNITS[name]}]" if name in UNITS else name for name in names)]
+    sections = [
+        Section("Errors", (), [Table(columns, errors)]),
+        Section("Parameters", (), [Table(labels, values)]),
+    ]
+    write_report(path, "Estimated yarns", sections, facts={"fabrics": len(estimates)})
+
+
+def curves_plot(path: Path, estimate: FabricEstimate) -> None:
+    """Load and contraction over stretch, a column for each direction, those held out last."""
+    panels: list[tuple[UniformCurve, YarnCurve, bool]] = [
+        (target, curve, False)
+        for target, curve in zip(estimate.fit.data.curves, estimate.fit.evaluation.curves, strict=True)
+    ]
+    if estimate.held_out is not None and estimate.prediction is not None:
+        pairs = zip(estimate.held_out.curves, estimate.prediction.curves, strict=True)
+        panels += [(target, curve, True) for target, curve in pairs]
+    tests = {test.direction: test for test in estimate.measurements.stretch}
+    with written_figure(path, max(7.0, 4.2 * len(panels)), 6.0, title="") as figure:
+        grid = figure.subplots(2, len(panels), squeeze=False, sharex="col")
+        for k, (target, curve, held) in enumerate(panels):
+            _stress_panel(grid[0, k], tests[target.direction], target, curve)
+            _contraction_panel(grid[1, k], tests[target.direction], target, curve)
+            grid[0, k].set_title(f"{target.direction.value}{', held out' if held else ''}")
+        grid[0, 0].set_ylabel("force over width [N/m]")
+        grid[1, 0].set_ylabel("contraction across [%]")
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+
+
+def _stress_panel(axes: Axes, test: StretchTest, target: UniformCurve, curve: YarnCurve) -> None:
+    measured = test.curve.up_to(POWER_LOAD)
+    axes.axhspan(0, COMFORT_LOAD, color=theme.YARNS[3], alpha=0.10, linewidth=0, label="comfort range")
+    axes.axhspan(COMFORT_LOAD, POWER_LOAD, color=theme.YARNS[2], alpha=0.10, linewidth=0, label="power range")
+    low, high = measured.stretch - measured.stretch_spread, measured.stretch + measured.stretch_spread
+    axes.fill_betweenx(measured.load, 100 * low, 100 * high, color=theme.MUTED, alpha=0.35, linewidth=0,
+                       label="spread over runs")  # fmt: skip
+    axes.plot(
+        100 * measured.stretch, measured.load, color=_MEASURED, linewidth=1.2, label="swatches, measured"
+    )
+    axes.plot(
+        *_from_rest(target.stretch, target.stress), color=_SHELL, linestyle="--", label="shell, uniform"
+    )
+    _yarn_line(axes, target, curve, curve.stress, 1.0)
+    axes.set_ylim(0, 1.15 * POWER_LOAD)
+    axes.set_xlim(left=0)
+
+
+def _contraction_panel(axes: Axes, test: StretchTest, target: UniformCurve, curve: YarnCurve) -> None:
+    measured = test.curve.up_to(POWER_LOAD)
+    if measured.contraction is not None and measured.contraction_spread is not None:
+        low, high = (measured.contraction + sign * measured.contraction_spread for sign in (-1, 1))
+        axes.fill_between(
+            100 * measured.stretch, 100 * low, 100 * high, color=theme.MUTED, alpha=0.35, linewidth=0
+        )
+        axes.plot(100 * measured.stretch, 100 * measured.contraction, color=_MEASURED, linewidth=1.2)
+    axes.plot(*_from_rest(target.stretch, 100 * target.contraction), color=_SHELL, linestyle="--")
+    _yarn_line(axes, target, curve, curve.contraction, 100.0)
+    axes.axvline(100 * target.comfort_stretch, color=theme.YARNS[3], linewidth=1.0)
+    axes.set_xlabel("stretch [%]")
+
+
+def _from_rest(stretch: Array, values: Array) -> tuple[Array, Array]:
+    return 100 * np.append(0.0, stretch), np.append(0.0, values)
+
+
+def _yarn_line(axes: Axes, target: UniformCurve, curve: YarnCurve, values: Array, scale: float) -> None:
+    good = curve.converged
+    line = _from_rest(target.stretch[good], scale * values[good])
+    axes.plot(*line, color=_YARN, marker="o", markersize=3, linewidth=1.8, label="yarn model", zorder=3)
+
+
+def spread_plot(path: Path, estimate: FabricEstimate) -> None:
+    """Singular values, and the share of every parameter in their directions."""
+    spread = estimate.fit.spread
+    with written_figure(path, 6.4, 3.4, title="") as figure:
+        left, right = figure.subplots(1, 2, width_ratios=[1, 1.6])
+        numbers = np.arange(1, len(spread.singular) + 1)
+        left.bar(numbers, np.maximum(spread.singular, 1e-6), color=theme.SAMPLE)
+        left.set_yscale("log")
+        left.set_xticks(numbers)
+        left.set_xlabel("direction")
+        left.set_ylabel("singular value")
+        right.grid(False)
+        image = right.imshow(spread.vectors.T**2, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+        right.set_yticks(range(len(spread.names)), spread.names)
+        right.set_xticks(range(len(numbers)), [str(n) for n in numbers])
+        right.set_xlabel("direction")
+        figure.colorbar(image, ax=right, label="share")
+
+
+def _errors(estimate: FabricEstimate) -> Table:
+    rows: list[list[Cell]] = []
+    evaluations = [("fitted", estimate.fit.evaluation)]
+    if estimate.prediction is not None:
+        evaluations.append(("held out, predicted", estimate.prediction))
+    for name, evaluation in evaluations:
+        found = evaluation.errors
+        rows.append(
+            [
+                name,
+                _percent(found.comfort),
+                _percent(found.full),
+                _percent(found.compression),
+                evaluation.failed,
+            ]
+        )
+    columns = [
+        "directions",
+        "stress, comfort range",
+        "stress, full range",
+        "compression",
+        "states not at rest",
+    ]
+    return Table(columns, rows, "Mean errors over the largest target of the comfort range (EST22 §8)")
+
+
+def _parameters(estimate: FabricEstimate) -> Table:
+    fit, rows = estimate.fit, []
+    low, high = fit.model.bounds
+    for k, name in enumerate(fit.model.names):
+        where = "at the end of its range" if name in fit.at_bounds else ""
+        values: list[Cell] = [float(fit.values[k]), float(low[k]), float(high[k])]
+        rows.append([name, UNITS.get(name, "–"), *values, _percent(float(fit.spread.shift[k])), where])
+    columns = ["parameter", "unit", "value", "least", "largest", "can move by", ""]
+    return Table(columns, rows)
+
+
+def _words(estimate: FabricEstimate) -> list[str]:
+    fit, text = estimate.fit, []
+    text.append(
+        f"Solver {fit.options.solver}, {fit.evaluations} yarns tried, {fit.solves} equilibria, "
+        f"{fit.cpu_seconds:.0f} s of all processes."
+    )
+    if fit.evaluation.failed:
+        text.append(f"{fit.evaluation.failed} states did not come to rest; curves end there.")
+    if fit.at_bounds:
+        text.append("At the ends of their ranges: " + ", ".join(fit.at_bounds) + ".")
+    for direction, error in estimate.bending.items():
+        text.append(f"Bending along {direction.value}, which was not fitted: off by {100 * error:.0f} %.")
+    return text + list(estimate.measurements.notes)
+
+
+def _shape(estimate: FabricEstimate) -> list[str]:
+    fit = estimate.fit
+    pattern, change = fit.evaluation.rested.cell.pattern, fit.evaluation.rested.change
+    px, py = 1e3 * pattern.period
+    return [
+        f"Period at rest {px:.3g} × {py:.3g} mm, R_est {1e3 * pattern.radius:.3g} mm. Coming to rest changed the drawn "
+        f"periods by {100 * change[0]:.1f} % and {100 * change[1]:.1f} %. Yarns are drawn with R_1 / 2 to 1 R_est."
+    ]
+
+
+def _cells(folder: Path, estimate: FabricEstimate) -> list[Picture]:
+    """The cell at rest and at the largest stretch of every fitted direction, on one scale."""
+    evaluation = estimate.fit.evaluation
+    cell, shown = evaluation.rested.cell, []
+    shown.append(("at rest", None))
+    for curve in evaluation.curves:
+        good = np.flatnonzero(curve.converged)
+        if len(good):
+            k = int(good[-1])
+            shown.append(
+                (f"{curve.direction.value}, stretched by {100 * curve.stretch[k]:.0f} %", curve.states[k])
+            )
+    rings = rings_for(cell.pattern.period, cell.pattern.radius)
+    pieces = [periodic_curves(cell.pattern.edges, cell.placement(state), rings=rings) for _, state in shown]
+    room = np.max([np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for piece in pieces], axis=0)
+    radius, pictures = _drawn_radius(cell, [state for _, state in shown]), []
+    for number, ((caption, _), piece) in enumerate(zip(shown, pieces, strict=True)):
+        path = folder / f"cell-{number}.png"
+        yarn_picture(path, piece, radius, camera="top", size=(720, 720), room=room + 2 * radius)
+        pictures.append(Picture(path, caption))
+    return pictures
+
+
+def _drawn_radius(cell: PeriodicCell, states: Sequence[Equilibrium | None]) -> float:
+    """A radius at which yarns that press on each other do not run through each other much."""
+    gaps = [state.min_distance_over_diameter for state in states if state is not None]
+    closest = min([gap for gap in gaps if np.isfinite(gap)], default=1.0)
+    return cell.pattern.radius * float(np.clip(closest, 0.5, 1.0))
+
+
+def _percent(value: float | None) -> str | None:
+    return None if value is None or not np.isfinite(value) else f"{100 * value:.1f} %"

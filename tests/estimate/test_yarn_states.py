@@ -1,0 +1,82 @@
+"""States free across: exact against minimisation, derivatives against differences, rest without stress."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from yarnscale.estimate.measurements import Direction
+from yarnscale.estimate.yarn_model import YarnModel, yarn_model
+from yarnscale.estimate.yarn_rest import RestRule, at_rest
+from yarnscale.estimate.yarn_states import differentiated, pulled, strain_map, strain_slopes
+from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.library import build
+
+UNKNOWNS = np.array([0.8, 0.3, 0.4, 0.6, 0.6])
+STRETCHES = np.array([0.03, 0.06, 0.1])
+
+
+@pytest.fixture(scope="module")
+def model() -> YarnModel:
+    return yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
+
+
+@pytest.fixture(scope="module")
+def rested(model):
+    found = at_rest(model.cell(model.values(UNKNOWNS)), RestRule())
+    assert found.relaxed
+    return replace(found.cell, tolerance=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4, np.pi / 2])
+def test_slopes_of_the_strain_map(angle):
+    strain, step, s, c = strain_map(angle), 1e-5, 0.2, 0.07
+    along, across, twice, mixed = strain_slopes(angle, s, c)
+    np.testing.assert_allclose(along, (strain(s + step, c) - strain(s - step, c)) / (2 * step), atol=1e-9)
+    np.testing.assert_allclose(across, (strain(s, c + step) - strain(s, c - step)) / (2 * step), atol=1e-9)
+    sides = [strain_slopes(angle, s, c + sign * step) for sign in (1, -1)]
+    np.testing.assert_allclose(twice, (sides[0][1] - sides[1][1]) / (2 * step), atol=1e-9)
+    np.testing.assert_allclose(mixed, (sides[0][0] - sides[1][0]) / (2 * step), atol=1e-9)
+
+
+def test_the_cell_is_free_of_stress_at_rest(rested):
+    state = rested.relax()
+    pulled_once = rested.relax(ShellStrain(s_x=0.02))
+    assert np.abs(state.stress[[0, 2]]).max() < 1e-3 * abs(pulled_once.stress[0])
+    np.testing.assert_allclose(state.fluctuation, 0.0, atol=1e-4 * rested.pattern.radius)
+
+
+@pytest.mark.parametrize("direction", [Direction.WEFT, Direction.WARP])
+def test_stress_across_vanishes_and_energy_is_least(rested, direction):
+    curve = pulled(rested, direction, STRETCHES)
+    assert curve.converged.all()
+    k, strain = 2, strain_map(direction.angle)
+    energies = []
+    for shift in (-0.01, 0.0, 0.01):
+        state = rested.relax(
+            ShellStrain.from_vector(strain(STRETCHES[k], curve.contraction[k] + shift)), start=curve.states[k]
+        )
+        energies.append(state.energy_density)
+    assert energies[1] < min(energies[0], energies[2])
+    # The stress is the derivative of the energy along the curve: its integral is the energy gained.
+    ahead = pulled(rested, direction, STRETCHES[k] + np.array([-1e-3, 1e-3]), near=None)
+    slope = (ahead.states[1].energy_density - ahead.states[0].energy_density) / 2e-3
+    assert slope == pytest.approx(curve.stress[k], rel=2e-3)
+
+
+def test_derivatives_with_the_rest_shape_held(model, rested):
+    """By the implicit function theorem against differences of curves of cells with other yarns."""
+    curve = pulled(rested, Direction.WEFT, STRETCHES)
+    derivatives = differentiated(rested, curve)
+    exact = model.by_parameter(derivatives.stress), model.by_parameter(derivatives.contraction)
+    values = model.values(UNKNOWNS)
+    for k in (2, 3, 4):
+        sides = []
+        for sign in (1, -1):
+            other = values.copy()
+            other[k] *= 1.0 + sign * 1e-3
+            cell = replace(rested, material=model.material(other))
+            sides.append(pulled(cell, Direction.WEFT, STRETCHES, near=curve, tolerance=1e-9))
+        for found, name in ((exact[0], "stress"), (exact[1], "contraction")):
+            slope = (getattr(sides[0], name) - getattr(sides[1], name)) / (2e-3 * values[k])
+            np.testing.assert_allclose(found[:, k], slope, rtol=0.03, atol=0.03 * np.abs(slope).max())
