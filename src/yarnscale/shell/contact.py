@@ -102,7 +102,7 @@ class ClothContact:
         return keys[first], np.add.reduceat(np.concatenate([e for _, e in found])[order], first)
 
     def room(self, positions: Floats) -> Integers:
-        """Keys, as of ``hessian``, of what is nearer than three times the thickness and may soon touch, with repetitions."""
+        """Keys, as of ``hessian``, of what is near and may soon touch, with repetitions."""
         within = _ROOM * self.settings.thickness
         return np.concatenate([np.zeros(0, np.int64), *(part.room(positions, within) for part in self.parts)])
 

@@ -13,7 +13,7 @@ import numpy as np
 
 _FLAT = 1e-14
 """Squared sine of the corner of a triangle, or between edges, from which on there is an inner closest point."""
-_MOST_ADVANCES = 60
+_MOST_ADVANCES = 300
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
