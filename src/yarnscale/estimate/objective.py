@@ -37,7 +37,7 @@ class Evaluation:
     """What a yarn with some parameters does.
 
     unknowns: (n,) in [0, 1]. residuals: (m,). curves: in the order of the data. periods: of the cell at rest [m].
-    errors: of EST22 §8. solves: equilibria it took; seconds: of one process. failed: states that are not at rest.
+    errors: of EST22 §8. solves: equilibria it took; seconds: of the processor. failed: states that are not at rest.
     """
 
     unknowns: Array
@@ -70,7 +70,7 @@ class YarnObjective:
 
     def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
         """Rest shape and states of a yarn; ``near`` gives the states to start from, of almost the same yarn."""
-        began, unknowns = time.perf_counter(), np.array(unknowns, np.float64)
+        began, unknowns = time.process_time(), np.array(unknowns, np.float64)
         rested = at_rest(self.model.cell(self.model.values(unknowns)), self.rule)
         curves = []
         for k, target in enumerate(self.data.curves):
@@ -88,7 +88,7 @@ class YarnObjective:
             [np.where(c.converged, c.contraction, np.nan) for c in curves],
         )
         return Evaluation(
-            unknowns, residuals, tuple(curves), rested, errors, solves, time.perf_counter() - began
+            unknowns, residuals, tuple(curves), rested, errors, solves, time.process_time() - began
         )
 
     def held_jacobian(self, evaluation: Evaluation) -> Array:

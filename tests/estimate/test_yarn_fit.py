@@ -1,0 +1,145 @@
+"""Searches on a problem with a known answer, twins of a real cell, remembered evaluations."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.evaluations import Evaluations, Residuals
+from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
+from yarnscale.estimate.measurements import Direction
+from yarnscale.estimate.objective import YarnObjective, coarser
+from yarnscale.estimate.swarm import cobyla, swarm
+from yarnscale.estimate.uniform_data import UniformCurve, UniformData
+from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread
+from yarnscale.estimate.yarn_model import yarn_model
+from yarnscale.yarn.library import build
+
+
+@dataclass(frozen=True)
+class Bowl:
+    """Stands for an evaluation: residuals of a curved valley whose only zero is at ``ANSWER``."""
+
+    residuals: np.ndarray
+    solves: int = 1
+    seconds: float = 0.0
+
+
+ANSWER = np.array([0.3, 0.8, 0.55])
+
+
+@dataclass(frozen=True)
+class Names:
+    names: tuple[str, ...] = ("a", "b", "c")
+
+
+@dataclass(frozen=True)
+class Valley:
+    model: Names = field(default_factory=Names)
+
+    def evaluate(self, unknowns, *, near=None):
+        away = unknowns - ANSWER
+        return Bowl(np.array([away[0], 3 * (away[1] - away[0] ** 2), np.sin(away[2]) + 0.3 * away[0]]))
+
+
+def valley(**others) -> Evaluations:
+    return Evaluations(Valley(), **others)  # pyright: ignore[reportArgumentType]
+
+
+def test_gauss_newton_finds_the_answer_of_a_valley():
+    np.testing.assert_allclose(gauss_newton(valley(), np.array([0.9, 0.1, 0.1])), ANSWER, atol=1e-4)
+
+
+def test_swarm_and_cobyla_come_near():
+    evaluations = valley()
+    found = swarm(evaluations, seed=3)
+    assert evaluations.count <= 640
+    np.testing.assert_allclose(cobyla(evaluations, found), ANSWER, atol=0.02)
+
+
+def test_searches_repeat_themselves_with_the_seed():
+    np.testing.assert_array_equal(swarm(valley(), seed=5, steps=3), swarm(valley(), seed=5, steps=3))
+    first, second = (sobol_starts(valley(), 16, 2, seed=2) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_jacobian_turns_inwards_at_bounds():
+    slopes = jacobian(valley(), np.array([1.0, 1.0, 1.0]))
+    away = 1.0 - ANSWER
+    exact = [[1, 0, 0], [-6 * away[0], 3, 0], [0.3, 0, np.cos(away[2])]]
+    np.testing.assert_allclose(slopes, exact, atol=5e-3)
+
+
+class Memory:
+    """A store in memory that counts."""
+
+    def __init__(self):
+        self.entries, self.hits = {}, 0
+
+    def find(self, key):
+        self.hits += key in self.entries
+        return self.entries.get(key)
+
+    def keep(self, key, unknowns, found: Residuals):
+        self.entries[key] = found
+
+
+def test_a_second_run_finds_everything_in_the_store_and_tells_the_same():
+    store, start = Memory(), np.array([0.9, 0.1, 0.1])
+    first = valley(store=store)
+    here = gauss_newton(first, start)
+    kept = len(store.entries)
+    second = valley(store=store)
+    np.testing.assert_array_equal(gauss_newton(second, start), here)
+    assert len(store.entries) == kept and store.hits == kept
+    assert (second.count, second.solves) == (first.count, first.solves)
+
+
+def test_an_executor_changes_nothing():
+    with ThreadPoolExecutor(2) as pool:
+        there = gauss_newton(valley(executor=pool), np.array([0.9, 0.1, 0.1]))
+    np.testing.assert_array_equal(there, gauss_newton(valley(), np.array([0.9, 0.1, 0.1])))
+
+
+def test_spread_tells_what_data_do_not_see():
+    slopes = np.array([[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    spread = ParameterSpread.of(("seen", "hidden"), slopes)
+    assert spread.shift[0] == pytest.approx(0.01 / np.sqrt(2.0))
+    assert spread.shift[1] == 1.0
+
+
+def test_a_yarn_reproduces_its_own_data_and_is_found_again():
+    """Twin: bending and contact of a stockinette from its own curves, from a start a tenth of the ranges away."""
+    model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
+    truth = np.array([0.35, 0.5, 0.4, 0.6, 0.6])
+    stretch = np.linspace(0.05, 0.3, 5)
+
+    def curve(direction, stress=None, contraction=None):
+        zero = np.ones(len(stretch))
+        return UniformCurve(direction, stretch, zero if contraction is None else contraction,
+                            zero if stress is None else stress, float(stretch[-1]))  # fmt: skip
+
+    directions = (Direction.WEFT, Direction.WARP)
+    blank = YarnObjective(model, UniformData("twin", tuple(curve(d) for d in directions))).evaluate(truth)
+    assert blank.failed == 0
+    data = UniformData("twin", tuple(curve(c.direction, c.stress, c.contraction) for c in blank.curves))
+    evaluations = Evaluations(YarnObjective(model, data))
+    assert evaluations.many([truth])[0].objective < 1e-12
+    found = gauss_newton(evaluations, truth + np.array([0.0, 0.0, 0.05, -0.04, 0.05]), iterations=8)
+    assert evaluations.many([found])[0].objective < 1e-5
+    np.testing.assert_allclose(model.values(found)[[2, 3, 4]], model.values(truth)[[2, 3, 4]], rtol=0.05)
+
+
+def test_coarser_data_keep_the_end_of_the_comfort_range():
+    stretch = np.linspace(0.02, 0.4, 20)
+    curve = UniformCurve(Direction.WEFT, stretch, 0.2 * stretch, 100 * stretch, 0.13)
+    found = coarser(UniformData("line", (curve,)), 7).curves[0]
+    assert len(found.stretch) == 7 and 0.13 in found.stretch and found.stretch[-1] == pytest.approx(0.4)
+    np.testing.assert_allclose(found.stress, 100 * found.stretch, rtol=1e-9)
+
+
+def test_refuses_an_unknown_solver():
+    with pytest.raises(InputError, match="solver"):
+        FitOptions("guess")  # pyright: ignore[reportArgumentType]
