@@ -41,7 +41,7 @@ SOFTEST_CONTACT, STIFFEST_CONTACT = 1e-2, 3e3
 """Range of k_c1 [kg/s²]. EST22's ends at 1e2, where fits of thick spun yarns in tight hand knits end too and fail."""
 LARGEST_ASPECT = 1.8
 LARGEST_SHORTENING = 0.15
-TOLERANCE = 1e-8
+ITERATIONS, TOLERANCE = 150, 1e-8
 """Of equilibria: loose yarns change their stress long after forces are small, which differences would feel."""
 TWIST_SHARE = 0.8
 """Twist stiffness over bending stiffness: a round rod with G = 0.4 E. EST22 §6 finds that twist does not matter."""
@@ -142,7 +142,7 @@ class YarnModel:
         if self.free_shape:
             pattern = reshaped(pattern, float(values[5]))
             pattern = replace(pattern, rest_length=pattern.rest_length * (1.0 - float(values[6])))
-        return PeriodicCell(pattern, self.material(values), tolerance=TOLERANCE)
+        return PeriodicCell(pattern, self.material(values), tolerance=TOLERANCE, max_iterations=ITERATIONS)
 
     def by_parameter(self, derivatives: dict[str, Array]) -> Array:
         """Derivatives by the five parameters in the last axis, from ``Sensitivities`` by name."""

@@ -137,8 +137,16 @@ def pulled(
     path = _Path(cell, direction.angle, tolerance)
     states, contraction, stress, converged = [], [], [], []
     for k, stretch in enumerate(stretches):
-        seed = None if near is None or not near.converged[k] else (near.states[k], float(near.contraction[k]))
-        state, width, good = path.advance(float(stretch), seed)
+        if len(converged) > 1 and not any(converged[-2:]):
+            # Beyond two states that nothing brings to rest, looking for more is a waste.
+            state, width, good = states[-1], contraction[-1], False
+        else:
+            seed = (
+                None
+                if near is None or not near.converged[k]
+                else (near.states[k], float(near.contraction[k]))
+            )
+            state, width, good = path.advance(float(stretch), seed)
         states.append(state)
         contraction.append(width)
         stress.append(float(state.stress @ strain_slopes(direction.angle, float(stretch), width)[0]))

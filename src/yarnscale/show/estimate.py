@@ -112,7 +112,7 @@ def curves_plot(path: Path, estimate: FabricEstimate) -> None:
         grid[0, 0].set_ylabel("force over width [N/m]")
         grid[1, 0].set_ylabel("contraction across [%]")
         handles, labels = grid[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
 
 
 def _stress_panel(axes: Axes, test: StretchTest, target: UniformCurve, curve: YarnCurve) -> None:
