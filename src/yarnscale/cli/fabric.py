@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +29,18 @@ _FILES = {"gltf": "fabric.glb", "usd": "fabric.usdc", "mp4": "fabric.mp4"}
 
 def fabric(options: argparse.Namespace) -> int:
     """Simulate a finite fabric, or count its unknowns."""
+    if options.method == "direct":
+        return _direct(options)
+    if options.scene != "hang":
+        raise InputError("--scene", expected="hang, or --method direct", found=options.scene)
     if options.pattern not in JERSEYS:
         raise InputError(
             "pattern", expected="for spline yarns one of " + ", ".join(JERSEYS), found=repr(options.pattern)
         )
     material = read_material(options.material or "wool")
-    knitted = jersey(options.rows, options.columns, material, radius=options.radius)
+    knitted = jersey(
+        options.rows, options.columns, material, radius=1e-3 if options.radius is None else options.radius
+    )
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
     if options.count:
         counts = knitted.counts()
@@ -41,20 +48,38 @@ def fabric(options: argparse.Namespace) -> int:
             counts["reduced_unknowns"] = 3 * volume.count
         _tell(counts, options)
         return 0
-    if options.out is None:
-        raise InputError("--out", expected="a folder for frames and pictures", found="none")
-    for kind in options.format:
-        convert.require(kind)
+    _check_output(options)
     moving = SplineMotion(knitted, volume=volume, held=knitted.top, damping=options.damping)
     schedule = MotionSchedule(
         options.duration, options.time_step, method="explicit" if options.explicit else "implicit"
     )
     rule = AdaptiveRule() if options.adaptive and volume is not None else None
     run = _run(moving, schedule, rule, writable_folder(options.out))
-    for kind in options.format:
-        convert.write(read_animation(options.out), kind, options.out / _FILES.get(kind, kind))
+    _convert(options)
     _tell(_summary(run), options)
     return 0 if run.status.name == "CONVERGED" else 1
+
+
+def _direct(options: argparse.Namespace) -> int:
+    if not options.count:
+        _check_output(options)
+    numbers, done = import_module("yarnscale.cli.direct_fabric").simulate_direct(options)
+    if not options.count:
+        _convert(options)
+    _tell(numbers, options)
+    return 0 if done else 1
+
+
+def _check_output(options: argparse.Namespace) -> None:
+    if options.out is None:
+        raise InputError("--out", expected="a folder for frames and pictures", found="none")
+    for kind in options.format:
+        convert.require(kind)
+
+
+def _convert(options: argparse.Namespace) -> None:
+    for kind in options.format:
+        convert.write(read_animation(options.out), kind, options.out / _FILES.get(kind, kind))
 
 
 def _run(moving: SplineMotion, schedule: MotionSchedule, rule: AdaptiveRule | None, out: Path) -> MotionRun:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-METHODS = ("splines", "volume")
-SCENES = ("hang",)
+METHODS = ("splines", "volume", "direct")
+SCENES = ("hang", "stretch", "drape")
 FORMATS = ("obj", "gltf", "usd", "bcc", "mp4", "png")
 
 
@@ -25,12 +25,29 @@ def _count(text: str) -> int:
 
 def add_fabric_options(command: argparse.ArgumentParser) -> None:
     """The options of ``fabric``."""
-    command.add_argument("pattern", metavar="PATTERN", help="jersey or single-jersey")
-    command.add_argument("--rows", type=_count, required=True, metavar="N", help="courses")
-    command.add_argument("--columns", type=_count, required=True, metavar="M", help="wales")
+    command.add_argument(
+        "pattern",
+        metavar="PATTERN",
+        help="direct: a built-in pattern or a pattern file; splines and volume: jersey",
+    )
+    command.add_argument(
+        "--rows",
+        type=_count,
+        required=True,
+        metavar="N",
+        help="courses; direct: periods of the pattern along its wales",
+    )
+    command.add_argument(
+        "--columns",
+        type=_count,
+        required=True,
+        metavar="M",
+        help="wales; direct: periods of the pattern along its courses",
+    )
     command.add_argument(
         "--method", choices=METHODS, default="volume",
-        help="splines: every yarn, with contacts between stitches; volume: yarns in a bounding volume (volume)",
+        help="splines: every yarn, with contacts between stitches; volume: yarns in a bounding volume; direct: every "
+        "yarn as an elastic rod that touches the others (volume)",
     )  # fmt: skip
     command.add_argument(
         "--volume",
@@ -42,9 +59,27 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--adaptive", action="store_true", help="let the volume take knots in where the motion asks for them"
     )
-    command.add_argument("--scene", choices=SCENES, default="hang", help="held along the last row (hang)")
-    command.add_argument("--material", metavar="MATERIAL", help="preset or TOML file (wool)")
-    command.add_argument("--radius", type=float, default=1e-3, metavar="METRES", help="of the yarn (0.001)")
+    command.add_argument(
+        "--scene",
+        choices=SCENES,
+        default="hang",
+        help="hang: held along the last row; direct only: stretch between two grips, drape over a ball (hang)",
+    )
+    command.add_argument(
+        "--material", metavar="MATERIAL", help="preset or TOML file (wool; direct: what suits the pattern)"
+    )
+    command.add_argument(
+        "--radius", type=float, metavar="METRES", help="of the yarn (0.001, or the pattern's)"
+    )
+    command.add_argument(
+        "--stretch", type=float, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)"
+    )
+    command.add_argument(
+        "--direction", choices=("course", "wale"), default="course", help="of the scene stretch (course)"
+    )
+    command.add_argument(
+        "--friction", type=float, default=0.0, metavar="MU", help="of yarns on each other, direct only (0)"
+    )
     command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="to simulate (3)")
     command.add_argument(
         "--time-step", type=float, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)"

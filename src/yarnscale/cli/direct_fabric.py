@@ -1,0 +1,112 @@
+"""The command ``fabric --method direct``: every yarn of a sheet of any pattern, as an elastic rod."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.cli.console import ProgressLine, writable_folder
+from yarnscale.cli.yarns import material_for
+from yarnscale.errors import InputError
+from yarnscale.fabric.boundary import glue
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
+from yarnscale.fabric.direct_moves import PassageCount
+from yarnscale.fabric.direct_run import DirectRun, run_fabric
+from yarnscale.fabric.run import MotionSchedule
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
+from yarnscale.fabric.yarn_friction import YarnFriction
+from yarnscale.files.curve_frames import CurveFolder, CurveSet
+from yarnscale.files.patterns import read_pattern
+from yarnscale.yarn import library
+from yarnscale.yarn.stiffness import Materials, materials_of
+
+
+def sheet_at_rest(options: argparse.Namespace) -> tuple[YarnSheet, Materials]:
+    """The sheet asked for, with the loops of the relaxed periodic cell, and its materials."""
+    if options.radius is not None and options.pattern not in library.names():
+        raise InputError("--radius", expected="a built-in pattern; files say how thick their yarns are")
+    given = {} if options.radius is None else {"radius": options.radius}
+    built = options.pattern in library.names() and given
+    pattern = library.build(options.pattern, **given) if built else read_pattern(options.pattern)
+    material = material_for(pattern, None if options.material is None else [options.material])
+    sheet = YarnSheet.of(pattern, options.columns, options.rows)
+    if options.count:
+        return sheet, material
+    cell = PeriodicCell(pattern, material)
+    state = cell.relax()
+    return sheet.moved(
+        cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source]
+    ), material
+
+
+def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], bool]:
+    """Run the scene, or count unknowns; numbers of the run, and whether it came to its end."""
+    sheet, material = sheet_at_rest(options)
+    counts: dict[str, object] = {
+        "vertices": sheet.vertex_count,
+        "yarns": len(sheet.closed),
+        "dofs": sheet.unknowns,
+        "unknowns": sheet.unknowns,
+        "constraints": 0,
+    }
+    if options.count:
+        return counts, True
+    energy = FabricEnergy(sheet, material, springs=glue(sheet, materials_of(sheet, material)[0]))
+    scene = _scene(options, sheet)
+    friction = YarnFriction(options.friction) if options.friction else None
+    dynamics = FabricDynamics(
+        energy, MotionSettings(scene.gravity, options.damping, friction), scene.holds, scene.obstacles(energy),
+        PassageCount(energy, energy.start()),
+    )  # fmt: skip
+    method = "explicit" if options.explicit else "implicit"
+    run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)
+    return {**counts, **_summary(energy, scene, run)}, run.status.name == "CONVERGED"
+
+
+def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
+    if options.scene == "stretch":
+        axis = 0 if options.direction == "course" else 1
+        return stretch(sheet, amount=options.stretch, axis=axis, duration=options.duration)
+    return drape(sheet) if options.scene == "drape" else hang(sheet)
+
+
+def _run(dynamics: FabricDynamics, schedule: MotionSchedule, options: argparse.Namespace) -> DirectRun:
+    energy, sheet = dynamics.energy, dynamics.energy.sheet
+    curves = CurveSet(sheet.offsets, sheet.radius, closed=sheet.closed, yarn=sheet.yarn)
+    folder = CurveFolder(writable_folder(options.out), curves)
+    line, began = ProgressLine("fabric"), time.perf_counter()
+
+    def told(share: float) -> None:
+        seconds = time.perf_counter() - began
+        line.show(round(1000 * share), 1000, seconds, seconds / max(share, 1e-9) * (1.0 - share))
+
+    def frame(number: int, motion: FabricMotion) -> None:
+        folder.write(number, energy.positions(motion.x) * sheet.radius, motion.time)
+
+    return run_fabric(dynamics, schedule, on_frame=frame, on_step=told)
+
+
+def _summary(energy: FabricEnergy, scene: SheetScene, run: DirectRun) -> dict[str, object]:
+    x = run.motion.x
+    extension = energy.extensions(x)
+    numbers: dict[str, object] = {
+        "status": run.status.value,
+        "steps": run.steps,
+        "converged_steps": run.converged_steps,
+        "newton_iterations": run.iterations,
+        "factorisations": run.factorisations,
+        "seconds": run.seconds,
+        "simulated_seconds": run.motion.time,
+        "seconds_per_frame": run.seconds / max(1, len(run.frames) - 1),
+        "penetration": energy.penetration(x),
+        "extension": float(np.abs(extension).max()),
+        "passages": run.passages,
+    }
+    if scene.pulled is not None:
+        numbers["force"] = scene.force(energy, x, run.motion.time)
+    return numbers
