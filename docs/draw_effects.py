@@ -68,7 +68,7 @@ def main() -> None:
         frames,
         columns=len(NAMES),
         camera=(0.25, -0.6, 1.0),
-        size=(len(NAMES) * 540, 4 * 420),
+        size=(len(NAMES) * 500, 4 * 500),
     )
 
 
