@@ -16,7 +16,7 @@ from yarnscale.shell.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plan
 from yarnscale.shell.orthotropic import OrthotropicMaterial
 from yarnscale.shell.simulate import Run, Schedule, simulate
 from yarnscale.shell.solver import ClothSolver
-from yarnscale.shell.state import ClothState
+from yarnscale.shell.state import Attachment, ClothState
 
 SHEET = OrthotropicMaterial(
     stretch_weft=40.0,
@@ -256,6 +256,55 @@ def test_cloth_is_pulled_between_two_balls_that_close() -> None:
     # The balls leave 0.7 mm, in which the cloth stays in the middle of the gap.
     assert outcome.state.positions[:, 1].max() > 0.1
     assert 5e-5 < solver.closest(outcome.state) < 3.6e-4
+
+
+@pytest.mark.parametrize("kind", ["balls", "boxes"])
+def test_bodies_that_would_meet_in_the_cloth_give_way(kind: str) -> None:
+    """They are to overlap by 2 mm with the cloth between them, and stop short of each other."""
+    mesh = rectangle(0.05, 0.05, 0.01)
+    motions = [Motion((0.0, 0.0, way), 0.0, 0.05) for way in (-4e-3, 4e-3)]
+    if kind == "balls":
+        bodies: tuple[Obstacle, ...] = tuple(
+            Sphere((0.0, 0.0, side * 0.033), 0.03, motion)
+            for side, motion in zip((1, -1), motions, strict=True)
+        )
+    else:
+        points, faces = box(0.02, -3e-3)
+        above = MeshObstacle(points * [1, 1, -1], faces[:, ::-1], motions[0])
+        bodies = (above, MeshObstacle(points, faces, motions[1]))
+    settings = ContactSettings(pressure=1e3, friction=0.2)
+    cloth = Cloth(mesh, SHEET, contact=settings, obstacles=bodies, damping=1.0)
+    solver, outcome = run(cloth, ClothState.flat(mesh), 4 * STEP)
+    assert outcome.state.obstacles is not None
+    # Springs that do not give way press them ten times closer.
+    assert solver.closest(outcome.state) > (1e-7 if kind == "balls" else 1e-6)
+    upper, lower = np.split(outcome.state.obstacles[:, 2], 2)
+    if kind == "balls":
+        assert upper[0] - lower[0] > 0.06
+    else:
+        assert (upper > lower).all()
+
+
+def test_springs_that_give_way_pull_with_the_gradient_of_their_energy() -> None:
+    rng = np.random.default_rng(0)
+    targets, positions = 1e-3 * rng.standard_normal((2, 5, 3))
+    springs = Attachment(np.arange(5), targets, 1e4, 3.0)
+    _, force, stiffness = springs.forces(positions)
+    step = 1e-8
+    for i, k in np.ndindex(5, 3):
+        change = np.zeros((5, 3))
+        change[i, k] = step
+        slope = (springs.forces(positions + change)[0] - springs.forces(positions - change)[0]) / (2 * step)
+        assert slope == pytest.approx(force[i, k], rel=1e-5, abs=1e-6)
+    lengths = np.linalg.norm(force, axis=1)
+    assert (lengths < 3.0).all() and lengths.max() > 2.5
+    np.testing.assert_allclose(positions - force / stiffness[:, None], targets, atol=1e-15)
+    far = springs.forces(positions + 10.0)[1]
+    np.testing.assert_allclose(np.linalg.norm(far, axis=1), 3.0, rtol=1e-6)
+    loose = Attachment(np.arange(5), targets, 1e4).forces(positions)
+    gap = positions - targets
+    assert loose[0] == pytest.approx(0.5e4 * float(np.vdot(gap, gap)))
+    np.testing.assert_allclose(loose[1], 1e4 * gap)
 
 
 def test_a_ball_cannot_poke_through_a_coarse_triangle() -> None:

@@ -107,7 +107,7 @@ def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:
 
 
 def _contact(section: Section, default: ContactSettings) -> ContactSettings:
-    section.known("thickness", "pressure", "self_contact", "friction", "slip")
+    section.known("thickness", "pressure", "self_contact", "friction", "slip", "holding_force")
     return section.build(
         lambda: ContactSettings(
             thickness=section.number_or("thickness", default.thickness),
@@ -115,6 +115,7 @@ def _contact(section: Section, default: ContactSettings) -> ContactSettings:
             self_contact=section.flag_or("self_contact", default.self_contact),
             friction=section.number_or("friction", default.friction),
             slip=section.number_or("slip", default.slip),
+            holding_force=section.number_or("holding_force", default.holding_force),
         )
     )
 

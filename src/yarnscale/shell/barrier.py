@@ -22,7 +22,8 @@ class ContactSettings:
 
     thickness: distance [m] at which repulsion begins; pressure: [Pa] at half the thickness; self_contact:
     whether the cloth meets itself; friction: Coulomb coefficient; slip: speed [m/s] below which friction
-    sticks. Raises InputError.
+    sticks; holding_force: with which each point of a moving obstacle is held in its place at most [N] (the centre of a
+    ball, a vertex of a mesh): where cloth is pinched harder than that, the obstacle gives way. Raises InputError.
     """
 
     thickness: float = 1e-3
@@ -30,12 +31,15 @@ class ContactSettings:
     self_contact: bool = True
     friction: float = 0.0
     slip: float = 1e-3
+    holding_force: float = 100.0
 
     def __post_init__(self) -> None:
         for name in ("thickness", "pressure", "slip"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"contact {name}", expected="a positive number", found=value)
+        if not self.holding_force > 0:
+            raise InputError("holding force", expected="a positive number, or inf", found=self.holding_force)
         if not (math.isfinite(self.friction) and self.friction >= 0):
             raise InputError("contact friction", expected="zero or a positive number", found=self.friction)
 

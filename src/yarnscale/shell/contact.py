@@ -7,7 +7,7 @@ passes through. Friction is lagged: normal forces of the start of a step resist 
 
 Points of moving obstacles are unknowns like the vertices of the cloth, in rows after them, and stiff springs
 pull them where they belong: Newton moves cloth and bodies together, the bound of a step holds for both, and a
-cloth pinched between two bodies pushes them back a little instead of having no solution.
+cloth pinched between two bodies pushes them back instead of having no solution: springs hold with a limited force.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ class ClothContact:
         return np.concatenate([np.zeros((0, 3)), *(o.points(time) for o in self._moving)])
 
     def attachment(self, time: float, stiffness: float = 1e6) -> Attachment:
-        """Springs [N/m] that pull the points of moving obstacles to their places at a time."""
+        """Springs [N/m] that pull the points of moving obstacles to their places at a time, up to the holding force."""
         vertices = np.arange(self.count, self.count + self.guests)
-        return Attachment(vertices, self.places(time), stiffness)
+        return Attachment(vertices, self.places(time), stiffness, self.settings.holding_force)
 
     def start_step(self, positions: Floats, duration: float, time: float = 0.0) -> None:
         """Take normal forces and the origin of slip for friction from the start of a step of ``duration`` [s]."""

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -135,9 +134,9 @@ class StepObjective:
         gradient = np.zeros_like(positions)
         self.cloth_rows(gradient)[:] = pull - self.load
         for held in self.attachments:
-            gap = positions[held.vertices] - held.targets
-            value += 0.5 * held.stiffness * float(np.vdot(gap, gap))
-            np.add.at(gradient, held.vertices, held.stiffness * gap)
+            energy, force, _ = held.forces(positions)
+            value += energy
+            np.add.at(gradient, held.vertices, force)
         if self.resistance is not None:
             moved = (self.cloth_rows(positions) - self.resistance.origin).ravel()
             force = self.energy.pattern.multiply(self.resistance.entries, moved)
@@ -145,14 +144,13 @@ class StepObjective:
             self.cloth_rows(gradient)[:] += force.reshape(-1, 3)
         return value, gradient
 
-    @cached_property
-    def diagonal(self) -> Floats:
+    def diagonal(self, positions: Floats) -> Floats:
         """Diagonal of the terms that have no other entries [N/m], one per unknown."""
         assert self.growth is not None
         weights = np.zeros(self.growth.base.size // 3)
         self.cloth_rows(weights)[:] = self.weights
         for held in self.attachments:
-            np.add.at(weights, held.vertices, held.stiffness)
+            np.add.at(weights, held.vertices, held.forces(positions)[2])
         return np.repeat(weights, 3)
 
 
@@ -237,7 +235,7 @@ class StepModel:
         if not self.objective.weights.any():
             # Flat cloth at rest has no stiffness across its plane; the step of Newton stays finite.
             elastic[diagonal] += 1e-8 * float(np.abs(elastic[diagonal]).max())
-        elastic[diagonal] += self.objective.diagonal
+        elastic[diagonal] += self.objective.diagonal(self.positions)
         if self.objective.resistance is not None:
             damping = self.objective.resistance.entries
             elastic[: len(damping)] += damping
