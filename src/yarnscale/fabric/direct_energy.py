@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,7 @@ from yarnscale.fabric.sheet_frames import carried, joint_twists, unit_edges
 from yarnscale.fabric.yarn_friction import YarnFriction, no_friction
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
+from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.yarn.contact import contact_energy, contact_reach
 from yarnscale.yarn.neighbours import pair_gaps, safe_fraction
 from yarnscale.yarn.rod import BEND_TWIST, STRETCH
@@ -41,6 +43,20 @@ GAP_SHARE = 0.8
 NOT_TURNED = np.empty((0, 3, 3))
 
 
+def _tied_pair(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
+    corners = [v[a] - v[b] for a in ("a0", "a1") for b in ("b0", "b1")]
+    return 0.125 * p["stiffness"] * sum(ca.sumsqr(away) for away in corners)
+
+
+def _tied_edge(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
+    return 0.5 * p["stiffness"] * ca.sumsqr(v["x1"] - v["x0"])
+
+
+TIED_PAIR = StencilEnergy("tied_pair", {"a0": 3, "a1": 3, "b0": 3, "b1": 3}, {"stiffness": 1}, _tied_pair)  # type: ignore[arg-type]
+TIED_EDGE = StencilEnergy("tied_edge", {"x0": 3, "x1": 3}, {"stiffness": 1}, _tied_edge)  # type: ignore[arg-type]
+"""Springs of no length between segments that may touch and along edges: they resist no common motion."""
+
+
 @dataclass(eq=False)
 class FabricContacts:
     """Pairs of segments listed at positions ``built_at`` (n, 3), their stencils, and where their Hessian goes."""
@@ -51,6 +67,7 @@ class FabricContacts:
     stencils: StencilSet
     variables: Indices
     slots: NDArray[np.int32] | None = None
+    ties: Array | None = None
 
 
 class FabricEnergy:
@@ -192,8 +209,29 @@ class FabricEnergy:
             if self._rod_slots is None:
                 self._rod_slots = [self._pattern.slots(v) for v in rods]
             contacts.slots = self._pattern.slots(contacts.variables)
+            contacts.ties = None
         assert self._pattern is not None
         return self._pattern
+
+    def ties(self, x: Array) -> Array:
+        """Entries of a matrix that resists motion of yarns against each other, at the yarn's stiffness in tension.
+
+        Only after ``hessian`` at this state.
+        """
+        contacts = self.contacts(x)
+        if contacts.ties is None:
+            assert self._pattern is not None and contacts.slots is not None and self._rod_slots is not None
+            stiffness = float(self.stiffness.position_scale().mean())
+            entries, idle = np.zeros(self._pattern.pattern.entries), np.zeros(len(x))
+            for energy, variables, slots in (
+                (TIED_PAIR, contacts.variables, contacts.slots),
+                (TIED_EDGE, self.stretch.variables, self._rod_slots[0]),
+            ):
+                vectors = energy.variable_count // 3
+                stencils = StencilSet(energy, variables, np.full((len(variables), 1), stiffness), vectors)
+                stencils.hessian(x, idle, slots, NOT_TURNED, entries)
+            contacts.ties = entries
+        return contacts.ties
 
     def rub(self, x: Array, friction: YarnFriction | None) -> None:
         """Begin a step of friction at a state: what presses there resists to slip from there on. None: no friction."""

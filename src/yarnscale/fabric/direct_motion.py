@@ -111,7 +111,7 @@ class FabricDynamics:
         holds = self.holds(motion.time + duration).wells(energy)
         objective = FabricObjective(
             energy, Wells(inertia, ahead).with_(holds), self.load, self.obstacles,
-            force_floor=self.force_scale, pull_share=0.0,
+            force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
         first = safe_way(energy, motion.x, ahead, self.count)
         last = first
@@ -121,8 +121,8 @@ class FabricDynamics:
             if self.count is not None:
                 self.count.follow(x)
 
-        # Which start is better decides the energy: fabric in free motion goes on, fabric that is held comes to rest.
-        if not objective.value(first) <= objective.value(motion.x):
+        # Fabric in free motion goes on, fabric that is held comes to rest: the lower energy tells.
+        if not objective.value(last) <= objective.value(motion.x):
             last = motion.x
             after(last)
         solution = minimise(

@@ -15,6 +15,10 @@ from yarnscale.numerics.factor import SymmetricPattern
 Array = NDArray[np.float64]
 
 
+_LOOSE = 1e-4
+"""Share of the diagonal regularisation that is left where yarns are tied to each other."""
+
+
 class NodeForce(Protocol):
     """An energy of every vertex by itself, such as contact with an obstacle; lengths in radii, energies in E π r³."""
 
@@ -44,17 +48,18 @@ class Wells:
 
 @dataclass(eq=False)
 class FabricModel:
-    """H + shift·D, D scaled separately for positions and twists."""
+    """H + shift·(D + T): D diagonal, scaled separately for positions and twists, T ties of yarns to each other."""
 
     pattern: SymmetricPattern
     entries: Array
     scale: Array
+    ties: Array | None = None
 
     def values(self, shift: float) -> Array:
         """Entries of the regularised Hessian."""
         if shift == 0.0:
             return self.entries
-        values = self.entries.copy()
+        values = self.entries.copy() if self.ties is None else self.entries + shift * self.ties
         values[self.pattern.diagonal] += shift * self.scale
         return values
 
@@ -64,7 +69,8 @@ class FabricObjective:
     """Energy + wells − load·x + obstacles; an objective for ``numerics.newton``.
 
     load: (4n,) force on every unknown. force_floor: gradient norm that counts as 1 where nothing pulls.
-    pull_share: how much the terms' pulling against each other counts, on top of that.
+    pull_share: how much the terms' pulling against each other counts, on top of that. tied: regularise what yarns do
+    against each other rather than every motion, so that a step cut short is no step through honey.
     """
 
     energy: FabricEnergy
@@ -73,6 +79,7 @@ class FabricObjective:
     obstacles: Sequence[NodeForce] = ()
     force_floor: float = 1e-9
     pull_share: float = 1.0
+    tied: bool = False
     residual_scale: float = field(init=False, default=1.0)
 
     def __post_init__(self) -> None:
@@ -101,7 +108,11 @@ class FabricObjective:
         entries[diagonal] += self.wells.weight
         entries[diagonal[self._idle]] += self._scale[self._idle]
         value, gradient = self._completed(x, value, gradient, pull, entries, diagonal)
-        return value, gradient, FabricModel(block.pattern, entries, self._scale)
+        if not self.tied:
+            return value, gradient, FabricModel(block.pattern, entries, self._scale)
+        scale = self._scale.copy()
+        scale[: 3 * self.energy.count] *= _LOOSE
+        return value, gradient, FabricModel(block.pattern, entries, scale, self.energy.ties(x))
 
     def _completed(
         self,
