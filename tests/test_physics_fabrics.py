@@ -171,6 +171,27 @@ def test_stockinette_curls_at_free_edges_to_the_sides_of_real_fabric() -> None:
     assert course > wale + 0.3
 
 
+def test_finer_edges_resolve_a_curl_with_fewer_vertices() -> None:
+    """Energy of a rolled strip over the mesh: from above, and sooner where rows are closer at the edges."""
+    knit = without_pairs(fabric("stockinette"))
+
+    def gained(spacing: float, finer_edges: float = 0.0) -> float:
+        mesh = rectangle(0.12, 0.06, spacing, finer_edges=finer_edges)
+        start = ClothState.flat(mesh)
+        ends = np.flatnonzero(np.abs(mesh.panel[:, 0]) > 0.06 - 1e-9)
+        cloth = Cloth(
+            mesh, knit, (Handle("ends", ends, start.positions[ends]),), gravity=(0, 0, 0), damping=3.0
+        )
+        solver = ClothSolver(cloth)
+        run = simulate(solver, start, Schedule(0.4, 1 / 30, rough_iterations=30))
+        assert run.converged
+        return solver.energies(start)["elastic"] - solver.energies(run.state)["elastic"]
+
+    coarse, middle, fine = gained(0.013), gained(0.0065), gained(0.004)
+    assert 0 < coarse < middle < fine
+    assert fine - gained(0.013, finer_edges=0.5) < 0.5 * (fine - coarse)
+
+
 def test_plain_weave_stays_flat() -> None:
     weave, rest = fabric("plain"), np.zeros(6)
     assert np.abs(weave.stress(rest)[3:]).max() < 1e-4 * np.abs(fabric("stockinette").stress(rest)[3:]).max()

@@ -112,3 +112,16 @@ def test_broken_meshes_are_refused(points: np.ndarray, triangles: np.ndarray, me
 def test_builders_name_the_bad_size(call, message: str) -> None:
     with pytest.raises(InputError, match=message):
         call()
+
+
+def test_finer_edges_keep_the_outline_and_halve_the_rows_there() -> None:
+    even, graded = rectangle(0.3, 0.2, 0.003), rectangle(0.3, 0.2, 0.003, finer_edges=0.5)
+    assert graded.areas.sum() == pytest.approx(0.06) and graded.areas.min() > 0
+    np.testing.assert_array_equal(graded.triangles, even.triangles)
+    for axis in range(2):
+        before, after = (np.unique(np.round(mesh.panel[:, axis], 9)) for mesh in (even, graded))
+        gaps = np.diff(after) / np.diff(before)
+        assert gaps[0] == pytest.approx(0.5, abs=0.02) and gaps[-1] == pytest.approx(0.5, abs=0.02)
+        assert gaps.max() == pytest.approx(1 + 0.5 * (np.pi / 2 - 1), abs=0.02)
+    with pytest.raises(InputError, match="finer_edges; expected between 0 and"):
+        rectangle(0.3, 0.2, 0.005, finer_edges=0.8)

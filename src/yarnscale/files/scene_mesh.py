@@ -34,7 +34,9 @@ def read_mesh(section: Section) -> TriangleMesh:
         section.known("shape", "radius", "spacing", "grain", *_PLACE)
         radius, spacing = section.number("radius"), section.number("spacing")
         return section.build(lambda: disk(radius, spacing, grain=grain))
-    section.known("shape", "width", "height", "spacing", "grain", "irregularity", "seed", *_PLACE)
+    section.known(
+        "shape", "width", "height", "spacing", "grain", "finer_edges", "irregularity", "seed", *_PLACE
+    )
     width, height, spacing = (section.number(key) for key in ("width", "height", "spacing"))
     return section.build(
         lambda: rectangle(
@@ -42,6 +44,7 @@ def read_mesh(section: Section) -> TriangleMesh:
             height,
             spacing,
             grain=grain,
+            finer_edges=section.number_or("finer_edges", 0.0),
             irregularity=section.number_or("irregularity", 0.0),
             seed=section.integer_or("seed", 0),
         )

@@ -149,20 +149,25 @@ def rectangle(
     spacing: float,
     *,
     grain: float = 0.0,
+    finer_edges: float = 0.0,
     irregularity: float = 0.0,
     seed: int = 0,
 ) -> TriangleMesh:
     """Rectangular panel centred on the origin, in rows of nearly equilateral triangles.
 
     width, height: extents along x and y [m]; spacing: wanted edge length [m].
-    grain: angle of the fabric's course direction [rad]; irregularity: random shift of inner vertices as a
-    fraction of the spacing (below 0.3), to test how much a result depends on the mesh.
+    grain: angle of the fabric's course direction [rad]; finer_edges: how much closer rows and columns lie at all
+    edges, where knits curl, as a fraction of the spacing (up to 0.7; the middle is coarser by up to 0.57 of that).
+    irregularity: random shift of inner vertices as a fraction of the spacing (below 0.3), to test how much a result
+    depends on the mesh.
 
     Raises InputError for sizes that are not positive or too small for the spacing.
     """
     _check_sizes(width=width, height=height, spacing=spacing)
     if not 0 <= irregularity < 0.3:
         raise InputError("irregularity", expected="between 0 and 0.3", found=irregularity)
+    if not 0 <= finer_edges <= 0.7:
+        raise InputError("finer_edges", expected="between 0 and 0.7", found=finer_edges)
     columns = max(2, round(width / spacing))
     # An even number of rows makes the mesh symmetric about both axes.
     rows = max(2, 2 * round(height / (spacing * math.sqrt(3))))
@@ -181,6 +186,10 @@ def rectangle(
         inner = (np.abs(points) < np.array([width, height]) / 2 - 1e-9 * spacing).all(axis=1)
         shift = np.random.default_rng(seed).uniform(-1, 1, points.shape) * irregularity * step
         points[inner] += shift[inner]
+    if finer_edges:
+        # Its derivative by t = point/half falls from 1 + 0.57 finer_edges in the middle to 1 − finer_edges.
+        half = np.array([width, height]) / 2
+        points = (1 - finer_edges) * points + finer_edges * half * np.sin(0.5 * math.pi * points / half)
     return TriangleMesh(_turned(points, -grain), triangles, grain)
 
 
