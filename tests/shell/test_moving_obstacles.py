@@ -277,7 +277,7 @@ def test_bodies_that_would_meet_in_the_cloth_give_way(kind: str) -> None:
     solver, outcome = run(cloth, ClothState.flat(mesh), 4 * STEP)
     assert outcome.state.obstacles is not None
     # Springs that do not give way press them ten times closer.
-    assert solver.closest(outcome.state) > (1e-7 if kind == "balls" else 1e-6)
+    assert solver.closest(outcome.state) > 1e-7
     upper, lower = np.split(outcome.state.obstacles[:, 2], 2)
     if kind == "balls":
         assert upper[0] - lower[0] > 0.06

@@ -136,6 +136,39 @@ def state() -> tuple[ClothContact, np.ndarray]:
     return contact, positions + 1e-4 * rng.standard_normal(positions.shape)
 
 
+def test_self_contact_has_the_energy_and_forces_of_ipctk() -> None:
+    ipctk = pytest.importorskip("ipctk")
+    rng = np.random.default_rng(6)
+    mesh, settings = rectangle(0.1, 0.04, 0.004), ContactSettings()
+    angle = mesh.panel[:, 0] / 0.008
+    radius = 0.008 + 6e-4 * angle / (2 * np.pi)
+    positions = np.column_stack([radius * np.sin(angle), mesh.panel[:, 1], -radius * np.cos(angle)])
+    positions = np.asfortranarray(positions + 2e-5 * rng.standard_normal(positions.shape))
+    faces = np.asfortranarray(mesh.triangles.astype(np.int32))
+    whole = ipctk.CollisionMesh(np.asfortranarray(mesh.assembled), ipctk.edges(faces), faces)
+    pairs = ipctk.NormalCollisions()
+    pairs.use_area_weighting = True
+    pairs.build(whole, positions, settings.thickness)
+    potential = ipctk.BarrierPotential(settings.thickness, settings.stiffness)
+    value, gradient = ClothContact(mesh, settings).gradient(positions)
+    assert value == pytest.approx(potential(pairs, whole, positions), rel=1e-9)
+    expected = potential.gradient(pairs, whole, positions).reshape(-1, 3)
+    np.testing.assert_allclose(gradient, expected, atol=1e-9 * np.abs(expected).max())
+    assert np.abs(expected).max() > 1e-3
+
+
+@pytest.mark.parametrize(("spacing", "share"), [(0.3, 1.05), (0.05, 1.3), (0.01, 2.05)])
+def test_coarse_bodies_press_as_told(spacing: float, share: float) -> None:
+    """At half the thickness above a flat body, askew: the pressure of the settings, more where more pairs are near."""
+    mesh, body = rectangle(0.1, 0.1, 0.01), rectangle(0.3, 0.3, spacing)
+    x, y = body.panel.T
+    points = np.column_stack([0.955 * x - 0.295 * y, 0.295 * x + 0.955 * y, 0.0 * x])
+    settings = ContactSettings(self_contact=False)
+    contact = ClothContact(mesh, settings, (MeshObstacle(points, body.triangles),))
+    force = contact.gradient(mesh.assembled + [0.0, 0.0, 0.5 * settings.thickness])[1][:, 2].sum()
+    assert -force / (mesh.areas.sum() * settings.pressure) == pytest.approx(share, abs=0.05)
+
+
 def test_kept_searches_and_new_ones_give_the_same_energy_and_bound() -> None:
     """On a random walk of 3 mm, the kept search misses nothing that a new one finds."""
     contact, positions = state()

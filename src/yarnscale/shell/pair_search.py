@@ -76,9 +76,28 @@ class PairSearch:
         edges = self.surfaces.edges
         self.edge_areas = _summed(self.surfaces.sides, thirds, len(edges))
         self.lengths = np.linalg.norm(rest[edges[:, 1]] - rest[edges[:, 0]], axis=1)
+        self._fit_bodies(thirds)
         self.searches = 0
         self._pairs: Pairs | None = None
         self._close: Close | None = None
+
+    def _fit_bodies(self, thirds: Floats) -> None:
+        """Take the areas of coarse bodies from the cloth, whose vertices count the more the larger their triangles are.
+
+        Vertices and edges of bodies stand for no more area than those of the cloth do on average; what is then left
+        out is given to the cloth's vertices, by triangle of the body. thirds: of areas of triangles, (m,) [m²].
+        """
+        surfaces, split = self.surfaces, self.surfaces.cloth
+        usual = thirds[:split].mean()
+        fineness = np.minimum(1.0, usual / np.maximum(thirds, 1e-300))
+        fineness[:split] = 1.0
+        self.shares = 1.0 - 0.75 * fineness
+        vertices = np.zeros(len(self.vertex_areas), bool)
+        vertices[surfaces.triangles[:split]] = True
+        edges = np.zeros(len(self.edge_areas), bool)
+        edges[surfaces.sides[:split]] = True
+        for areas, of_cloth in ((self.vertex_areas, vertices), (self.edge_areas, edges)):
+            areas[~of_cloth] = np.minimum(areas[~of_cloth], areas[of_cloth].mean())
 
     def along(self, start: Floats, end: Floats) -> Pairs:
         """Pairs that may come near on the straight way from start to end."""
@@ -121,14 +140,19 @@ class PairSearch:
                 surfaces.edges[met].reshape(-1, 4),
             ]
         )
-        areas = np.concatenate([self.vertex_areas[corners[:, 0]], self.edge_areas[met].sum(axis=1)])
+        areas = np.concatenate(
+            [
+                self.shares[corners[:, 1]] * self.vertex_areas[corners[:, 0]],
+                0.25 * self.edge_areas[met].sum(axis=1),
+            ]
+        )
         limits = np.concatenate([np.zeros(len(corners)), _PARALLEL * (self.lengths[met] ** 2).prod(axis=1)])
         return Pairs(
             lowest - self.slack,
             highest + self.slack,
             vertices,
             len(corners),
-            0.25 * settings.stiffness * areas,
+            settings.stiffness * areas,
             limits,
         )
 
