@@ -57,12 +57,15 @@ def measure(name: str, size: float) -> None:
     stable = dynamics.stable_step(dynamics.start())
     explicit, _ = timed(lambda: dynamics.explicit(dynamics.start(), stable))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    ended = "ok" if done else "indefinite"
+    implicit_frame, explicit_frame = implicit / STEP * FRAME, explicit / stable * FRAME
+    print(f"{name} {size:g} m: {sheet.vertex_count} vertices, {memory:.1f} GB, passages {count.passages}")
     print(
-        f"{name} {size:g} m: {sheet.vertex_count} vertices; gradient {gradient:.3f} s, Hessian {hessian:.3f} s, "
-        f"analysis {analysis:.2f} s, factor {seconds:.2f} s ({'ok' if done else 'indefinite'}); implicit step {implicit:.1f} s, "
-        f"{step.iterations} iterations, {implicit / STEP * FRAME:.0f} s a frame; explicit step {explicit:.3f} s of "
-        f"{stable:.1e} s, {explicit / stable * FRAME:.0f} s a frame; passages {count.passages}; {memory:.1f} GB"
+        f"  gradient {gradient:.3f} s, Hessian {hessian:.3f} s, analysis {analysis:.2f} s, "
+        f"factor {seconds:.2f} s ({ended})"
     )
+    print(f"  implicit: step {implicit:.1f} s, {step.iterations} iterations, {implicit_frame:.0f} s a frame")
+    print(f"  explicit: step {explicit:.3f} s of {stable:.1e} s, {explicit_frame:.0f} s a frame")
 
 
 if __name__ == "__main__":

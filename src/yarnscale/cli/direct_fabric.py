@@ -77,7 +77,9 @@ def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
 
 def _run(dynamics: FabricDynamics, schedule: MotionSchedule, options: argparse.Namespace) -> DirectRun:
     energy, sheet = dynamics.energy, dynamics.energy.sheet
-    curves = CurveSet(sheet.offsets, sheet.radius, closed=sheet.closed, yarn=sheet.yarn)
+    curves = CurveSet(
+        sheet.offsets, sheet.radius, closed=sheet.closed
+    )  # a colour for every yarn of the sheet
     folder = CurveFolder(writable_folder(options.out), curves)
     line, began = ProgressLine("fabric"), time.perf_counter()
 
