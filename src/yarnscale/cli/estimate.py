@@ -32,7 +32,9 @@ def estimate(options: argparse.Namespace) -> int:
     """Estimate a yarn and write the report."""
     measurements = read_measurements(options.measurements, sample=options.sample)
     model = _model(options, measurements)
-    settings = FitOptions(options.solver, options.seed, options.starts)
+    settings = FitOptions(
+        options.solver, options.seed, options.starts, options.refined, iterations=options.iterations
+    )
     chosen = None if options.directions is None else [Direction(name) for name in options.directions]
     holdout = None if options.holdout is None else Direction(options.holdout)
     folder = writable_folder(options.out)

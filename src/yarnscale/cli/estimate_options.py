@@ -29,6 +29,12 @@ def _length(text: str) -> float:
     return value
 
 
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a positive whole number; found {text!r}")
+    return int(text)
+
+
 def add_estimate_options(command: argparse.ArgumentParser) -> None:
     """The options of ``estimate``."""
     command.add_argument(
@@ -70,8 +76,14 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
         "--stiffness", type=_length, metavar="NEWTON",
         help="of the stiffest yarn, k_s2 (default: from the measurements, else an estimate of 60 N)",
     )  # fmt: skip
-    command.add_argument("--starts", type=int, default=128, metavar="N", help="scattered starts (128)")
-    command.add_argument("--workers", type=int, metavar="N", help="processes (all cores)")
+    command.add_argument("--starts", type=_count, default=128, metavar="N", help="scattered yarns (128)")
+    command.add_argument(
+        "--refined", type=_count, default=3, metavar="N", help="how many of the best are refined (3)"
+    )
+    command.add_argument(
+        "--iterations", type=_count, default=20, metavar="N", help="of Gauss-Newton, at most (20)"
+    )
+    command.add_argument("--workers", type=_count, metavar="N", help="processes (default: one per core)")
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
     command.add_argument("--resume", action="store_true", help="go on with the evaluations in DIR")
     command.add_argument("--json", action="store_true", help="print one JSON object")

@@ -34,18 +34,20 @@ STARTS, REFINED = 128, 3
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How the parameters are sought; starts and refined belong to the solver ``sobol``."""
+    """How the parameters are sought; starts and refined belong to the solver ``sobol``; iterations: of
+    Gauss–Newton at most."""
 
     solver: Solver = "sobol"
     seed: int = 0
     starts: int = STARTS
     refined: int = REFINED
     samples: int = SEARCHED
+    iterations: int = 20
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
             raise InputError("solver", expected=" or ".join(SOLVERS), found=self.solver)
-        for name in ("starts", "refined", "samples"):
+        for name in ("starts", "refined", "samples", "iterations"):
             if getattr(self, name) < 1:
                 raise InputError(name, expected="at least 1", found=getattr(self, name))
 
@@ -135,9 +137,9 @@ def search(evaluations: Evaluations, options: FitOptions) -> Array:
     if options.solver == "paper":
         return cobyla(evaluations, swarm(evaluations, seed=options.seed))
     if options.solver == "local":
-        return gauss_newton(evaluations, middle(evaluations.objective.model))
+        return gauss_newton(evaluations, middle(evaluations.objective.model), iterations=options.iterations)
     starts = sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
-    ends = [gauss_newton(evaluations, start) for start in starts]
+    ends = [gauss_newton(evaluations, start, iterations=options.iterations) for start in starts]
     values = [found.objective for found in evaluations.many(ends)]
     return ends[int(np.argmin(values))]
 
@@ -154,5 +156,5 @@ def work_ahead(options: FitOptions, unknowns: int) -> int:
     """About how many evaluations a search takes, for telling the time left."""
     if options.solver == "paper":
         return 64 * 10 + 150
-    steps = 12 * (unknowns + 2)
+    steps = min(12, options.iterations) * (unknowns + 2)
     return steps if options.solver == "local" else options.starts + options.refined * steps

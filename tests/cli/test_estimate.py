@@ -1,0 +1,68 @@
+"""The command ``estimate``: its numbers and report, going on where it stopped, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from yarnscale.cli import main
+
+QUICK = ["--solver", "local", "--iterations", "1", "--shape", "drawn", "--workers", "1"]
+ERRORS = ("comfort_error", "power_error", "compression_error")
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Swatches that stretch as knits do: force per width 200 s to 900 s, contraction a third of the stretch."""
+    path = tmp_path_factory.mktemp("measured") / "curves.csv"
+    rows = ["direction,run,force_N,clamp_distance_mm,mid_width_mm,swatch_width_mm"]
+    for direction, stiffness in (("weft", 200.0), ("warp", 500.0)):
+        for run, factor in (("1", 1.0), ("2", 1.05)):
+            for force in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0):
+                stretch = factor * force / 0.06 / stiffness
+                length, width = 100 * (1 + stretch), 60 * (1 - stretch / 3)
+                rows.append(f"{direction},{run},{force},{length:.4f},{width:.4f},60")
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_estimates_reports_and_goes_on(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out), *QUICK]
+    main([*arguments, "--json"])
+    first = json.loads(capsys.readouterr().out)
+    assert {"parameters", *ERRORS, "bending_error", "shell_error", "solves", "seconds"} <= set(first)
+    assert set(first["parameters"]) == {"k_s1", "knee", "k_b", "R_1", "k_c1", "k_s2", "R_est"}
+    assert first["bending_error"] is None
+    assert all(first[name] > 0 for name in ERRORS)
+    assert "Parameters" in (out / "index.html").read_text()
+    kept = {path: path.read_bytes() for path in (out / "evaluations").glob("*.json")}
+    assert kept
+
+    # A run that was killed: some evaluations are there, one is torn.
+    lost = sorted(kept)[::2]
+    for path in lost[1:]:
+        path.unlink()
+    lost[0].write_text(lost[0].read_text()[:20])
+    main([*arguments, "--json", "--resume"])
+    second = json.loads(capsys.readouterr().out)
+    for name in (*ERRORS, "parameters", "solves", "evaluations"):
+        assert second[name] == first[name]
+    assert {path for path in (out / "evaluations").glob("*.json")} == set(kept)
+
+
+def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    start = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(tmp_path / "out")]
+    cases = {
+        ("--resume",): "nothing to resume",
+        ("--holdout", "bias"): "measured: weft, warp",
+        ("--directions", "weft", "--holdout", "weft"): "not held out",
+    }
+    for extra, said in cases.items():
+        assert main([*start, *extra]) == 2
+        assert said in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*start, "--solver", "guess"])
+    assert main(["estimate", "none.csv", *start[2:]]) == 2
