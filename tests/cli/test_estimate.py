@@ -7,7 +7,18 @@ import pytest
 
 from yarnscale.cli import main
 
-QUICK = ["--solver", "local", "--iterations", "1", "--shape", "drawn", "--workers", "1"]
+QUICK = [
+    "--solver",
+    "local",
+    "--iterations",
+    "1",
+    "--shape",
+    "drawn",
+    "--directions",
+    "weft",
+    "--workers",
+    "1",
+]
 ERRORS = ("comfort_error", "power_error", "compression_error")
 
 
