@@ -47,7 +47,7 @@ def inside_material(material) -> SplineMaterial:
         shapes.append(
             [CubicSpline(places, rng.normal(size=4), rng.normal(size=4) / reach) for _ in range(SHAPES)]
         )
-    return replace(material, inside=InsideTerms(knots, nodal, *shapes))
+    return replace(material, inside=InsideTerms(knots, nodal, shapes[0], shapes[1], curvature=120.0))
 
 
 @pytest.fixture

@@ -62,3 +62,4 @@ def test_what_three_strains_do_together_is_lost(tmp_path, material, inside_mater
         float(material.energy_density(strain)), rel=1e-12
     )
     assert any("three" in phrase for phrase in lost_in_hylc(inside_material))
+    assert any("both curvatures" in phrase for phrase in lost_in_hylc(inside_material))

@@ -121,3 +121,34 @@ def test_without_states_of_three_strains_the_sum_over_pairs_stays():
     options = FitOptions(in_plane="full", floor=False)
     material = fit_spline_material(states, energy(states), stress(states), density=0.2, options=options)
     assert material.inside is None
+
+
+def coupled(states: np.ndarray) -> np.ndarray:
+    """``energy`` and a product of both curvatures that grows with stretch."""
+    x = states / REACH
+    return energy(states) - 0.08 * (0.3 + x[:, 2] + 0.5 * x[:, 0]) * x[:, 3] * x[:, 4] / (
+        1 + 0.25 * (x[:, 3] ** 2 + x[:, 4] ** 2)
+    )
+
+
+def test_the_coupling_of_both_curvatures_follows_from_states_bent_about_one():
+    states = axes_planes_and_inside(BOUNDS, 200)
+    assert not np.any(states[:, 3] * states[:, 4])
+    moments = stress(states)
+    for k in (3, 4):
+        step = 1e-5 * REACH[k] * np.eye(5)[k]
+        moments[:, k] = (coupled(states + step) - coupled(states - step)) / (2 * step[k])
+    options = FitOptions(in_plane="full", inside_knots=6)
+    ours = fit_spline_material(states, coupled(states), moments, density=0.2, options=options)
+    rng = np.random.default_rng(9)
+    twice = rng.uniform(0.1, 0.8, (200, 5)) * REACH * np.where(rng.uniform(size=(200, 5)) < 0.5, -1, 1)
+    twice[:, :3] = np.abs(twice[:, :3])
+    gained = coupled(twice) - energy(twice)
+    assert np.max(np.abs(gained)) > 0.02
+    six = strains_of(twice)
+    assert ours.inside is not None
+    plain = type(ours)(
+        ours.constant, ours.axes, ours.planes, ours.density, inside=ours.inside.without_coupling()
+    )
+    found = ours.energy_density(six) - plain.energy_density(six)
+    np.testing.assert_allclose(found, gained, atol=0.05 * np.abs(gained).max())

@@ -1,7 +1,8 @@
-"""Terms of three in-plane strains: the formula, its derivatives, where eigenvalues meet, and what is refused."""
+"""Terms of three in-plane strains and of both curvatures: the formula, its derivatives, its bounds, what is refused."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,12 +10,13 @@ import pytest
 from scipy.interpolate import CubicSpline as SmoothSpline
 
 from yarnscale.errors import InputError
-from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
 from yarnscale.shell.spline_material import SplineMaterial
 from yarnscale.shell.spline_patches import INSIDE_PARAMETER_COUNT
 from yarnscale.shell.tables import CubicSpline
 
-KNOTS = tuple(np.linspace(-0.5, 0.6, n) for n in (5, 4, 6))
+KAPPA = 130.0
+KNOTS = (np.linspace(-0.5, 0.6, 5), np.linspace(-0.5, 0.6, 4), np.linspace(-0.5, 0.6, 6))
 
 
 def smooth_shape(rng: np.random.Generator) -> CubicSpline:
@@ -34,7 +36,7 @@ def inside(seed: int = 0) -> tuple[InsideTerms, np.ndarray]:
             data = SmoothSpline(knots, data, axis=axis + 1)(knots, order)
         nodal[:, orders[0], orders[1], orders[2]] = data
     shapes = [tuple(smooth_shape(rng) for _ in range(SHAPES)) for _ in range(2)]
-    return InsideTerms(KNOTS, nodal, shapes[0], shapes[1]), values
+    return InsideTerms(KNOTS, nodal, shapes[0], shapes[1], KAPPA), values
 
 
 def material(seed: int = 0) -> SplineMaterial:
@@ -55,7 +57,8 @@ def by_definition(terms: InsideTerms, values: np.ndarray, strain: np.ndarray) ->
         for m, shape in enumerate(shapes):
             matrix = vectors @ np.diag(shape(curvatures)) @ vectors.T
             total += solids[1 + family * SHAPES + m] * matrix[family, family]
-    return float(total)
+    x11, x12, x22 = strain[3:] / KAPPA
+    return float(total + solids[COUPLING] * (x11 * x22 + x12**2) / (1 + x11**2 + 2 * x12**2 + x22**2))
 
 
 def states(count: int, seed: int = 3) -> np.ndarray:
@@ -97,6 +100,25 @@ def test_nothing_steps_where_eigenvalues_meet_at_a_knot():
     assert np.max(np.abs(ours.stress(strains) - limit) * weight / gaps[:, None]) < 100
 
 
+def test_the_coupling_leaves_cylinders_along_the_axes_alone_and_is_bounded():
+    ours = material(3)
+    assert ours.inside is not None
+    plain = replace(ours, inside=ours.inside.without_coupling())
+    bent = states(100, seed=7)
+    bent[:, 4] = 0.0
+    bent[:50, 3] = 0.0
+    bent[50:, 5] = 0.0
+    np.testing.assert_allclose(ours.energy_density(bent), plain.energy_density(bent), rtol=1e-12)
+    moment = (ours.stress(bent) - plain.stress(bent))[:, 3:]
+    assert np.abs(moment[:50, 0]).min() > 0
+    assert not moment[:, 1].any()
+    wide = states(500, seed=8)
+    wide[:, 3:] *= np.logspace(-2, 6, 500)[:, None]
+    added = ours.energy_density(wide) - plain.energy_density(wide)
+    # A number g within the values at knots, as a spline of C² data overshoots little, times at most a half.
+    assert np.abs(added).max() < 2 * np.abs(inside(3)[1][COUPLING]).max()
+
+
 def test_more_parameters_only_where_needed():
     assert material().parameter_count == INSIDE_PARAMETER_COUNT
     plain = SplineMaterial(0.0, material().axes, {}, density=0.2)
@@ -106,8 +128,11 @@ def test_more_parameters_only_where_needed():
 def test_misshapen_terms_are_refused():
     terms = inside()[0]
     with pytest.raises(InputError, match="three-dimensional"):
-        InsideTerms(terms.knots, terms.nodal[:3], terms.shapes_x, terms.shapes_y)
+        InsideTerms(terms.knots, terms.nodal[:3], terms.shapes_x, terms.shapes_y, KAPPA)
     with pytest.raises(InputError, match="shapes_y"):
-        InsideTerms(terms.knots, terms.nodal, terms.shapes_x, terms.shapes_y[:1])
+        InsideTerms(terms.knots, terms.nodal, terms.shapes_x, terms.shapes_y[:1], KAPPA)
     with pytest.raises(InputError, match="knots"):
-        InsideTerms((terms.knots[0][::-1], *terms.knots[1:]), terms.nodal, terms.shapes_x, terms.shapes_y)  # type: ignore[arg-type]
+        replace(terms, knots=(terms.knots[0][::-1], *terms.knots[1:]))
+    for curvature in (0.0, -1.0, np.inf):
+        with pytest.raises(InputError, match="curvature"):
+            replace(terms, curvature=curvature)

@@ -208,8 +208,10 @@ def _inside_lines(packed: PackedSplines) -> list[str]:
     ]
     lines += [f"  p[{row + k}] = inside_origins_{name}[t{k}];" for k, name in enumerate(_INSIDE)]
     place = f"(t0 * {counts[1] + 1} + t1) * {counts[2] + 1} + t2"
-    lines.append(f"  for (int k = 0; k < {size}; ++k) p[{row + 3} + k] = solids[{size} * ({place}) + k];")
-    row += 3 + size
+    lines.append(f"  p[{row + 3}] = {packed.coupling!r};  /* 1/(curvature of the coupling)^2 */")
+    row += 4
+    lines.append(f"  for (int k = 0; k < {size}; ++k) p[{row} + k] = solids[{size} * ({place}) + k];")
+    row += size
     for name in ("x", "y"):
         axis = f"bend_{name}"
         lines.append(

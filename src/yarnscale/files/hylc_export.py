@@ -3,7 +3,8 @@
 The layout holds one- and two-dimensional Hermite splines of normalised strains x = strain / scale, continued along
 straight lines. A growing tail is therefore carried on by one more knot on each side, one span of the knots away, up to
 which the file gives the same parabola; beyond it the energy grows only linearly. The sampled range, the provenance and
-a three-dimensional term have no place in the layout; ``lost_in_hylc`` names what a material loses.
+terms of three in-plane strains or of both curvatures have no place in the layout; ``lost_in_hylc`` names what a
+material loses.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
+from yarnscale.shell.inside import COUPLING
 from yarnscale.shell.spline_material import SplineMaterial
 from yarnscale.shell.spline_patches import AXES
 from yarnscale.shell.tables import CubicSpline, Tail
@@ -35,6 +37,10 @@ def lost_in_hylc(material: SplineMaterial) -> list[str]:
     lost = ["the sampled range and the provenance"]
     if material.inside is not None:
         lost.append("what three in-plane strains do together (the sum over pairs is kept)")
+        if np.any(material.inside.nodal[COUPLING]):
+            lost.append(
+                "the coupling of both curvatures (saddles and domes get the sum of two bending energies)"
+            )
     growing = [AXES[k] for k, f in enumerate(material.axes) if f.tail is Tail.GROWING]
     if growing:
         lost.append(

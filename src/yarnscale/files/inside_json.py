@@ -1,4 +1,4 @@
-"""The field ``terms.inside`` of a material file: terms of all three in-plane strains."""
+"""The field ``terms.inside`` of a material file: terms of all three in-plane strains and of both curvatures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from yarnscale.files.json_fields import Fields
-from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
 from yarnscale.shell.tables import CubicSpline
 
 DERIVATIVES = {
@@ -21,12 +21,10 @@ def inside_content(terms: InsideTerms) -> dict[str, object]:
     """The field as plain JSON values."""
     return {
         "knots": [knots.tolist() for knots in terms.knots],
-        "splines": [
-            {name: terms.nodal[(t, *orders)].tolist() for name, orders in DERIVATIVES.items()}
-            for t in range(SOLIDS)
-        ],
+        "splines": [_spline_content(terms, t) for t in range(COUPLING)],
         "shapes_x": [_shape_content(shape) for shape in terms.shapes_x],
         "shapes_y": [_shape_content(shape) for shape in terms.shapes_y],
+        "coupling": {"curvature": terms.curvature, "spline": _spline_content(terms, COUPLING)},
     }
 
 
@@ -38,13 +36,22 @@ def read_inside(fields: Fields) -> InsideTerms:
     sides = Fields(dict(zip("xay", lists, strict=True)), fields.path, fields.label("knots"))
     x, a, y = (sides.knots(name) for name in "xay")
     splines = fields.items("splines")
-    if len(splines) != SOLIDS:
-        raise fields.fault("splines", expected=f"{SOLIDS} splines", found=len(splines))
-    nodal = np.empty((SOLIDS, 2, 2, 2, len(x), len(a), len(y)))
+    if len(splines) != COUPLING:
+        raise fields.fault("splines", expected=f"{COUPLING} splines", found=len(splines))
+    shapes_x, shapes_y = _shapes(fields, "shapes_x"), _shapes(fields, "shapes_y")
+    nodal, curvature = np.zeros((SOLIDS, 2, 2, 2, len(x), len(a), len(y))), 1.0
+    if "coupling" in fields.content:
+        coupling = fields.fields("coupling")
+        curvature = coupling.number("curvature", positive=True)
+        splines.append(coupling.fields("spline"))
     for t, item in enumerate(splines):
         for name, orders in DERIVATIVES.items():
             nodal[(t, *orders)] = item.numbers(name, shape=nodal.shape[4:])
-    return InsideTerms((x, a, y), nodal, _shapes(fields, "shapes_x"), _shapes(fields, "shapes_y"))
+    return InsideTerms((x, a, y), nodal, shapes_x, shapes_y, curvature)
+
+
+def _spline_content(terms: InsideTerms, spline: int) -> dict[str, object]:
+    return {name: terms.nodal[(spline, *orders)].tolist() for name, orders in DERIVATIVES.items()}
 
 
 def _shape_content(shape: CubicSpline) -> dict[str, object]:

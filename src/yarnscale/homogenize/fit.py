@@ -12,7 +12,9 @@ simulation would collapse. Such states are searched for among those bent in one 
 again under the condition that none lies below the lowest sample. As the f_ij are constant and the f_i rise outside
 the range of the search, the energy is then bounded below everywhere. In doubly bent states eq. 32 adds what both
 families gain, ψ(s, λ_x, λ_y) = ψ(s, λ_x, 0) + ψ(s, 0, λ_y) − ψ(s, 0, 0): a stretched fabric that curls may lie below
-its samples there (as published materials do), which only a worse fit of the samples could mend.
+its samples there (as published materials do), which only a worse fit of the samples could mend. Where the fit has a
+coupling of both curvatures, the search goes through doubly bent states of the sampled range too, for those that only
+the coupling put below the samples.
 
 Weights make residuals relative: the energy of a state counts by what its second strain adds to the energy, so that
 bending is not lost beside stretching, and small strains are fitted as well as large ones.
@@ -21,7 +23,7 @@ bending is not lost beside stretching, and small strains are fitted as well as l
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +40,7 @@ from yarnscale.homogenize.observations import (
     side_energies,
     strains_of,
 )
+from yarnscale.homogenize.plan import bends_twice
 from yarnscale.homogenize.plane_fit import PlaneFit
 from yarnscale.shell.material import ShellMaterial
 from yarnscale.shell.spline_material import SplineMaterial
@@ -47,6 +50,8 @@ __all__ = ["FitOptions", "FitReport", "fit_spline_material", "strains_of", "vali
 
 Array = NDArray[np.float64]
 
+_COUPLING_SLACK = 0.1
+"""How far the coupling may put a state below the samples, as a fraction of the largest energy of bending from rest."""
 _STRETCH_LIMITS, _SHEAR_LIMITS = (-0.95, np.inf), (-0.97, 0.97)
 
 
@@ -132,22 +137,32 @@ def _lift(
 ) -> dict[str, object]:
     """Search for singly bent states below all samples and fit again above them, until none is found."""
     lowest = float(planes.data.energies.min())
+    twice = isinstance(planes, InsideFit) and planes.couples
+    slack = _COUPLING_SLACK * float(np.nan_to_num(planes.sides[3:]).max())
 
-    def floor(states: Array) -> Array:
+    def floor(states: Array, current: SplineMaterial, energies: Array) -> Array:
         # What the one-dimensional terms alone give must be allowed: the f_ij vanish on the axes.
         gained = [np.minimum(axis.spline(x), 0.0) for axis, x in zip(axes, states.T, strict=True)]
-        return np.minimum(lowest, planes.constant + np.sum(gained, axis=0))
+        least = np.minimum(lowest, planes.constant + np.sum(gained, axis=0))
+        low = bends_twice(states) & (energies < least)
+        if current.inside is not None and np.any(low):
+            alone = replace(current, inside=current.inside.without_coupling())
+            summed = alone.energy_density(strains_of(states[low]))
+            least[low] = np.minimum(least[low], summed) - slack
+        return least
 
     tolerance = max(0.1 * abs(lowest), 0.03 * float(np.nanmin(planes.sides)))
     box, rng = _search_box(planes, axes), np.random.default_rng(0)
+    inner = _sampled_box(planes.data, planes.options) if twice else None
     pool, best, least, held = np.zeros((0, 5)), planes.unknowns, np.inf, 0
     for step in range(rounds + 1):
         current = material({})
 
         def gap_of(states: Array, current: SplineMaterial = current) -> Array:
-            return current.energy_density(strains_of(states)) - floor(states)
+            energies = current.energy_density(strains_of(states))
+            return energies - floor(states, current, energies)
 
-        found, gap = _lowest_states(gap_of, box, rng, pool)
+        found, gap = _lowest_states(gap_of, box, inner, rng, pool)
         deepest = -float(gap.min())
         if deepest < least:
             best, least, held = planes.unknowns, deepest, np.count_nonzero(planes.multipliers)
@@ -156,32 +171,49 @@ def _lift(
         # States that rose far above the floor are let go, so that the active set stays small.
         close = gap_of(pool) < max(2 * tolerance, deepest)
         pool = np.concatenate([pool[close], found[gap < -0.5 * tolerance]])
-        planes.hold_above(pool, floor(pool))
+        planes.hold_above(pool, floor(pool, current, current.energy_density(strains_of(pool))))
     planes.unknowns = best
     return {"energy": lowest, "deepest_state_below": max(least, 0.0), "states_held": int(held)}
 
 
 def _lowest_states(
-    gap_of: Callable[[Array], Array], box: Array, rng: np.random.Generator, known: Array
+    gap_of: Callable[[Array], Array],
+    box: Array,
+    inner: Array | None,
+    rng: np.random.Generator,
+    known: Array,
 ) -> tuple[Array, Array]:
-    """Singly bent states (n, 5) lowest above the floor, by random sweep and descent, and their gaps (n,)."""
+    """States (n, 5) lowest above the floor, by random sweep and descent, and their gaps (n,).
+
+    They bend about one axis at most; where a box ``inner`` (5, 2) is given, a third bends about both, within it.
+    """
     low, span = box[:, 0], box[:, 1] - box[:, 0]
     states = low + span * rng.uniform(size=(20_000, 5))
     if len(known):
         near = known[rng.integers(len(known), size=2_000)]
         near = near + 0.1 * span * rng.normal(size=near.shape)
         states = np.concatenate([states, np.clip(near, low, low + span)])
-    states[np.arange(len(states)), rng.integers(3, 5, size=len(states))] = 0.0
+    flat = rng.integers(3, 5 if inner is None else 6, size=len(states))
+    states[flat < 5, flat[flat < 5]] = 0.0
+    states = _kept(states, inner)
     gap = gap_of(states)
     chosen = np.argsort(gap)[:400]
     states, gap = states[chosen], gap[chosen]
     for width in np.geomspace(0.2, 0.002, 40):
         step = width * span * rng.normal(size=states.shape) * (rng.uniform(size=states.shape) < 0.5)
         trial = np.where(states == 0.0, 0.0, np.clip(states + step, low, low + span))
+        trial = _kept(trial, inner)
         found = gap_of(trial)
         better = found < gap
         states[better], gap[better] = trial[better], found[better]
     return _thinned(states, gap, span)
+
+
+def _kept(states: Array, inner: Array | None) -> Array:
+    """The states, those that bend about both axes moved into a box (5, 2)."""
+    if inner is None:
+        return states
+    return np.where(bends_twice(states)[:, None], np.clip(states, inner[:, 0], inner[:, 1]), states)
 
 
 def _thinned(states: Array, gap: Array, span: Array, *, count: int = 100) -> tuple[Array, Array]:

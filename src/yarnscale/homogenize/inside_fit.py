@@ -1,9 +1,10 @@
 """Terms of all three in-plane strains, fitted together with the two-dimensional ones (stage 2 of the fit).
 
 Where pairs of strains are not enough, states inside the range say what is missing: their energies and all their
-stresses. Also flat states count for bending: their bending stresses are the slopes of the bending terms at λ = 0.
-The splines vanish where two (g_0) or all but two (the factors of curvature) in-plane strains are alone, so that axes
-and planes keep the terms they have in a sum over pairs.
+stresses. Also flat states count for bending: their bending stresses are the slopes of the bending terms at λ = 0. The
+coupling of both curvatures follows from the moment along the axis of states bent about one: no others are needed.
+The other splines vanish where two (g_0) or all but two (the factors of curvature) in-plane strains are alone, so that
+axes and planes keep the terms they have in a sum over pairs.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from yarnscale.homogenize.axis_fit import AxisTerm
 from yarnscale.homogenize.observations import SHEAR, FitOptions, Mask, Observations
 from yarnscale.homogenize.plane_fit import PlaneFit
 from yarnscale.homogenize.splines import LineBasis, knots_for
-from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
 from yarnscale.shell.tables import CubicSpline
 
 Array = NDArray[np.float64]
@@ -29,6 +30,8 @@ _SLOPE_WEIGHT = 1.0
 """Weight of a stress beside an energy."""
 _PLANE_KNOTS = 12
 """Most knots of an axis in two-dimensional terms: scattered samples do not say where more of them are worth it."""
+_COUPLING_REACH = 2.0
+"""Curvature of the coupling, in units of the largest sampled one."""
 _STIFFNESS = 1e-5
 """Weight of coefficients themselves: splines of states that nothing was said about stay small."""
 
@@ -42,6 +45,7 @@ class InsideFit(PlaneFit):
         super().__init__(data, axes, constant, sides, options)
         self.lines = [self._line(k) for k in range(3)]
         self.shapes = [_shapes(data.strains[:, k]) for k in (3, 4)]
+        self.curvature = _COUPLING_REACH * float(np.max(np.abs(data.strains[:, 3:]))) or 1.0
         self.chosen = self._chosen()
         self.ends = np.cumsum([0, *(len(columns) for columns in self.chosen)])
         old, size = len(self.unknowns), len(self.unknowns) + int(self.ends[-1])
@@ -80,13 +84,19 @@ class InsideFit(PlaneFit):
         columns = [np.flatnonzero(acting == 3)]
         for axis in (3, 4):
             columns += [np.flatnonzero((acting >= 2) & self.axes[axis].sampled)] * SHAPES
-        return columns
+        return [*columns, np.flatnonzero(np.full(acting.shape, self.couples))]
+
+    @property
+    def couples(self) -> bool:
+        """Whether the states bend about both axes, in turn or at once."""
+        return self.axes[3].sampled and self.axes[4].sampled
 
     def _unit(self, solid: int) -> float:
         """Energy [J/m²] that a coefficient of this spline may well have."""
         if solid == 0:
             return 0.1 * float(np.max(np.abs(self.data.energies - self.constant)))
-        return max(float(np.nan_to_num(self.sides[3 if solid <= SHAPES else 4]).max()), 1e-300)
+        family = slice(3, 5) if solid == COUPLING else 3 if solid <= SHAPES else 4
+        return max(float(np.nan_to_num(self.sides[family]).max()), 1e-300)
 
     def _solid_bends(self, solid: int) -> Array:
         """Third differences of coefficients along each strain, relative to the unit of the spline."""
@@ -112,6 +122,8 @@ class InsideFit(PlaneFit):
             for m, shape in enumerate(self.shapes[family]):
                 factor = shape(strains[:, 3 + family], orders[3 + family]) * (orders[4 - family] == 0)
                 parts.append(factor[:, None] * solid[:, self.chosen[1 + family * SHAPES + m]])
+        factor = _coupling(strains[:, 3:] / self.curvature, orders[3:]) / self.curvature ** sum(orders[3:])
+        parts.append(factor[:, None] * solid[:, self.chosen[COUPLING]])
         return np.concatenate(parts, axis=1)
 
     def rows(self, strains: Array, orders: Orders = (0, 0, 0, 0, 0)) -> Array:
@@ -135,7 +147,8 @@ class InsideFit(PlaneFit):
         for k in range(5):
             orders: Orders = tuple(int(i == k) for i in range(5))  # type: ignore[assignment]
             stress = data.stresses[:, k]
-            states = off if k < 3 else off | ~np.any(data.acting[:, 3:], axis=1)
+            # Of states bent along the other axis only, this moment is what couples both.
+            states = off if k < 3 else off | ~data.acting[:, k]
             states = states & np.isfinite(stress)
             if np.any(states) and self.axes[k].sampled:
                 size = np.abs(stress) + _NOISE * np.nanmax(np.abs(stress))
@@ -163,7 +176,17 @@ class InsideFit(PlaneFit):
                 grid[self.chosen[t]] = self.unknowns[self.old + self.ends[t] : self.old + self.ends[t + 1]]
                 grid = grid.reshape(counts)
                 nodal[(t, *orders)] = np.einsum("ip,jq,kr,pqr->ijk", *factors, grid, optimize=True)
-        return InsideTerms(knots, nodal, self.shapes[0], self.shapes[1])  # type: ignore[arg-type]
+        return InsideTerms(knots, nodal, self.shapes[0], self.shapes[1], self.curvature)  # type: ignore[arg-type]
+
+
+def _coupling(bends: Array, orders: tuple[int, ...]) -> Array:
+    """χ of diagonal second forms (n, 2) in units of κ, or its first derivative by one of the two."""
+    x, y = bends.T
+    size = 1 + x * x + y * y
+    if orders == (0, 0):
+        return x * y / size
+    first, other = (x, y) if orders == (1, 0) else (y, x)
+    return other / size - 2 * first * first * other / size**2
 
 
 def _shapes(curvatures: Array) -> tuple[CubicSpline, ...]:

@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
 from yarnscale.shell.material import MaterialKernels, ShellMaterial, compile_material
 from yarnscale.shell.spline_patches import (
     AXES,
+    COUPLING_SCALE,
     FAMILY_X,
     FAMILY_Y,
     GUARD,
@@ -60,8 +61,8 @@ class SplineMaterial(ShellMaterial):
     s_y [-], lambda_x, lambda_y [1/m]. planes: f_ij by pair of axes, of which ``PLANES`` are possible; missing
     ones are zero. density: mass per area [kg/m²]. range: sampled box, (5, 2) lowest and highest of each axis
     (default: ends of the knots of the one-dimensional terms). provenance: where it comes from, as plain JSON
-    values. inside: terms of all three in-plane strains, if any. Raises InputError on a wrong number of terms,
-    unknown planes or values that are not finite.
+    values. inside: terms of all three in-plane strains and of both curvatures, if any. Raises InputError on a wrong
+    number of terms, unknown planes or values that are not finite.
     """
 
     constant: float
@@ -117,13 +118,14 @@ def spline_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
 def energy_of_strains(strains: ca.SX, parameters: ca.SX) -> ca.SX:
     """ψ [J/m²] of the six strains with the polynomial patches of one element as parameters.
 
-    Parameters beyond ``PARAMETER_COUNT`` are those of the terms of three in-plane strains.
+    Parameters beyond ``PARAMETER_COUNT`` are those of ``InsideTerms``.
     """
     u = [strain - parameters[ORIGIN_S + k] for k, strain in enumerate(ca.vertsplit(strains[:3]))]
     energy = ca.SX(0)
     for k, (i, j) in enumerate(PLANES[:3]):
         patch = _by_first(parameters[PLANE_ROWS + 16 * k : PLANE_ROWS + 16 * (k + 1)], u[i])
         energy += _horner(patch, u[j])
+    b11, b12, b22 = strains[3], strains[4], strains[5]
     products = [[], []]
     if parameters.numel() > PARAMETER_COUNT:
         u3 = [strains[k] - parameters[ORIGIN_INSIDE + k] for k in range(3)]
@@ -133,7 +135,9 @@ def energy_of_strains(strains: ca.SX, parameters: ca.SX) -> ca.SX:
         energy += solids[0]
         for family in range(2):
             products[family] = solids[1 + family * SHAPES : 1 + (family + 1) * SHAPES]
-    b11, b12, b22 = strains[3], strains[4], strains[5]
+        scale = parameters[COUPLING_SCALE]
+        size = 1 + scale * (b11 * b11 + 2 * b12 * b12 + b22 * b22)
+        energy += solids[COUPLING] * (scale * (b11 * b22 + b12 * b12) / size)
     half = 0.5 * (b11 - b22)
     radius = ca.sqrt(half * half + b12 * b12 + parameters[GUARD])
     largest = 0.5 * (b11 + b22) + radius

@@ -37,9 +37,9 @@ PLANES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3), (0, 4), (1, 4), (2, 4)
 # and three of d.
 ORIGIN_S, ORIGIN_X, ORIGIN_Y, GUARD, PLANE_ROWS, FAMILY_X, FAMILY_Y = 0, 3, 5, 7, 8, 56, 152
 PARAMETER_COUNT = 248
-# More rows where three in-plane strains act together: origins, coefficients of the splines of three strains, and
-# for each family the coefficients of its shapes in q and in d.
-ORIGIN_INSIDE, SOLID_ROWS = 248, 251
+# More rows where three in-plane strains act together: origins, 1/κ² of the coupling, coefficients of the splines of
+# three strains, and for each family the coefficients of its shapes in q and in d.
+ORIGIN_INSIDE, COUPLING_SCALE, SOLID_ROWS = 248, 251, 252
 SHAPES_X = SOLID_ROWS + 64 * SOLIDS
 SHAPES_Y = SHAPES_X + 8 * SHAPES
 INSIDE_PARAMETER_COUNT = SHAPES_Y + 8 * SHAPES
@@ -55,7 +55,7 @@ class PackedSplines(NamedTuple):
 
     Two-dimensional tables have shape (intervals, intervals, 16); one-dimensional terms are folded into them.
     Where there are terms of three strains, they have knots of their own, solids (intervals, intervals, intervals,
-    SOLIDS · 64), and shapes (intervals, SHAPES · 4) on the shared bending knots.
+    SOLIDS · 64), and shapes (intervals, SHAPES · 4) on the shared bending knots; coupling is 1/κ² [m²].
     """
 
     knots_x: Array
@@ -87,6 +87,7 @@ class PackedSplines(NamedTuple):
     solids: Array
     shapes_x: Array
     shapes_y: Array
+    coupling: float
 
 
 def pack_splines(
@@ -130,6 +131,7 @@ def pack_splines(
         (
             *(padded_knots(k) for k in knots), *(origins(k) for k in knots), *tables, inside is not None,
             *(padded_knots(k) for k in own), *(origins(k) for k in own), solids, *bending,
+            1.0 if inside is None else inside.curvature**-2,
         )
     )  # fmt: skip
 
@@ -190,6 +192,7 @@ def _copy_inside(packed, forms, place, parameters, start):
         parameters[ORIGIN_INSIDE, n] = packed.inside_origins_x[i]
         parameters[ORIGIN_INSIDE + 1, n] = packed.inside_origins_a[j]
         parameters[ORIGIN_INSIDE + 2, n] = packed.inside_origins_y[k]
+        parameters[COUPLING_SCALE, n] = packed.coupling
         cell[lane] = (i * packed.solids.shape[1] + j) * packed.solids.shape[2] + k
     for c in range(64 * SOLIDS):  # a row of lanes at a time: whole cache lines are written
         for lane in range(LANES):
