@@ -43,7 +43,7 @@ def test_all_states_converge_and_the_folder_is_complete(outcome: tuple[Path, int
     folder, status = outcome
     assert status == 0
     found = {path.name for path in folder.iterdir()}
-    assert found == {"samples", "unseen", "material.json", "pictures", "index.html"}
+    assert found == {"samples", "unseen", "material.json", "pattern.json", "pictures", "index.html"}
     assert (SampleStore(folder / "samples").status() == 1).all()
     assert {"axes.png", "errors.png"} <= {path.name for path in (folder / "pictures").iterdir()}
 
