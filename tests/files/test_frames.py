@@ -21,7 +21,9 @@ MESH = rectangle(0.1, 0.08, 0.02)
 
 def state(time: float) -> ClothState:
     flat = ClothState.flat(MESH)
-    return ClothState(flat.positions + np.array([0, 0, time**2]), np.full_like(flat.positions, 2 * time), time)
+    return ClothState(
+        flat.positions + np.array([0, 0, time**2]), np.full_like(flat.positions, 2 * time), time
+    )
 
 
 def write_run(folder: Path, times=(0.0, 0.1, 0.3)) -> None:
