@@ -23,6 +23,7 @@ from yarnscale.homogenize.observations import InPlane, strains_of
 from yarnscale.homogenize.plan import StrainRange
 from yarnscale.homogenize.refine import Round
 from yarnscale.homogenize.states import SampledStates
+from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.show.report import Picture, Section, Table, write_report
 from yarnscale.yarn.pattern import YarnPattern
@@ -68,6 +69,8 @@ def homogenize(options: argparse.Namespace) -> int:
     folder = writable_folder(options.out)
     if (folder / "samples").exists() and not options.resume:
         raise InputError("output exists", where=folder / "samples", expected="a new folder, or --resume")
+    if (folder / "samples").exists():
+        SampleStore(folder / "samples")  # refuses what is no store before anything is settled
     source = "" if options.as_drawn else options.pattern
     cell = PeriodicCell(_at_rest(drawn, source, material, folder / PATTERN), material)
     outcome = homogenize_into(
