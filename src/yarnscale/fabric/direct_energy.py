@@ -156,10 +156,6 @@ class FabricEnergy:
         """Reference directors of the edges at the last anchor (n, 3)."""
         return self._director
 
-    def moved_sheet(self, x: Array) -> YarnSheet:
-        """The sheet in this state."""
-        return self.sheet.moved(self.positions(x) * self.radius, twist=x[3 * self.count :].copy())
-
     # --- contacts -------------------------------------------------------------------------------------
 
     def contacts(self, x: Array) -> FabricContacts:
