@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.kkt import ConstrainedSolver, QuadraticModel
-from yarnscale.shell.cloth import Cloth
-from yarnscale.shell.material import ShellMaterial
+from yarnscale.shell.dynamics.cloth import Cloth
+from yarnscale.shell.dynamics.simulate import ClothSolver
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.simulate import ClothSolver
 from yarnscale.shell.state import ClothState
 
 Floats = NDArray[np.float64]

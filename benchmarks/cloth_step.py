@@ -18,11 +18,11 @@ import numpy as np
 
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.factor import factorisation
-from yarnscale.shell.contact import ClothContact, ContactSettings
-from yarnscale.shell.material import ShellMaterial
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.scene import drape, run_scene, stretch
-from yarnscale.shell.simulate import ClothSolver
+from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
+from yarnscale.shell.dynamics.simulate import ClothSolver
+from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.scenes.scene import drape, run_scene, stretch
 
 
 def woven() -> OrthotropicMaterial:

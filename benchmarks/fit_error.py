@@ -39,9 +39,9 @@ from yarnscale.homogenize.refine import refine
 from yarnscale.homogenize.sample import create_store, sample
 from yarnscale.homogenize.states import SampledStates
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import PLANES
-from yarnscale.shell.tables import BicubicSpline, CubicSpline
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import PLANES
+from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
 
 Array = NDArray[np.float64]
 

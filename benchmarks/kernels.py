@@ -153,10 +153,10 @@ def yarn_table(with_jax: bool) -> None:
 
 def shell_table() -> None:
     """Cloth: kernels of the fundamental forms, and a whole linearisation with both Hessians."""
-    from yarnscale.shell.energy import ShellEnergy
+    from yarnscale.shell.elastic.energy import ShellEnergy
+    from yarnscale.shell.elastic.strain import form_kernels
+    from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
     from yarnscale.shell.mesh import rectangle
-    from yarnscale.shell.orthotropic import OrthotropicMaterial
-    from yarnscale.shell.strain import form_kernels
 
     material = OrthotropicMaterial(
         60.0, 10.0, 50.0, 15.0, area=1.0, log_area=1.0, bend_weft=1e-5, bend_bias=8e-6, bend_warp=2e-5

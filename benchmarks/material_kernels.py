@@ -14,11 +14,11 @@ import numpy as np
 
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.kernel import BLOCK
-from yarnscale.shell.material import ShellMaterial, forms_of_strains
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import PLANES
-from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
+from yarnscale.shell.materials.material import ShellMaterial, forms_of_strains
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import PLANES
+from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, Tail
 
 ELEMENTS = 41 * BLOCK
 

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.cloth import Cloth, Handle
-from yarnscale.shell.contact import ContactSettings
-from yarnscale.shell.energy import ElementMaterial
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions
+from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.scene import Scene, run_scene, stretch
-from yarnscale.shell.sheet_scenes import drape_on_ball
-from yarnscale.shell.simulate import ClothSolver, Schedule, SolverOptions
+from yarnscale.shell.scenes.scene import Scene, run_scene, stretch
+from yarnscale.shell.scenes.sheet_scenes import drape_on_ball
 from yarnscale.shell.state import ClothState
 
 THICKNESS = 1.5e-3

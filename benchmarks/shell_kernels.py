@@ -17,16 +17,16 @@ from material_kernels import random_spline_material
 
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.kernel import BLOCK
-from yarnscale.shell.element_loops import (
+from yarnscale.shell.elastic.element_loops import (
     element_hessian,
     forms_of_blocks,
     gradient_of_blocks,
     scatter_hessian,
 )
-from yarnscale.shell.energy import ShellEnergy
+from yarnscale.shell.elastic.energy import ShellEnergy
+from yarnscale.shell.elastic.moduli import positive_moduli
+from yarnscale.shell.elastic.strain import form_kernels
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.moduli import positive_moduli
-from yarnscale.shell.strain import form_kernels
 
 
 def seconds(run: Callable[[], object], repeats: int = 15) -> float:

@@ -19,11 +19,11 @@ import numpy as np
 
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.body_scenes import FRAME, sweater
-from yarnscale.shell.energy import ElementMaterial
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.scene import Scene
-from yarnscale.shell.simulate import ClothSolver, Progress, simulate
+from yarnscale.shell.dynamics.simulate import ClothSolver, Progress, simulate
+from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.scenes.body_scenes import FRAME, sweater
+from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.state import ClothState
 
 JERSEY = OrthotropicMaterial(

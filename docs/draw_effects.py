@@ -13,11 +13,11 @@ from typing import Literal
 import numpy as np
 
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.cloth import Cloth, Handle, Motion
-from yarnscale.shell.contact import ContactSettings
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.simulate import ClothSolver, Schedule, simulate
-from yarnscale.shell.spline_material import SplineMaterial
 from yarnscale.shell.state import ClothState
 from yarnscale.show.cloth import ClothFrame, contact_sheet
 

@@ -17,12 +17,12 @@ from scipy.optimize import brentq
 
 from yarnscale.files.hylc_json import read_hylc_json
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.cloth import Cloth, Handle
-from yarnscale.shell.energy import ShellEnergy
-from yarnscale.shell.integrator import Integrator
+from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.integrator import Integrator
+from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions, simulate
+from yarnscale.shell.elastic.energy import ShellEnergy
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.simulate import ClothSolver, Schedule, SolverOptions, simulate
 from yarnscale.shell.state import ClothState
 
 Floats = NDArray[np.float64]

@@ -12,12 +12,12 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.cloth import Cloth, Handle, Motion
-from yarnscale.shell.contact import ContactSettings
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.scene import central_stretch
-from yarnscale.shell.simulate import ClothSolver, Schedule, simulate
-from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.scenes.scene import central_stretch
 from yarnscale.shell.state import ClothState
 
 FABRICS = Path(__file__).parent / "fabrics"

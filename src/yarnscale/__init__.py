@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from yarnscale.homogenize.store import SampleStore
     from yarnscale.kinematics import COMPONENTS, ShellStrain
     from yarnscale.numerics.newton import Status
-    from yarnscale.shell import scene as scenes
-    from yarnscale.shell.cloth import Cloth
-    from yarnscale.shell.material import ShellMaterial
+    from yarnscale.shell.dynamics.cloth import Cloth
+    from yarnscale.shell.dynamics.simulate import simulate
+    from yarnscale.shell.materials.material import ShellMaterial
+    from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+    from yarnscale.shell.materials.spline_material import SplineMaterial
     from yarnscale.shell.mesh import TriangleMesh
-    from yarnscale.shell.orthotropic import OrthotropicMaterial
-    from yarnscale.shell.scene import Scene, run_scene
-    from yarnscale.shell.simulate import simulate
-    from yarnscale.shell.spline_material import SplineMaterial
+    from yarnscale.shell.scenes import scene as scenes
+    from yarnscale.shell.scenes.scene import Scene, run_scene
     from yarnscale.yarn import library as patterns
     from yarnscale.yarn.knit import knit
     from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
@@ -50,21 +50,21 @@ if TYPE_CHECKING:
 
 _HOME = {
     "COMPONENTS": "kinematics",
-    "Cloth": "shell.cloth",
+    "Cloth": "shell.dynamics.cloth",
     "ContactRule": "yarn.material",
     "Equilibrium": "cell.periodic",
     "FluctuationTable": "detail.fluctuations",
     "FabricShell": "estimate.fabric_shell",
     "Homogenization": "homogenize.homogenize",
     "InputError": "errors",
-    "OrthotropicMaterial": "shell.orthotropic",
+    "OrthotropicMaterial": "shell.materials.orthotropic",
     "PeriodicCell": "cell.periodic",
     "RestShape": "cell.rest",
     "SampleStore": "homogenize.store",
-    "Scene": "shell.scene",
-    "ShellMaterial": "shell.material",
+    "Scene": "shell.scenes.scene",
+    "ShellMaterial": "shell.materials.material",
     "ShellStrain": "kinematics",
-    "SplineMaterial": "shell.spline_material",
+    "SplineMaterial": "shell.materials.spline_material",
     "Status": "numerics.newton",
     "StretchRule": "yarn.material",
     "StrainGrid": "homogenize.plan",
@@ -88,11 +88,11 @@ _HOME = {
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
     "refine": "homogenize.refine",
-    "run_scene": "shell.scene",
+    "run_scene": "shell.scenes.scene",
     "sample": "homogenize.sample",
-    "scenes": "shell.scene:",
+    "scenes": "shell.scenes.scene:",
     "settled": "cell.rest",
-    "simulate": "shell.simulate",
+    "simulate": "shell.dynamics.simulate",
     "weave": "yarn.weave",
     "write_material": "files.material_json",
     "write_pattern": "files.patterns",

@@ -19,7 +19,7 @@ from yarnscale.cli import main
 from yarnscale.files.cloth_frames import read_cloth_frames
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.material_json import write_material
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.show.canvas import PicturesUnavailable, require_renderer
 
 SCENE = """

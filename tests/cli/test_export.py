@@ -8,9 +8,9 @@ import pytest
 from yarnscale.cli import main
 from yarnscale.files.hylc_json import read_hylc_json
 from yarnscale.files.material_json import write_material
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.tables import CubicSpline, Tail
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.tables import CubicSpline, Tail
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from yarnscale.shell.energy import ShellEnergy
+from yarnscale.shell.elastic.energy import ShellEnergy
+from yarnscale.shell.materials.orthotropic import CONSTANTS, OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.orthotropic import CONSTANTS, OrthotropicMaterial
 
 
 def rolled(mesh: TriangleMesh, curvature: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_bvp
 from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.pear_loop import PearLoop
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 
 def fabric(weft: float, bias: float | None = None, warp: float | None = None) -> OrthotropicMaterial:

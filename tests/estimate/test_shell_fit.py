@@ -17,7 +17,7 @@ from yarnscale.estimate.shell_fit import fit_membrane
 from yarnscale.estimate.swatch import StretchSwatch
 from yarnscale.estimate.uniaxial import uniaxial
 from yarnscale.files.measurements import read_measurements
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 KNOWN = OrthotropicMaterial(
     60.0, 20.0, 100.0, 25.0, area=10.0, log_area=5.0, bend_weft=2e-6, bend_bias=1.5e-6, bend_warp=6e-6

@@ -11,7 +11,7 @@ from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.swatch import StretchSwatch
 from yarnscale.estimate.uniaxial import uniaxial
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 FABRIC = OrthotropicMaterial(60.0, 20.0, 100.0, 25.0, area=10.0, log_area=5.0)
 STRETCH = np.array([0.1, 0.2, 0.3])

@@ -9,7 +9,7 @@ import pytest
 
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.uniaxial import uniaxial, uniaxial_sensitivity
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 FABRIC = OrthotropicMaterial(60.0, 20.0, 100.0, 25.0, area=10.0, log_area=5.0)
 

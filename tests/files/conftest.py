@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yarnscale.shell.inside import SHAPES, SOLIDS, InsideTerms
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import PLANES
-from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
+from yarnscale.shell.materials.inside import SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import PLANES
+from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, Tail
 
 REACH = np.array([0.7, 0.6, 0.5, 90.0, 110.0])
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from yarnscale.files.c_export import c_source, write_c_source
-from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 Six, Square = ctypes.c_double * 6, ctypes.c_double * 36

@@ -11,10 +11,10 @@ from yarnscale.errors import InputError
 from yarnscale.files.checkpoint_file import INTERVAL, CheckpointFile, scene_fingerprint
 from yarnscale.files.fingerprint import fingerprint
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.checkpoint import Checkpoint
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.scene import Scene, drape, stretch
-from yarnscale.shell.simulate import SolverOptions
+from yarnscale.shell.dynamics.checkpoint import Checkpoint
+from yarnscale.shell.dynamics.simulate import SolverOptions
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.scenes.scene import Scene, drape, stretch
 from yarnscale.shell.state import ClothState, Earlier
 
 MATERIAL = OrthotropicMaterial(

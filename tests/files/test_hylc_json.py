@@ -10,7 +10,7 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.files.hylc_json import read_hylc_json
-from yarnscale.shell.spline_patches import PLANES
+from yarnscale.shell.materials.spline_patches import PLANES
 
 CHECK_STATE = np.array([0.2, 0.1, -0.05, 15.0, -8.0, -20.0])
 

@@ -9,10 +9,10 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import material_text, read_material, write_material
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import PLANES
-from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import PLANES
+from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, Tail
 
 REACH = np.array([0.8, 0.7, 0.8, 100.0, 90.0])
 

@@ -11,8 +11,8 @@ from yarnscale.errors import InputError
 from yarnscale.files.obj import obj_text
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.obj_surface import read_obj, read_obj_poses
+from yarnscale.shell.garments.wardrobe import T_SHIRT, shirt
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.wardrobe import T_SHIRT, shirt
 
 
 def t_shirt() -> TriangleMesh:

@@ -13,10 +13,10 @@ from yarnscale.errors import InputError
 from yarnscale.files.material_json import write_material
 from yarnscale.files.obj import obj_text
 from yarnscale.files.scene_toml import read_scene
-from yarnscale.shell.mannequin import MovingMannequin
-from yarnscale.shell.obstacles import AnimatedMesh, MeshObstacle, Sphere
-from yarnscale.shell.orthotropic import OrthotropicMaterial
-from yarnscale.shell.wardrobe import T_SHIRT, shirt
+from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Sphere
+from yarnscale.shell.garments.mannequin import MovingMannequin
+from yarnscale.shell.garments.wardrobe import T_SHIRT, shirt
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 CLOTH = OrthotropicMaterial(
     stretch_weft=60.0,

@@ -9,7 +9,7 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.homogenize.fit import FitOptions, fit_spline_material, strains_of, validate
-from yarnscale.shell.spline_patches import PLANES
+from yarnscale.shell.materials.spline_patches import PLANES
 
 REACH = np.array([0.6, 0.5, 0.6, 80.0, 80.0])
 CURL = 0.3  # of the range: where the λ_x term is lowest

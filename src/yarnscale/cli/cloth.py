@@ -16,10 +16,10 @@ from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.scene import Scene, SceneResult, run_scene
-from yarnscale.shell.scene import drape as drape_scene
-from yarnscale.shell.scene import stretch as stretch_scene
-from yarnscale.shell.simulate import Progress
+from yarnscale.shell.dynamics.simulate import Progress
+from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
+from yarnscale.shell.scenes.scene import drape as drape_scene
+from yarnscale.shell.scenes.scene import stretch as stretch_scene
 
 FRAMES = 6
 """Moments that a contact sheet shows."""
@@ -49,7 +49,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 def _scene(options: argparse.Namespace) -> Scene:
     from yarnscale.files.scene_toml import read_scene
-    from yarnscale.shell.ready import READY, ready_scene
+    from yarnscale.shell.scenes.ready import READY, ready_scene
 
     if options.scene in READY:
         if options.material is None:

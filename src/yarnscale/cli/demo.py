@@ -18,7 +18,7 @@ from yarnscale.cli.yarns import draw_cell
 from yarnscale.files.patterns import write_pattern
 from yarnscale.homogenize.plan import StrainRange
 from yarnscale.kinematics import ShellStrain
-from yarnscale.shell.scene import drape, stretch
+from yarnscale.shell.scenes.scene import drape, stretch
 from yarnscale.show.report import Picture, Section, Table, write_report
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial

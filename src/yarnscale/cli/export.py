@@ -8,7 +8,7 @@ import sys
 from yarnscale.cli.console import writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
 
 
 def export(options: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import BendTest, Direction, SwatchMeasurements
 from yarnscale.estimate.pear_loop import GRAVITY, SEGMENTS, LoopResponse, PearLoop
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 Array = NDArray[np.float64]
 

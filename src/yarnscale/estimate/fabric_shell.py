@@ -16,7 +16,7 @@ from yarnscale.estimate.uniform_data import (
     uniform_bending,
     uniform_data,
 )
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 
 @dataclass(frozen=True, eq=False)

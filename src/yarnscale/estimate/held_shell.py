@@ -18,10 +18,10 @@ from yarnscale.numerics.factor import SymmetricPattern, factorisation
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.kernel import BLOCK
 from yarnscale.numerics.newton import ShiftRule, Solution, minimise
-from yarnscale.shell.element_loops import gradient_of_blocks
-from yarnscale.shell.energy import Linearisation, ShellEnergy
+from yarnscale.shell.elastic.element_loops import gradient_of_blocks
+from yarnscale.shell.elastic.energy import Linearisation, ShellEnergy
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.orthotropic import OrthotropicMaterial
 
 Array = NDArray[np.float64]
 

@@ -24,8 +24,8 @@ from scipy.optimize import brentq
 from yarnscale.errors import InputError
 from yarnscale.estimate.held_shell import HeldShell, Measure
 from yarnscale.estimate.measurements import Direction
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.orthotropic import OrthotropicMaterial
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from yarnscale.estimate.measurements import POWER_LOAD, Direction, StretchTest, 
 from yarnscale.estimate.membrane_constants import MEMBRANE, MembraneUnknowns
 from yarnscale.estimate.swatch import ELEMENTS_ACROSS, StretchResponse, StretchSwatch
 from yarnscale.estimate.uniaxial import uniaxial_sensitivity
-from yarnscale.shell.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.estimate.held_shell import Equilibrium, HeldShell, Measure
 from yarnscale.estimate.measurements import Direction
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.orthotropic import OrthotropicMaterial
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.shell.material import LOWER, ShellMaterial
-from yarnscale.shell.orthotropic import OrthotropicMaterial, OrthotropicTerm
+from yarnscale.shell.materials.material import LOWER, ShellMaterial
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial, OrthotropicTerm
 
 Array = NDArray[np.float64]
 

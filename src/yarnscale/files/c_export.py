@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
 from yarnscale.kinematics import COMPONENTS
-from yarnscale.shell.spline_material import SplineMaterial, energy_of_strains
-from yarnscale.shell.spline_patches import AXES, MEETING, PARAMETER_COUNT, PackedSplines
+from yarnscale.shell.materials.spline_material import SplineMaterial, energy_of_strains
+from yarnscale.shell.materials.spline_patches import AXES, MEETING, PARAMETER_COUNT, PackedSplines
 
 Array = NDArray[np.float64]
 

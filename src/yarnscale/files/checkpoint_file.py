@@ -15,8 +15,8 @@ from yarnscale.errors import InputError
 from yarnscale.files.array_file import read_arrays, read_names, write_arrays
 from yarnscale.files.fingerprint import fingerprint
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.checkpoint import Checkpoint
-from yarnscale.shell.scene import Scene
+from yarnscale.shell.dynamics.checkpoint import Checkpoint
+from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.state import ClothState, Earlier
 
 NAME = "checkpoint.npz"

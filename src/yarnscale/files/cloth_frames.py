@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.files.array_file import checked, checked_indices, read_arrays, write_arrays
 from yarnscale.files.body_surface import BodySurface
+from yarnscale.shell.contact.obstacles import Obstacle
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.obstacles import Obstacle
 from yarnscale.shell.state import ClothState
 
 Floats = NDArray[np.float64]

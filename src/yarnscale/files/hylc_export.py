@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
-from yarnscale.shell.inside import COUPLING
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import AXES
-from yarnscale.shell.tables import CubicSpline, Tail
+from yarnscale.shell.materials.inside import COUPLING
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import AXES
+from yarnscale.shell.materials.tables import CubicSpline, Tail
 
 Array = NDArray[np.float64]
 

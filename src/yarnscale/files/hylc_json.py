@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.json_fields import Fields, read_json
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import AXES, PLANES
-from yarnscale.shell.tables import BicubicSpline, CubicSpline
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import AXES, PLANES
+from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 
 from yarnscale.files.json_fields import Fields
-from yarnscale.shell.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
-from yarnscale.shell.tables import CubicSpline
+from yarnscale.shell.materials.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.materials.tables import CubicSpline
 
 DERIVATIVES = {
     "".join(name for name, order in zip("xay", orders, strict=True) if order) or "value": orders

@@ -18,11 +18,11 @@ from yarnscale.files.atomic import write_text
 from yarnscale.files.hylc_json import hylc_material, is_hylc
 from yarnscale.files.inside_json import inside_content, read_inside
 from yarnscale.files.json_fields import Fields, read_json
-from yarnscale.shell.material import ShellMaterial
-from yarnscale.shell.orthotropic import CONSTANTS, OrthotropicMaterial
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import AXES, PLANES
-from yarnscale.shell.tables import BicubicSpline, CubicSpline, Tail
+from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.shell.materials.orthotropic import CONSTANTS, OrthotropicMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import AXES, PLANES
+from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, Tail
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.scene_section import Section
+from yarnscale.shell.garments.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
 from yarnscale.shell.mesh import TriangleMesh, disk, rectangle
 from yarnscale.shell.state import ClothState
-from yarnscale.shell.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
 
 CUTS = {"sweater": SWEATER, "tshirt": T_SHIRT}
 """Garments by name."""

@@ -11,8 +11,8 @@ import numpy as np
 from yarnscale.errors import InputError
 from yarnscale.files.obj_surface import read_obj_poses, read_obj_surface
 from yarnscale.files.scene_section import MOTION, Section
-from yarnscale.shell.mannequin import MovingMannequin, Pose, mannequin
-from yarnscale.shell.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
+from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
+from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 
 SHAPES = ("sphere", "plane", "mesh", "mannequin")
 

@@ -12,15 +12,15 @@ from yarnscale.files.material_json import read_material
 from yarnscale.files.scene_mesh import read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, Section, read_root
-from yarnscale.shell.cloth import Cloth, Handle
-from yarnscale.shell.contact import ContactSettings
-from yarnscale.shell.energy import ElementMaterial
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.simulate import Schedule, SolverOptions
+from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.ready import READY, ready_scene
-from yarnscale.shell.scene import Scene
-from yarnscale.shell.simulate import Schedule, SolverOptions
+from yarnscale.shell.scenes.ready import READY, ready_scene
+from yarnscale.shell.scenes.scene import Scene
+from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
-from yarnscale.shell.thickness import cloth_thickness
 
 
 def read_scene(path: str | os.PathLike[str]) -> Scene:

@@ -18,7 +18,7 @@ from yarnscale.homogenize.fit import FitOptions, fit_spline_material, strains_of
 from yarnscale.homogenize.observations import observations
 from yarnscale.homogenize.plan import scattered
 from yarnscale.homogenize.states import IN_STRESS, SampledStates
-from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
 
 Array = NDArray[np.float64]
 

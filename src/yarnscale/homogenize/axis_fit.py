@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from yarnscale.homogenize.observations import SHEAR, FitOptions, Observations, of_side
 from yarnscale.homogenize.splines import LineBasis, knots_for
-from yarnscale.shell.tables import CubicSpline, Tail
+from yarnscale.shell.materials.tables import CubicSpline, Tail
 
 Array = NDArray[np.float64]
 

@@ -42,9 +42,9 @@ from yarnscale.homogenize.observations import (
 )
 from yarnscale.homogenize.plan import bends_twice
 from yarnscale.homogenize.plane_fit import PlaneFit
-from yarnscale.shell.material import ShellMaterial
-from yarnscale.shell.spline_material import SplineMaterial
-from yarnscale.shell.spline_patches import AXES
+from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import AXES
 
 __all__ = ["FitOptions", "FitReport", "fit_spline_material", "strains_of", "validate"]
 

@@ -24,7 +24,7 @@ from yarnscale.homogenize.refine import Round, check_goal, refine
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
 from yarnscale.homogenize.states import SampledStates
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.shell.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
 
 Array = NDArray[np.float64]
 UNSEEN_SHARE = 0.1

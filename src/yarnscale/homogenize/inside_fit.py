@@ -18,8 +18,8 @@ from yarnscale.homogenize.axis_fit import AxisTerm
 from yarnscale.homogenize.observations import SHEAR, FitOptions, Mask, Observations
 from yarnscale.homogenize.plane_fit import PlaneFit
 from yarnscale.homogenize.splines import LineBasis, knots_for
-from yarnscale.shell.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
-from yarnscale.shell.tables import CubicSpline
+from yarnscale.shell.materials.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.materials.tables import CubicSpline
 
 Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int, int]

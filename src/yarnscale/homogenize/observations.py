@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.shell.spline_patches import AXES
+from yarnscale.shell.materials.spline_patches import AXES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

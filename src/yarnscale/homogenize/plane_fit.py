@@ -10,8 +10,8 @@ from scipy.optimize import nnls
 from yarnscale.homogenize.axis_fit import AxisTerm
 from yarnscale.homogenize.observations import SHEAR, FitOptions, Mask, Observations, of_side
 from yarnscale.homogenize.splines import LineBasis, knots_for
-from yarnscale.shell.spline_patches import PLANES
-from yarnscale.shell.tables import BicubicSpline
+from yarnscale.shell.materials.spline_patches import PLANES
+from yarnscale.shell.materials.tables import BicubicSpline
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]

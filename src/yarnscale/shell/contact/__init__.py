@@ -1,0 +1,1 @@
+"""Cloth that meets itself and bodies: search, distances, barrier, friction."""

@@ -1,0 +1,119 @@
+"""Contact of cloth with itself and with obstacles, as a barrier that is infinite where surfaces meet.
+
+The barrier of Li et al. 2020 (incremental potential contact), b(d) = −(d² − t²)² ln(d²/t²) for distances d
+below the thickness t: layers come to lie somewhere between 0 and t. It is weighted with area and scaled so that
+surfaces t/2 apart press with a given pressure. Steps are cut short before anything touches, so nothing ever
+passes through. Friction is lagged: normal forces of the start of a step resist sliding during it.
+
+Points of moving obstacles are unknowns like the vertices of the cloth, in rows after them, and stiff springs
+pull them where they belong: Newton moves cloth and bodies together, the bound of a step holds for both, and a
+cloth pinched between two bodies pushes them back instead of having no solution: springs hold with a limited force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.shell.contact.barrier import ContactSettings
+from yarnscale.shell.contact.obstacles import Obstacle, Plane, Sphere
+from yarnscale.shell.contact.shape_contact import ShapeContact
+from yarnscale.shell.contact.surface_contact import SurfaceContact
+from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.state import Attachment
+
+__all__ = ["ClothContact", "ContactSettings"]
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+_ROOM = 3.0
+"""Thicknesses within which pairs get places in the matrix before they touch."""
+
+
+class ClothContact:
+    """All contact of one mesh with itself and with obstacles; see ``step.ContactEnergy`` for the methods' contract.
+
+    Positions are those of the cloth followed by ``guests`` rows, the points of moving obstacles (``places``).
+    """
+
+    def __init__(
+        self, mesh: TriangleMesh, settings: ContactSettings, obstacles: Sequence[Obstacle] = ()
+    ) -> None:
+        self.count, self.settings = mesh.vertex_count, settings
+        self._moving = tuple(o for o in obstacles if o.moves)
+        self._first = {}
+        self.guests = 0
+        for obstacle in self._moving:
+            self._first[id(obstacle)] = self.count + self.guests
+            self.guests += len(obstacle.points(0.0))
+        rows = self.count + self.guests
+        self.parts: list[ShapeContact | SurfaceContact] = []
+        bodies = []
+        for obstacle in obstacles:
+            first = self._first.get(id(obstacle))
+            if isinstance(obstacle, Sphere | Plane):
+                self.parts.append(ShapeContact(obstacle, mesh, settings, first, rows))
+            else:
+                bodies.append((obstacle, first))
+        if settings.self_contact or bodies:
+            self.parts.append(SurfaceContact(mesh, bodies, settings, rows))
+
+    def places(self, time: float) -> Floats:
+        """Where the points of moving obstacles belong at a time, (guests, 3) [m]."""
+        return np.concatenate([np.zeros((0, 3)), *(o.points(time) for o in self._moving)])
+
+    def attachment(self, time: float, stiffness: float = 1e6) -> Attachment:
+        """Springs [N/m] that pull the points of moving obstacles to their places at a time, up to the holding force."""
+        vertices = np.arange(self.count, self.count + self.guests)
+        return Attachment(vertices, self.places(time), stiffness, self.settings.holding_force)
+
+    def start_step(self, positions: Floats, duration: float, time: float = 0.0) -> None:
+        """Take normal forces and the origin of slip for friction from the start of a step of ``duration`` [s]."""
+        for part in self.parts:
+            part.start_step(positions, duration, time)
+
+    def value(self, positions: Floats) -> float:
+        """Energy [J], inf where surfaces meet."""
+        return sum(part.value(positions) for part in self.parts)
+
+    def gradient(self, positions: Floats) -> tuple[float, Floats]:
+        """Energy [J] and gradient, of the shape of the positions [N]."""
+        total, gradient = 0.0, np.zeros_like(positions)
+        for part in self.parts:
+            total += part.gradient(positions, gradient)
+        return total, gradient
+
+    def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
+        """Positive semi-definite Hessian: sorted keys ``column·size + row`` (lower triangle) and entries [N/m]."""
+        found = [part.hessian(positions) for part in self.parts]
+        if not found:
+            return np.zeros(0, np.int64), np.zeros(0)
+        if len(found) == 1 and isinstance(self.parts[0], SurfaceContact):
+            return found[0]
+        keys = np.concatenate([k for k, _ in found])
+        order = np.argsort(keys, kind="stable")  # sorted runs merge in linear time
+        keys = keys[order]
+        first = np.flatnonzero(np.diff(keys, prepend=-1) > 0)
+        return keys[first], np.add.reduceat(np.concatenate([e for _, e in found])[order], first)
+
+    def room(self, positions: Floats) -> Integers:
+        """Keys, as of ``hessian``, of what is near and may soon touch, with repetitions."""
+        within = _ROOM * self.settings.thickness
+        return np.concatenate([np.zeros(0, np.int64), *(part.room(positions, within) for part in self.parts)])
+
+    def bound(self, positions: Floats, step: Floats) -> float:
+        """Fraction of a step, of the shape of the positions, after which nothing touches, in (0, 1]."""
+        return min([1.0, *(part.bound(positions, step) for part in self.parts)])
+
+    def closest(self, positions: Floats) -> float:
+        """Smallest distance [m] between surfaces that may meet; inf beyond the thickness, negative inside a body."""
+        return min([math.inf, *(part.closest(positions) for part in self.parts)])
+
+    def intersects(self, positions: Floats) -> bool:
+        """Whether any surfaces cross, by tests that do not rely on what contact has searched."""
+        return any(part.intersects(positions) for part in self.parts)

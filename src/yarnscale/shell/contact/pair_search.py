@@ -1,0 +1,179 @@
+"""Pairs of a vertex and a triangle, and of two edges, that are near: searched for rarely, kept while they hold.
+
+What is searched for holds while every vertex stays in a box around where it was, or around the way it was to go,
+wider by a slack: then no pair outside the search can come nearer than the thickness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.threads import available_threads, run_parts
+from yarnscale.shell.contact import pair_loops
+from yarnscale.shell.contact.barrier import ContactSettings
+from yarnscale.shell.contact.broad_phase import Surfaces, near_pairs
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_PARALLEL = 1e-3
+"""Squared sine of the angle between edges, of their lengths at rest, below which their repulsion fades."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs that may be near while every vertex stays in its box ``lowest`` … ``highest`` (nv, 3) [m].
+
+    vertices: (n, 4), the first ``corners`` pairs of a vertex and a triangle, the others of two edges; weights: areas
+    times stiffness (n,) [N/m³]; limits: squared cross products below which repulsion fades, or 0 (n,) [m⁴].
+    """
+
+    lowest: Floats
+    highest: Floats
+    vertices: Integers
+    corners: int
+    weights: Floats
+    limits: Floats
+
+    def hold(self, positions: Floats) -> bool:
+        """Whether every vertex is in its box."""
+        return bool((positions >= self.lowest).all() and (positions <= self.highest).all())
+
+
+@dataclass(frozen=True, eq=False)
+class Close:
+    """Pairs nearer than some distance at ``positions`` (nv, 3).
+
+    vertices: (k, 4); is_corner: whether of a vertex and a triangle, (k,); weights: (k,); coefficients: Σ c x leads
+    from one closest point to the other (k, 4); distances: (k,) [m]; fade: factor of repulsion and its first and
+    second derivative by the squared cross product of edges, each (k,).
+    """
+
+    positions: Floats
+    vertices: Integers
+    is_corner: NDArray[np.bool_]
+    weights: Floats
+    coefficients: Floats
+    distances: Floats
+    fade: tuple[Floats, Floats, Floats]
+
+
+class PairSearch:
+    """Near pairs of surfaces whose vertices were at ``rest`` (nv, 3), the first ``cloth`` triangles of the cloth."""
+
+    def __init__(self, triangles: Integers, cloth: int, rest: Floats, settings: ContactSettings) -> None:
+        self.surfaces = Surfaces.of(triangles, cloth)
+        self.settings, self.slack = settings, settings.thickness
+        corners = rest[triangles]
+        thirds = (
+            np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 6
+        )
+        self.vertex_areas = _summed(triangles, thirds, len(rest))
+        edges = self.surfaces.edges
+        self.edge_areas = _summed(self.surfaces.sides, thirds, len(edges))
+        self.lengths = np.linalg.norm(rest[edges[:, 1]] - rest[edges[:, 0]], axis=1)
+        self._fit_bodies(thirds)
+        self.searches = 0
+        self._pairs: Pairs | None = None
+        self._close: Close | None = None
+
+    def _fit_bodies(self, thirds: Floats) -> None:
+        """Take the areas of coarse bodies from the cloth, whose vertices count the more the larger their triangles are.
+
+        Vertices and edges of bodies stand for no more area than those of the cloth do on average; what is then left
+        out is given to the cloth's vertices, by triangle of the body. thirds: of areas of triangles, (m,) [m²].
+        """
+        surfaces, split = self.surfaces, self.surfaces.cloth
+        usual = thirds[:split].mean()
+        fineness = np.minimum(1.0, usual / np.maximum(thirds, 1e-300))
+        fineness[:split] = 1.0
+        self.shares = 1.0 - 0.75 * fineness
+        vertices = np.zeros(len(self.vertex_areas), bool)
+        vertices[surfaces.triangles[:split]] = True
+        edges = np.zeros(len(self.edge_areas), bool)
+        edges[surfaces.sides[:split]] = True
+        for areas, of_cloth in ((self.vertex_areas, vertices), (self.edge_areas, edges)):
+            areas[~of_cloth] = np.minimum(areas[~of_cloth], areas[of_cloth].mean())
+
+    def along(self, start: Floats, end: Floats) -> Pairs:
+        """Pairs that may come near on the straight way from start to end."""
+        pairs = self._pairs
+        if pairs is None or not (pairs.hold(start) and pairs.hold(end)):
+            pairs = self._pairs = self._search(np.minimum(start, end), np.maximum(start, end))
+        return pairs
+
+    def close(self, positions: Floats) -> Close:
+        """Pairs nearer than the thickness."""
+        if self._close is None or not np.array_equal(self._close.positions, positions):
+            self._close = self.nearer(positions, self.settings.thickness)
+        return self._close
+
+    def nearer(self, positions: Floats, within: float) -> Close:
+        """Pairs nearer than a distance [m]; those that are farther than the thickness may be missed."""
+        pairs = self.along(positions, positions)
+
+        def part(bounds: tuple[int, int]) -> tuple[Integers, Floats, Floats]:
+            return pair_loops.close_pairs(positions, pairs.vertices, pairs.corners, within, *bounds)
+
+        found = run_parts(part, shares(len(pairs.vertices)))
+        numbers, coefficients, distances = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        vertices, limits = pairs.vertices[numbers], pairs.limits[numbers]
+        fade = _fade(pair_loops.crossed_squares(positions, vertices), limits)
+        is_corner = numbers < pairs.corners
+        return Close(positions, vertices, is_corner, pairs.weights[numbers], coefficients, distances, fade)
+
+    def _search(self, lowest: Floats, highest: Floats) -> Pairs:
+        self.searches += 1
+        self._close = None
+        surfaces, settings = self.surfaces, self.settings
+        reach = 0.5 * settings.thickness + self.slack
+        corners, met = near_pairs(
+            surfaces, lowest - reach, highest + reach, within_cloth=settings.self_contact
+        )
+        vertices = np.concatenate(
+            [
+                np.column_stack([corners[:, 0], surfaces.triangles[corners[:, 1]]]),
+                surfaces.edges[met].reshape(-1, 4),
+            ]
+        )
+        areas = np.concatenate(
+            [
+                self.shares[corners[:, 1]] * self.vertex_areas[corners[:, 0]],
+                0.25 * self.edge_areas[met].sum(axis=1),
+            ]
+        )
+        limits = np.concatenate([np.zeros(len(corners)), _PARALLEL * (self.lengths[met] ** 2).prod(axis=1)])
+        return Pairs(
+            lowest - self.slack,
+            highest + self.slack,
+            vertices,
+            len(corners),
+            settings.stiffness * areas,
+            limits,
+        )
+
+
+def shares(count: int) -> list[tuple[int, int]]:
+    """Ranges of equal length that cover a number of pairs, one for each thread."""
+    cuts = np.linspace(0, count, available_threads() + 1).astype(int).tolist()
+    return list(pairwise(cuts))
+
+
+def _summed(numbers: Integers, values: Floats, count: int) -> Floats:
+    """Sums (count,) of the values (m,) of triangles over their corners or sides (m, 3)."""
+    total = np.zeros(count)
+    np.add.at(total, numbers, values[:, None])
+    return total
+
+
+def _fade(crossed: Floats, limits: Floats) -> tuple[Floats, Floats, Floats]:
+    """Factor of the repulsion of edges that is 0 where they are parallel, with derivatives (Li et al. 2020, eq. 24)."""
+    faded = crossed < limits
+    limit = np.where(faded, limits, 1.0)
+    share = np.where(faded, crossed / limit, 1.0)
+    slope = np.where(faded, 2.0 / limit * (1.0 - share), 0.0)
+    return share * (2.0 - share), slope, np.where(faded, -2.0 / limit**2, 0.0)

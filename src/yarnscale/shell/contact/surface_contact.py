@@ -1,0 +1,209 @@
+"""Cloth against itself and against bodies of triangles.
+
+Energy ¼ Σ A b(d) over pairs of a vertex and a triangle, A the vertex's area, and over pairs of edges, A the areas of
+both, the latter times a factor that vanishes where edges are parallel (Li et al. 2020, sections 4 and 5, with areas as
+in Li et al. 2023). Frames are checked for crossings by ``ipctk``, which has no part in keeping them apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import ipctk
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.threads import run_parts
+from yarnscale.shell.contact import pair_hessian, pair_loops
+from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
+from yarnscale.shell.contact.obstacles import Body
+from yarnscale.shell.contact.pair_search import PairSearch, shares
+from yarnscale.shell.mesh import TriangleMesh
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_KEPT = 0.1
+"""Share of a distance that a step may not use up."""
+
+# One warning for every pair of a state that intersects says nothing that ``intersects`` does not say.
+ipctk.set_logger_level(ipctk.LoggerLevel.error)
+
+
+@dataclass(frozen=True, eq=False)
+class _Grip:
+    """What rubs during a step: pairs (k, 4), coefficients (k, 4), normals (k, 3), limits of friction (k,) [N].
+
+    origin: all vertices at its start (nv, 3) [m]; reach: slip below which friction is not full [m].
+    """
+
+    vertices: Integers
+    coefficients: Floats
+    normals: Floats
+    limits: Floats
+    origin: Floats
+    reach: float
+
+    def slip(self, positions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Tangential motion of the closest points (k, 3), and its smoothed length f: f, f'/l and f'', each (k,)."""
+        sliding = pair_loops.slips(positions, self.origin, self.vertices, self.coefficients, self.normals)
+        return sliding, *smooth_length(np.linalg.norm(sliding, axis=1), self.reach)
+
+
+class SurfaceContact:
+    """Contact of surfaces; bodies come with the row of their first point, or None where they stand still.
+
+    Vertices: all rows of the positions, then those of bodies that stand still.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        bodies: Sequence[tuple[Body, int | None]],
+        settings: ContactSettings,
+        rows: int,
+    ) -> None:
+        self.settings, self.rows = settings, rows
+        still = [body.points(0.0) for body, first in bodies if first is None]
+        self.fixed = np.concatenate([np.zeros((0, 3)), *still])
+        rest = np.zeros((rows + len(self.fixed), 3))
+        rest[: mesh.vertex_count] = mesh.assembled
+        faces, next_row = [mesh.triangles], rows
+        for body, first in bodies:
+            points = body.points(0.0)
+            start = next_row if first is None else first
+            next_row += len(points) if first is None else 0
+            rest[start : start + len(points)] = points
+            faces.append(body.triangles + start)
+        triangles = np.concatenate(faces).astype(np.int64)
+        self.search = PairSearch(triangles, len(mesh.triangles), rest, settings)
+        self._check = _check_mesh(mesh.vertex_count, triangles, rest, settings.self_contact)
+        self._grip: _Grip | None = None
+
+    def start_step(self, positions: Floats, duration: float, time: float) -> None:
+        if self.settings.friction == 0.0:
+            return
+        everything = self.everything(positions)
+        close = self.search.close(everything)
+        slope = barrier(close.distances, self.settings.thickness)[1]
+        apart = np.einsum("nk,nki->ni", close.coefficients, everything[close.vertices])
+        self._grip = _Grip(
+            close.vertices,
+            close.coefficients,
+            apart / close.distances[:, None],
+            -self.settings.friction * close.weights * close.fade[0] * slope,
+            everything,
+            self.settings.slip * duration,
+        )
+
+    def value(self, positions: Floats) -> float:
+        everything = self.everything(positions)
+        close = self.search.close(everything)
+        if not close.distances.all():
+            return math.inf
+        energy = barrier(close.distances, self.settings.thickness)[0]
+        value = float((close.weights * close.fade[0]) @ energy)
+        if self._grip is not None:
+            value += float(self._grip.limits @ self._grip.slip(everything)[1])
+        return value
+
+    def gradient(self, positions: Floats, gradient: Floats) -> float:
+        everything = self.everything(positions)
+        close = self.search.close(everything)
+        if not close.distances.all():
+            return math.inf
+        energy, slope, _ = barrier(close.distances, self.settings.thickness)
+        fade, turning, _ = close.fade
+        forces = np.zeros_like(everything)
+        pair_loops.add_forces(
+            everything,
+            close.vertices,
+            close.coefficients,
+            close.weights * fade * slope / close.distances,
+            close.weights * turning * energy,
+            forces,
+        )
+        value = float((close.weights * fade) @ energy)
+        if self._grip is not None:
+            grip = self._grip
+            sliding, potential, rate, _ = grip.slip(everything)
+            pair_loops.add_pulls(
+                grip.vertices, grip.coefficients, (grip.limits * rate)[:, None] * sliding, forces
+            )
+            value += float(grip.limits @ potential)
+        gradient += forces[: self.rows]
+        return value
+
+    def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
+        everything, grip = self.everything(positions), self._grip
+        close = self.search.close(everything)
+        count = len(close.distances)
+        pairs = close.vertices if grip is None else np.concatenate([close.vertices, grip.vertices])
+        slots, starts, found = pair_hessian.block_slots(pairs, self.rows)
+        blocks = np.zeros((len(found), 9))
+        energy, slope, bend = barrier(close.distances, self.settings.thickness)
+        fade, turning, turned = (close.weights * factor for factor in close.fade)
+        pair_hessian.add_repulsion(
+            everything,
+            close.vertices,
+            close.is_corner,
+            close.coefficients,
+            fade * slope,
+            fade * bend,
+            turning * energy,
+            turned * energy,
+            slots[:count],
+            blocks,
+        )
+        if grip is not None:
+            sliding, _, rate, change = grip.slip(everything)
+            pair_hessian.add_friction(
+                grip.vertices,
+                grip.coefficients,
+                grip.normals,
+                sliding,
+                grip.limits * rate,
+                grip.limits * change,
+                slots[count:],
+                blocks,
+            )
+        keys = pair_hessian.scalar_keys(starts, found, 3 * self.rows)
+        return keys, pair_hessian.scalar_entries(starts, found, blocks, len(keys))
+
+    def room(self, positions: Floats, within: float) -> Integers:
+        """Keys, as of ``hessian``, of pairs nearer than ``within`` [m]."""
+        close = self.search.nearer(self.everything(positions), within)
+        _, starts, found = pair_hessian.block_slots(close.vertices, self.rows)
+        return pair_hessian.scalar_keys(starts, found, 3 * self.rows)
+
+    def bound(self, positions: Floats, step: Floats) -> float:
+        start, end = self.everything(positions), self.everything(positions + step)
+        pairs, moves = self.search.along(start, end), end - start
+
+        def part(bounds: tuple[int, int]) -> float:
+            return pair_loops.free_fraction(start, moves, pairs.vertices, pairs.corners, _KEPT, *bounds)
+
+        return min(run_parts(part, shares(len(pairs.vertices))))
+
+    def closest(self, positions: Floats) -> float:
+        return float(self.search.close(self.everything(positions)).distances.min(initial=math.inf))
+
+    def intersects(self, positions: Floats) -> bool:
+        return bool(ipctk.has_intersections(self._check, np.asfortranarray(self.everything(positions))))
+
+    def everything(self, positions: Floats) -> Floats:
+        """Every vertex."""
+        return np.concatenate([positions, self.fixed])
+
+
+def _check_mesh(cloth: int, triangles: Integers, rest: Floats, self_contact: bool) -> ipctk.CollisionMesh:
+    """What the test of frames sees: all surfaces, the first ``cloth`` vertices of the cloth."""
+    faces = np.asfortranarray(triangles.astype(np.int32))
+    mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(faces), faces)
+    if not self_contact:
+        mesh.can_collide = ipctk.make_vertex_patches_filter((np.arange(len(rest)) >= cloth).astype(np.int32))
+    elif cloth < len(rest):
+        mesh.can_collide = ipctk.make_static_obstacle_filter(cloth)
+    return mesh

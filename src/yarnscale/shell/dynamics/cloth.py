@@ -1,0 +1,78 @@
+"""What is simulated: a panel of a material, held at handles that move, pulled by gravity, meeting obstacles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.contact.obstacles import Obstacle
+from yarnscale.shell.elastic.elements import FreeEdges
+from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.motion import STILL, Motion
+from yarnscale.shell.state import Attachment
+
+__all__ = ["Cloth", "Handle", "Motion"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Handle:
+    """Vertices that are held where they start, and moved: a pin (one vertex) or a bar (a strip of them).
+
+    vertices: (n,); rest: their places before the motion [m], (n, 3); stiffness: see ``Attachment`` [N/m].
+    """
+
+    name: str
+    vertices: NDArray[np.int64]
+    rest: Floats
+    motion: Motion = STILL
+    stiffness: float = 1e6
+
+    def __post_init__(self) -> None:
+        if len(self.vertices) == 0:
+            raise InputError(f"handle '{self.name}'", expected="vertices in its region", found="none")
+
+    def attachment(self, time: float) -> Attachment:
+        """Where the vertices are held at a time."""
+        return Attachment(self.vertices, self.motion.place(self.rest, time), self.stiffness)
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """A panel and everything that acts on it.
+
+    gravity: acceleration [m/s²]. contact: None where nothing may touch. damping: rate [1/s] at which free
+    motion decays (Rayleigh's mass term); stiffness_damping: time [s] by which elastic forces lead the strain
+    (Rayleigh's stiffness term), with a damping ratio of half of it times the angular frequency. air_drag: force per
+    area and square of the speed across the surface [kg/m³], see ``air``. free_edges: see ``elements``.
+    """
+
+    mesh: TriangleMesh
+    material: ElementMaterial
+    handles: tuple[Handle, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    contact: ContactSettings | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    damping: float = 0.0
+    free_edges: FreeEdges = "extrapolate"
+    stiffness_damping: float = 0.0
+    air_drag: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
+            raise InputError("gravity", expected="three finite numbers [m/s²]", found=self.gravity)
+        if not (math.isfinite(self.damping) and self.damping >= 0):
+            raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
+        if not (math.isfinite(self.stiffness_damping) and self.stiffness_damping >= 0):
+            raise InputError("stiffness_damping", expected="zero or more [s]", found=self.stiffness_damping)
+        if not (math.isfinite(self.air_drag) and self.air_drag >= 0):
+            raise InputError("air_drag", expected="zero or more [kg/m³]", found=self.air_drag)
+        if self.obstacles and self.contact is None:
+            raise InputError("obstacles", expected="contact settings with them", found="none")

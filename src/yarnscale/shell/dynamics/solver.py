@@ -1,0 +1,292 @@
+"""One step of cloth: an energy to minimise, made of the state, the integrator and what acts on the cloth.
+
+A step minimises the energy of ``step``. It starts from x + Δt v with the bars where they were: the first
+Newton step moves bars and cloth together. Where Newton fails the step is halved, and the last good state is
+never lost.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.numerics.kkt import ConstrainedSolver
+from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
+from yarnscale.shell.contact.cloth_contact import ClothContact
+from yarnscale.shell.dynamics.air import drag_entries
+from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.integrator import Integrator, StepRule, checked_integrator, step_rule
+from yarnscale.shell.dynamics.step import STANDARD_GRAVITY, PatternGrowth, Resistance, StepObjective
+from yarnscale.shell.elastic.energy import ShellEnergy
+from yarnscale.shell.state import ClothState, Earlier
+
+Floats = NDArray[np.float64]
+
+SHELL_SHIFT = ShiftRule(
+    start=1.0,
+    lowest=0.1,
+    highest=1.5,
+    growth=2.0,
+    least=0.125,
+    decay=0.5,
+    lowest_is_zero=True,
+    hold_above=10.0,
+)
+"""From the positive model (shift 1) to the exact Hessian (0), once forces are within ten times the weight."""
+
+
+Method = Literal["quasi-newton", "newton"]
+
+NEWTON_BELOW = 1e-3
+"""Residual from which on Newton, which doubles the digits, is faster than a kept factor."""
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How exactly steps are solved.
+
+    tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: per step.
+    acceptable: residual with which a step is kept though it did not get to the tolerance.
+    halvings: how often a failed step is halved. integrator: of the dynamics, see ``integrator``.
+    method: ``quasi-newton`` keeps a factor for several iterations, and leaves the last digits, and steps that it
+    cannot solve, to Newton; ``newton`` has a factor for every iteration. shift: of Newton; keep: of quasi-Newton.
+    """
+
+    tolerance: float = 1e-2
+    iterations: int = 400
+    acceptable: float = 1.0
+    halvings: int = 4
+    integrator: Integrator = "euler"
+    method: Method = "quasi-newton"
+    shift: ShiftRule = SHELL_SHIFT
+    keep: KeepRule = field(default_factory=KeepRule)
+
+    def __post_init__(self) -> None:
+        checked_integrator(self.integrator)
+        if self.method not in get_args(Method):
+            raise InputError("method", expected=" or ".join(get_args(Method)), found=self.method)
+        if not (math.isfinite(self.tolerance) and 0 < self.tolerance <= self.acceptable):
+            raise InputError("tolerance", expected=f"between 0 and {self.acceptable:g}", found=self.tolerance)
+        if self.iterations < 1:
+            raise InputError("iterations", expected="at least 1", found=self.iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """One step: the new state, how Newton ended, and ``unrest``, the force of inertia in units of the weight."""
+
+    state: ClothState
+    status: Status
+    iterations: int
+    residual: float
+    unrest: float
+    duration: float
+
+
+class ClothSolver:
+    """Steps of one cloth; owns the elastic energy, the contact and the growing matrix pattern."""
+
+    def __init__(self, cloth: Cloth, options: SolverOptions = SolverOptions()) -> None:
+        self.cloth, self.options = cloth, options
+        self.energy = ShellEnergy(cloth.mesh, cloth.material, free_edges=cloth.free_edges)
+        self.masses = self.energy.masses
+        touching = cloth.contact is not None and (cloth.contact.self_contact or cloth.obstacles)
+        self.contact = (
+            ClothContact(cloth.mesh, cloth.contact, cloth.obstacles) if cloth.contact and touching else None
+        )
+        guests = self.contact.guests if self.contact is not None else 0
+        self.growth = PatternGrowth(self.energy.pattern.widened(3 * guests))
+        self.linear = ConstrainedSolver(None, None)
+        strength = float(np.linalg.norm(cloth.gravity)) or STANDARD_GRAVITY
+        self.scale = float(np.linalg.norm(self.masses)) * strength
+
+    def step(
+        self,
+        state: ClothState,
+        duration: float,
+        *,
+        inertia: bool = True,
+        iterations: int | None = None,
+        until: float | None = None,
+    ) -> StepResult:
+        """One implicit step of ``duration`` [s]; without inertia the cloth forgets its velocity first.
+
+        ``duration`` may be inf: a static equilibrium. iterations: at most, None for those of the options. until: time
+        that handles and obstacles move to [s], None for the end of the step (of a static one: where they are).
+        The result is to be kept only if its residual is acceptable.
+        """
+        if not duration > 0:
+            raise InputError("time step", expected="a positive number of seconds", found=duration)
+        self._take_up(state)
+        begin = self._with_obstacles(state)
+        if self.contact is not None:
+            self.contact.start_step(begin, min(duration, 1.0), state.time)
+        static = math.isinf(duration)
+        rule = None if static else step_rule(self.options.integrator, state, duration, inertia=inertia)
+        if until is None:
+            until = state.time if static else state.time + duration
+        objective = self._objective(state, rule, until)
+        moved = duration * state.velocities if inertia and not static else np.zeros_like(state.velocities)
+        start = self._start(begin, self._with_obstacle_steps(begin, moved, objective)).ravel()
+        limit = self.options.iterations if iterations is None else iterations
+        solution = self._minimise(objective, start, limit, static=static)
+        positions, obstacles = np.split(solution.x.reshape(-1, 3), [len(self.masses)])
+        new = ClothState(
+            positions,
+            np.zeros_like(positions) if rule is None else rule.velocity(positions),
+            until,
+            self.energy.elements.reference_angles,
+            Earlier(state.positions, state.velocities, duration) if rule is not None and inertia else None,
+            obstacles if len(obstacles) else None,
+        )
+        inertial = objective.weights[:, None] * (positions - objective.centre)
+        unrest = float(np.linalg.norm(inertial)) / self.scale
+        return StepResult(new, solution.status, solution.iterations, solution.residual, unrest, duration)
+
+    def advance(
+        self, state: ClothState, duration: float, *, inertia: bool = True, rough: int | None = None
+    ) -> StepResult:
+        """A step, halved until Newton succeeds; where it never does, the given state with the failure's status.
+
+        rough: keep what this many iterations reach, whatever force is left over; it acts in the next step.
+        """
+        iterations = 0
+        for halving in range(self.options.halvings + 1):
+            result = self.step(state, duration / 2**halving, inertia=inertia, iterations=rough)
+            iterations += result.iterations
+            unfinished = rough is not None and result.status is Status.ITERATION_LIMIT
+            if unfinished or result.residual <= self.options.acceptable:
+                return replace(result, iterations=iterations)
+        return replace(result, state=state, iterations=iterations)
+
+    def energies(self, state: ClothState) -> dict[str, float]:
+        """Elastic, gravity, kinetic and contact energy [J]."""
+        self._take_up(state)
+        positions, velocities = state.positions, state.velocities
+        height = positions @ np.asarray(self.cloth.gravity)
+        return {
+            "elastic": self.energy.value(positions),
+            "gravity": -float(self.masses @ height),
+            "kinetic": 0.5 * float(self.masses @ (velocities**2).sum(axis=1)),
+            "contact": self.contact.value(self._with_obstacles(state)) if self.contact is not None else 0.0,
+        }
+
+    def intersects(self, state: ClothState) -> bool:
+        """Whether the cloth crosses itself or an obstacle, by a test of its own over the whole of both."""
+        return self.contact is not None and self.contact.intersects(self._with_obstacles(state))
+
+    def closest(self, state: ClothState) -> float:
+        """Smallest distance [m] between surfaces that may meet; inf beyond the thickness of contact."""
+        return self.contact.closest(self._with_obstacles(state)) if self.contact is not None else math.inf
+
+    def pull(self, handle: Handle, state: ClothState) -> Floats:
+        """Force of a handle on the cloth [N], (3,)."""
+        return handle.attachment(state.time).pull(state.positions).sum(axis=0)
+
+    def _minimise(self, objective: StepObjective, start: Floats, limit: int, *, static: bool) -> Solution:
+        tolerance, done = self.options.tolerance, 0
+        bound = self._bound if self.contact is not None else None
+        if self.options.method == "quasi-newton" and not static:
+            first = minimise_keeping_factors(
+                objective,
+                start,
+                bound=bound,
+                after_step=self._follow,
+                tolerance=max(tolerance, NEWTON_BELOW),
+                max_iterations=limit,
+                keep=self.options.keep,
+                linear=self.linear,
+            )
+            start, done = first.x, first.iterations
+            if first.residual <= tolerance or done >= limit or first.status is Status.INVALID:
+                return first
+        last = minimise(
+            objective,
+            start,
+            bound=bound,
+            after_step=self._follow,
+            tolerance=tolerance,
+            max_iterations=limit - done,
+            shift=self.options.shift,
+            check_minimum=static,
+            linear=self.linear,
+        )
+        return replace(last, iterations=done + last.iterations)
+
+    def _take_up(self, state: ClothState) -> None:
+        if state.fold_angles is not None:
+            self.energy.elements.set_reference_angles(state.fold_angles)
+        self._follow(state.positions)
+
+    def _follow(self, x: Floats) -> None:
+        self.energy.follow(x.reshape(-1, 3)[: len(self.masses)])
+
+    def _with_obstacles(self, state: ClothState) -> Floats:
+        """Positions of the cloth and, after them, of the points of moving obstacles."""
+        if self.contact is None or not self.contact.guests:
+            return state.positions
+        places = self.contact.places(state.time) if state.obstacles is None else state.obstacles
+        return np.concatenate([state.positions, places])
+
+    def _with_obstacle_steps(self, begin: Floats, moved: Floats, objective: StepObjective) -> Floats:
+        """A step of the cloth and, after it, the ways of the obstacles' points to their places."""
+        if self.contact is None or not self.contact.guests:
+            return moved
+        return np.concatenate([moved, objective.attachments[-1].targets - begin[len(moved) :]])
+
+    def _bound(self, x: Floats, step: Floats) -> float:
+        assert self.contact is not None
+        return self.contact.bound(x.reshape(-1, 3), step.reshape(-1, 3))
+
+    def _start(self, positions: Floats, moved: Floats) -> Floats:
+        """x + Δt v, as far as nothing touches and the energy stays finite."""
+        fraction = self.contact.bound(positions, moved) if self.contact is not None else 1.0
+        for _ in range(4):
+            start = positions + fraction * moved
+            if math.isfinite(self.energy.value(start[: len(self.masses)])):
+                return start
+            fraction *= 0.25
+        return positions
+
+    def _viscosity(self, state: ClothState) -> Floats:
+        """Force against the velocity of the start of a step, by stiffness and by the air, as entries [kg/s]."""
+        cloth, entries = self.cloth, np.zeros(self.energy.pattern.entries)
+        if cloth.stiffness_damping > 0:
+            linear = self.energy.linearise(state.positions)
+            entries += cloth.stiffness_damping * self.energy.rate_stiffness(linear)
+        if cloth.air_drag > 0:
+            entries += drag_entries(
+                cloth.mesh, self.energy.pattern, state.positions, state.velocities, cloth.air_drag
+            )
+        return entries
+
+    def _objective(self, state: ClothState, rule: StepRule | None, time: float) -> StepObjective:
+        cloth = self.cloth
+        weights, centre, resistance = np.zeros_like(self.masses), state.positions, None
+        if rule is not None:
+            inertia, drag = rule.rate**2, cloth.damping * rule.rate
+            # ½ (inertia |x − y|² + drag |x − past|²) is one square about a point between the two.
+            centre = (inertia * rule.coasting + drag * rule.positions) / (inertia + drag)
+            weights = (inertia + drag) * self.masses
+            if cloth.stiffness_damping > 0 or cloth.air_drag > 0:
+                resistance = Resistance(rule.rate * self._viscosity(state), rule.positions)
+        held = [handle.attachment(time) for handle in cloth.handles]
+        if self.contact is not None and self.contact.guests:
+            held.append(self.contact.attachment(time))
+        return StepObjective(
+            self.energy,
+            weights,
+            centre,
+            self.masses[:, None] * np.asarray(cloth.gravity),
+            tuple(held),
+            self.contact,
+            self.scale,
+            self.growth,
+            resistance,
+        )

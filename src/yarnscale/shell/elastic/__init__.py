@@ -1,0 +1,1 @@
+"""From a mesh to its elastic energy: strains, elements, moduli, compiled loops."""

@@ -1,0 +1,65 @@
+"""Loops over blocks of elements that evaluate an energy density: gather parameters, run the kernel.
+
+Compiled without the interpreter's lock, so that parts of a mesh are evaluated on several threads.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.kernel import call_kernel
+from yarnscale.shell.elastic.moduli import FAST
+from yarnscale.shell.materials.spline_patches import PackedSplines, gather_parameters
+
+
+@numba.njit(**FAST)
+def spline_densities(
+    packed: PackedSplines,
+    parameter_count: int,
+    address: int,
+    forms: NDArray,
+    densities: NDArray,
+    stress: NDArray,
+    moduli: NDArray,
+) -> None:
+    """Densities (nb, B) of a spline material at forms (nb, 6, B) and, if ``moduli`` is not empty, its derivatives.
+
+    address: kernel (forms, parameters) → density[, stress (nb, 6, B), moduli (nb, 21, B)].
+    """
+    lanes = forms.shape[2]
+    parameters = np.zeros((parameter_count, lanes))
+    for b in range(forms.shape[0]):
+        gather_parameters(packed, forms[b], lanes, parameters)
+        _run(address, forms[b], parameters, densities[b], stress, moduli, b)
+
+
+@numba.njit(**FAST)
+def gathered_densities(
+    parameters: NDArray, address: int, forms: NDArray, densities: NDArray, stress: NDArray, moduli: NDArray
+) -> None:
+    """The same with parameters gathered before, (nb, P, B)."""
+    for b in range(forms.shape[0]):
+        _run(address, forms[b], parameters[b], densities[b], stress, moduli, b)
+
+
+@numba.njit(**FAST)
+def _run(
+    address: int,
+    forms: NDArray,
+    parameters: NDArray,
+    densities: NDArray,
+    stress: NDArray,
+    moduli: NDArray,
+    b: int,
+) -> None:
+    pointers = np.empty(5, np.int64)
+    pointers[0], pointers[1], pointers[2] = (
+        forms.ctypes.data,
+        parameters.ctypes.data,
+        densities.ctypes.data,
+    )
+    if len(moduli):
+        pointers[3], pointers[4] = stress[b].ctypes.data, moduli[b].ctypes.data
+    call_kernel(address, forms.shape[1], forms.shape[1], pointers)  # pyright: ignore[reportCallIssue]

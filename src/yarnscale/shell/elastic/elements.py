@@ -1,0 +1,155 @@
+"""From a mesh to the elements of the elastic energy: who gives I, who gives II, and how edges without
+neighbour count.
+
+A triangle at a free edge misses one of its three fold angles. Counted as zero, as HYLC20 does, a curl about
+the free
+edge is invisible to the last row of triangles: all of it lies in the missing angle. ``extrapolate`` therefore
+takes II of such a triangle from its complete neighbours (half of the area each), whose stencils contain all
+its vertices. Only neighbours in the fabric lend: across a seam II is written in another frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.numerics.kernel import BLOCK
+from yarnscale.shell.elastic.element_loops import forms_of_blocks
+from yarnscale.shell.elastic.strain import FLAGS, GEOMETRY, REFERENCE, follow_angles, form_kernels
+from yarnscale.shell.mesh import TriangleMesh
+
+FreeEdges = Literal["extrapolate", "zero"]
+
+
+@dataclass(frozen=True, eq=False)
+class ShellElements:
+    """Elements in the order of the mesh, in blocks, padded with elements of no area.
+
+    stencils: (blocks, BLOCK, 6); present: whether a stencil vertex matters, likewise; geometry: (blocks, 15,
+    BLOCK), see ``strain.GEOMETRY`` (its reference angles change as the cloth moves); areas: (blocks, BLOCK)
+    [m²];
+    triangles: the triangle of I, (blocks, BLOCK).
+    """
+
+    stencils: NDArray[np.int64]
+    present: NDArray[np.bool_]
+    geometry: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return len(self.areas)
+
+    def follow(self, positions: NDArray[np.float64]) -> float:
+        """Let the reference angles follow the fold angles of positions (nv, 3); the largest |angle| [rad]."""
+        return float(follow_angles(positions, self.stencils, self.geometry))
+
+    @property
+    def reference_angles(self) -> NDArray[np.float64]:
+        """Fold angles that the present ones are measured from [rad], a copy, (blocks, 3, BLOCK)."""
+        return self.geometry[:, REFERENCE].copy()
+
+    def set_reference_angles(self, angles: NDArray[np.float64]) -> None:
+        """Go back to reference angles taken earlier."""
+        self.geometry[:, REFERENCE] = angles
+
+    def forms(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(I11, I12, I22, II11, II12, II22) of every element at positions (nv, 3), (blocks, 6, BLOCK)."""
+        forms = np.empty((self.blocks, 6, BLOCK))
+        nothing = np.empty((0, 0, 0))
+        address = form_kernels().value.address
+        forms_of_blocks(positions, self.stencils, self.geometry, address, nothing, forms)
+        return forms
+
+
+def shell_elements(mesh: TriangleMesh, *, free_edges: FreeEdges = "extrapolate") -> ShellElements:
+    """Elements of a mesh; see the module for the two treatments of free edges. Raises InputError."""
+    if free_edges not in get_args(FreeEdges):
+        raise InputError("free_edges", expected=" or ".join(get_args(FreeEdges)), found=free_edges)
+    rows = _own(mesh, np.arange(len(mesh.triangles)), 1.0)
+    if free_edges == "extrapolate":
+        rows = _extrapolated(mesh, rows)
+    stencils, geometry, areas, triangles = rows
+    padding = -len(areas) % BLOCK
+    repeat = np.concatenate([np.arange(len(areas)), np.full(padding, len(areas) - 1)]).astype(np.int64)
+    present = np.ones((len(areas), 6), bool)
+    present[:, 3:] = geometry[:, FLAGS] != 0
+    # The apex of the triangle of I is needed whatever the flag says; extrapolation only uses complete stencils.
+    return ShellElements(
+        np.ascontiguousarray(stencils[repeat].reshape(-1, BLOCK, 6)),
+        present[repeat].reshape(-1, BLOCK, 6),
+        np.ascontiguousarray(geometry[repeat].reshape(-1, BLOCK, GEOMETRY).transpose(0, 2, 1)),
+        np.concatenate([areas, np.zeros(padding)]).reshape(-1, BLOCK),
+        triangles[repeat].reshape(-1, BLOCK),
+    )
+
+
+def vertex_mean(
+    mesh: TriangleMesh, elements: ShellElements, values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Area-weighted mean over the elements around each vertex: (blocks, BLOCK) → (nv,)."""
+    corners = mesh.triangles[elements.triangles.ravel()].ravel()
+    weight = np.repeat(elements.areas.ravel(), 3)
+    total = np.bincount(corners, weight, minlength=mesh.vertex_count)
+    return np.bincount(corners, weight * np.repeat(values.ravel(), 3), minlength=mesh.vertex_count) / total
+
+
+_Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+"""Stencils (n, 6), geometry (n, 15), areas (n,), triangles (n,)."""
+
+
+def _own(mesh: TriangleMesh, which: NDArray[np.int64], share: float) -> _Rows:
+    """Elements whose I and II come from the same triangle."""
+    geometry = np.zeros((len(which), GEOMETRY))
+    columns = mesh.inverse_rest[which].transpose(0, 2, 1).reshape(-1, 4)
+    geometry[:, 0:4] = geometry[:, 4:8] = columns
+    geometry[:, FLAGS] = mesh.has_neighbour[which]
+    return mesh.stencils[which], geometry, share * mesh.areas[which], which
+
+
+def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
+    """Replace triangles at free edges by elements on the stencils of their complete neighbours."""
+    complete = mesh.has_neighbour.sum(axis=1) == 3
+    owner = {
+        (int(t[k]), int(t[(k + 1) % 3])): (row, k) for row, t in enumerate(mesh.corners) for k in range(3)
+    }
+    kept, borrowed = np.ones(len(mesh.triangles), bool), []
+    for row in np.flatnonzero(~complete):
+        corners = mesh.corners[row]
+        sides = [owner.get((int(corners[(k + 1) % 3]), int(corners[k]))) for k in range(3)]
+        lenders = [side for side in sides if side is not None and complete[side[0]]]
+        kept[row] = not lenders
+        borrowed += [(row, *side, 1.0 / len(lenders)) for side in lenders]
+    if not borrowed:
+        return rows
+    new = [_borrowing(mesh, *entry) for entry in borrowed]
+    stencils = np.concatenate([rows[0][kept], np.array([entry[0] for entry in new])])
+    geometry = np.concatenate([rows[1][kept], np.array([entry[1] for entry in new])])
+    areas = np.concatenate([rows[2][kept], np.array([entry[2] for entry in new])])
+    triangles = np.concatenate([rows[3][kept], np.array([entry[3] for entry in new])])
+    # Keep the order of the mesh, so that blocks of elements touch nearby memory.
+    order = np.argsort(triangles, kind="stable")
+    return stencils[order], geometry[order], areas[order], triangles[order]
+
+
+def _borrowing(
+    mesh: TriangleMesh, row: int, lender: int, edge: int, share: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64], float, int]:
+    """One element with II of ``lender`` and I of ``row``, which lies across the lender's edge."""
+    turn = [(edge + k) % 3 for k in range(3)]
+    stencil = np.concatenate([mesh.stencils[lender, turn], mesh.stencils[lender, [3 + k for k in turn]]])
+    geometry = np.zeros(GEOMETRY)
+    own = mesh.material[mesh.corners[lender, turn]]
+    # The borrower's corner that is not on the shared edge.
+    apex = mesh.material[mesh.corners[row][~np.isin(mesh.corners[row], mesh.corners[lender])][0]]
+    geometry[0:4] = np.linalg.inv(np.column_stack([own[1] - own[0], own[2] - own[0]])).T.ravel()
+    geometry[4:8] = np.linalg.inv(np.column_stack([own[1] - own[0], apex - own[0]])).T.ravel()
+    geometry[8] = 1.0
+    geometry[FLAGS] = 1.0
+    return stencil, geometry, share * float(mesh.areas[row]), row

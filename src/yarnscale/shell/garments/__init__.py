@@ -1,0 +1,1 @@
+"""Clothes and the body that wears them: panels, seams, ready garments, a mannequin."""

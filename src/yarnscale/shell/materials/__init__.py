@@ -1,0 +1,1 @@
+"""Energy densities of the fundamental forms: homogenized splines and orthotropic fabrics."""

@@ -1,0 +1,245 @@
+"""Scenes: a cloth, where it starts, how long it moves and what is measured at the end; two of them built in."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.numerics.newton import Status
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.contact.obstacles import Sphere
+from yarnscale.shell.dynamics.checkpoint import Checkpoint
+from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.simulate import ClothSolver, Progress, Schedule, SolverOptions, simulate
+from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.mesh import TriangleMesh, rectangle
+from yarnscale.shell.scenes.thickness import cloth_thickness
+from yarnscale.shell.state import ClothState
+
+Floats = NDArray[np.float64]
+Measure = Callable[[ClothSolver, ClothState], Mapping[str, float]]
+
+SHEET = 0.30
+"""Edge of the square sheet of both built-in scenes [m]."""
+SPACING = 0.0065
+"""Edge length of its triangles [m]: 2612 vertices."""
+BAR_WIDTH, BAR_LENGTH, BAR_INSET = 0.021, 0.201, 0.048
+"""The bars of the published stretch tests [m]: strips with their centre lines 48 mm inside opposite edges."""
+BAR_TRAVEL = {"stockinette": 0.035, "basket": 0.020, "rib": 0.040}
+"""Way of each bar in the published tests [m], to both sides; of the rib along its wale."""
+AIR_DRAG = 10.0
+"""Of the published stretch tests, quadratic in the speed across the surface [kg/m³]."""
+BAR_GAP = SHEET - 2 * BAR_INSET - BAR_WIDTH
+"""Distance between the facing edges of the bars at rest [m]; it grows by the amount of the stretch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Something to simulate: name, cloth, first state, schedule and what to measure of the last state."""
+
+    name: str
+    cloth: Cloth
+    start: ClothState
+    schedule: Schedule
+    options: SolverOptions = field(default_factory=SolverOptions)
+    measure: Measure | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SceneResult:
+    """Outcome of a scene: last state, status and numbers; ``measures`` are those of the scene."""
+
+    scene: Scene
+    state: ClothState
+    status: Status
+    steps: int
+    newton_iterations: int
+    loose_steps: int
+    simulated_seconds: float
+    seconds: float
+    measures: Mapping[str, float] = field(default_factory=dict)
+    intersections: int = 0
+
+    @property
+    def converged(self) -> bool:
+        """Whether the whole schedule was reached."""
+        return self.status is Status.CONVERGED
+
+    def summary(self) -> dict[str, float | int | str]:
+        """Everything but the shape, as plain values."""
+        return {
+            "scene": self.scene.name,
+            "status": self.status.value,
+            **{name: float(value) for name, value in self.measures.items()},
+            "vertices": self.scene.cloth.mesh.vertex_count,
+            "steps": self.steps,
+            "newton_iterations": self.newton_iterations,
+            "loose_steps": self.loose_steps,
+            "intersections": self.intersections,
+            "simulated_seconds": self.simulated_seconds,
+            "seconds": self.seconds,
+        }
+
+
+def run_scene(
+    scene: Scene,
+    *,
+    on_step: Callable[[Progress], None] | None = None,
+    on_frame: Callable[[int, ClothState], None] | None = None,
+    on_checkpoint: Callable[[Checkpoint], None] | None = None,
+    resume: Checkpoint | None = None,
+) -> SceneResult:
+    """Simulate a scene; callbacks and ``resume`` as in ``simulate``."""
+    begin = time.perf_counter()
+    solver = ClothSolver(scene.cloth, scene.options)
+    run = simulate(
+        solver,
+        scene.start,
+        scene.schedule,
+        on_step=on_step,
+        on_frame=on_frame,
+        on_checkpoint=on_checkpoint,
+        resume=resume,
+    )
+    measures = dict(scene.measure(solver, run.state)) if scene.measure is not None else {}
+    return SceneResult(
+        scene,
+        run.state,
+        run.status,
+        run.steps,
+        run.newton_iterations,
+        run.loose_steps,
+        run.state.time - scene.start.time,
+        time.perf_counter() - begin,
+        measures,
+        run.intersections,
+    )
+
+
+def stretch(
+    material: ElementMaterial,
+    *,
+    direction: Literal["course", "wale"] = "course",
+    amount: float = 0.2,
+    travel: float | None = None,
+    duration: float | None = None,
+    air_drag: float = AIR_DRAG,
+    spacing: float = SPACING,
+    time_step: float = 0.05,
+    self_contact: bool = True,
+    frame_interval: float | None = None,
+) -> Scene:
+    """A square sheet hanging between two bars that move apart until their gap has grown by ``amount``, then
+    at rest.
+
+    The published test of HYLC20 (its Fig. 16): 30×30 cm, gravity −z, the bars of ``BAR_WIDTH`` etc. travel: way of
+    each bar [m], instead of ``amount``; published ones in ``BAR_TRAVEL``. duration: of it [s], default
+    ``bar_duration``. air_drag: [kg/m³]. Measures: ``lambda_along``, ``lambda_across`` (area-weighted stretch over the
+    central 6×6 cm) and ``bar_force`` [N]. Without self-contact the curled edges of a knit pass through themselves.
+    Raises InputError.
+    """
+    if direction not in ("course", "wale"):
+        raise InputError("direction", expected="course or wale", found=direction)
+    if not (np.isfinite(amount) and -0.5 < amount < 5):
+        raise InputError("amount", expected="a number between -0.5 and 5", found=amount)
+    if travel is None:
+        travel = 0.5 * amount * BAR_GAP
+    if not (math.isfinite(travel) and -0.25 < travel / BAR_GAP < 2.5):
+        limits = f"between {-0.25 * BAR_GAP:g} and {2.5 * BAR_GAP:g} m"
+        raise InputError("travel of a bar", expected=limits, found=travel)
+    if duration is None:
+        duration = bar_duration(travel)
+    axis = 0 if direction == "course" else 1
+    mesh = rectangle(SHEET, SHEET, spacing)
+    start = ClothState.flat(mesh)
+    way = np.zeros(3)
+    way[axis] = travel
+    bars = []
+    for name, side in (("first bar", -1.0), ("second bar", 1.0)):
+        centre, half = np.zeros(2), np.full(2, 0.5 * BAR_LENGTH)
+        centre[axis] = side * (0.5 * SHEET - BAR_INSET)
+        half[axis] = 0.5 * BAR_WIDTH
+        vertices = np.flatnonzero((np.abs(mesh.panel - centre) <= half + 1e-9).all(axis=1))
+        displacement = side * way
+        motion = Motion((displacement[0], displacement[1], displacement[2]), 0.0, duration)
+        bars.append(Handle(name, vertices, start.positions[vertices], motion))
+    contact = ContactSettings(thickness=cloth_thickness(material, mesh)) if self_contact else None
+    cloth = Cloth(mesh, material, tuple(bars), contact=contact, air_drag=air_drag)
+
+    def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
+        stretches = central_stretch(mesh, state.positions, 0.03)
+        forces = [abs(float(solver.pull(bar, state)[axis])) for bar in bars]
+        return {
+            "lambda_along": float(stretches[axis]),
+            "lambda_across": float(stretches[1 - axis]),
+            "bar_force": float(np.mean(forces)),
+        }
+
+    # Only the rest counts; dynamics on the way to it need not be solved exactly.
+    schedule = Schedule(duration, time_step, frame_interval=frame_interval, rough_iterations=30)
+    return Scene(f"stretch {direction}", cloth, start, schedule, measure=measure)
+
+
+def bar_duration(travel: float) -> float:
+    """Seconds in which the bars of the stretch test go this way [m].
+
+    The published 0.4 s for 35 mm, 0.25 s for 20 mm and 0.45 s for 40 mm lie on a line: 0.1 m/s and 0.05 s.
+    """
+    return 0.05 + abs(travel) / 0.1
+
+
+def drape(
+    material: ElementMaterial,
+    *,
+    radius: float = 0.07,
+    spacing: float = SPACING,
+    duration: float = 1.0,
+    time_step: float = 0.025,
+    to_rest: bool = False,
+    friction: float = 0.3,
+    self_contact: bool = True,
+    frame_interval: float | None = None,
+) -> Scene:
+    """A square sheet that falls over a ball of ``radius`` [m] with its centre at the origin, for ``duration``
+    [s].
+
+    Measures: ``lowest`` and ``highest`` point [m], ``closest`` distance between surfaces [m], ``speed``, the
+    root mean square of velocities [m/s].
+    """
+    mesh = rectangle(SHEET, SHEET, spacing)
+    settings = ContactSettings(cloth_thickness(material, mesh), self_contact=self_contact, friction=friction)
+    ball = Sphere((0.0, 0.0, 0.0), radius)
+    start = ClothState.flat(mesh, height=radius + settings.thickness)
+    cloth = Cloth(mesh, material, contact=settings, obstacles=(ball,), damping=2.0)
+
+    def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
+        heights = state.positions[:, 2]
+        return {
+            "lowest": float(heights.min()),
+            "highest": float(heights.max()),
+            "closest": solver.closest(state),
+            "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
+        }
+
+    schedule = Schedule(
+        duration, time_step, to_rest=to_rest, frame_interval=frame_interval, rough_iterations=20
+    )
+    return Scene("drape", cloth, start, schedule, measure=measure)
+
+
+def central_stretch(mesh: TriangleMesh, positions: Floats, half: float) -> Floats:
+    """√I11 and √I22, area-weighted over triangles with their centre within ±half [m] of the panel's, (2,)."""
+    triangles = mesh.triangles
+    near = (np.abs(mesh.panel[mesh.corners].mean(axis=1)) < half).all(axis=1)
+    corners = positions[triangles[near]]
+    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+    gradient = edges @ mesh.inverse_rest[near]
+    lengths = np.linalg.norm(gradient, axis=1)
+    return mesh.areas[near] @ lengths / mesh.areas[near].sum()

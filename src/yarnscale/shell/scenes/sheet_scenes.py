@@ -1,0 +1,162 @@
+"""Ready scenes of a square sheet: hanging, draped as published, twisted between bars, pulled through a ring."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.contact.obstacles import MeshObstacle, Sphere
+from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions
+from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.mesh import TriangleMesh, rectangle
+from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene
+from yarnscale.shell.scenes.thickness import cloth_thickness
+from yarnscale.shell.state import ClothState
+
+Floats = NDArray[np.float64]
+
+FRAME = 1.0 / 30.0
+"""Time between frames [s]."""
+
+
+def hang(material: ElementMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
+    """A sheet that falls from its plane, held at two neighbouring corners 24 cm apart, and comes to rest."""
+    mesh = rectangle(SHEET, SHEET, spacing)
+    start = ClothState.flat(mesh)
+    pins = tuple(
+        Handle(f"{name} corner", vertices, start.positions[vertices], Motion((shift, 0.0, 0.0), 0.0, 0.5))
+        for name, vertices, shift in (
+            ("left", _near(mesh, (-0.5 * SHEET, 0.5 * SHEET), 0.6 * spacing), 0.03),
+            ("right", _near(mesh, (0.5 * SHEET, 0.5 * SHEET), 0.6 * spacing), -0.03),
+        )
+    )
+    contact = ContactSettings(cloth_thickness(material, mesh), friction=0.3)
+    cloth = Cloth(mesh, material, pins, contact=contact, damping=2.0)
+    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
+    return Scene("hang", cloth, start, schedule, SolverOptions(), measure_sheet)
+
+
+def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
+    """The published drape (HYLC20 Fig. 17): held within 1 cm of (−0.1, ±0.1) m, over a ball of 3 cm 4 cm below."""
+    mesh = rectangle(SHEET, SHEET, spacing)
+    start = ClothState.flat(mesh)
+    pins = tuple(
+        Handle(f"pin {k + 1}", vertices, start.positions[vertices])
+        for k, vertices in enumerate(_near(mesh, (-0.1, side), 0.01) for side in (-0.1, 0.1))
+    )
+    cloth = Cloth(
+        mesh,
+        material,
+        pins,
+        contact=ContactSettings(cloth_thickness(material, mesh), friction=0.3),
+        obstacles=(Sphere((0.0, 0.0, -0.04), 0.03),),
+        damping=2.0,
+    )
+    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
+    return Scene("drape-on-ball", cloth, start, schedule, SolverOptions(), measure_sheet)
+
+
+def twist(
+    material: ElementMaterial,
+    *,
+    spacing: float = 0.01,
+    turns: float = 1.0,
+    width: float = 0.10,
+    duration: float = 2.0,
+) -> Scene:
+    """A strip of 30 cm between two bars that turn against each other by ``turns`` in all, then stand still."""
+    if not (math.isfinite(turns) and abs(turns) <= 5):
+        raise InputError("turns", expected="up to 5", found=turns)
+    mesh = rectangle(SHEET, width, spacing)
+    start = ClothState.flat(mesh)
+    bars = []
+    for name, side in (("left bar", -1.0), ("right bar", 1.0)):
+        vertices = np.flatnonzero(side * mesh.panel[:, 0] > 0.5 * SHEET - 0.6 * spacing)
+        # Twisted fibres at the edges grow longer; the bars come closer so that they need not.
+        motion = Motion(
+            (-side * 0.02 * min(abs(turns), 1.0), 0.0, 0.0),
+            0.0,
+            0.75 * duration,
+            rotation=(side * math.pi * turns, 0.0, 0.0),
+            pivot=(side * 0.5 * SHEET, 0.0, 0.0),
+        )
+        bars.append(Handle(name, vertices, start.positions[vertices], motion))
+    contact = ContactSettings(cloth_thickness(material, mesh), friction=0.3)
+    cloth = Cloth(mesh, material, tuple(bars), contact=contact, damping=2.0)
+    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
+    return Scene("twist", cloth, start, schedule, SolverOptions(), measure_sheet)
+
+
+def pull_through(
+    material: ElementMaterial,
+    *,
+    spacing: float = 0.0085,
+    opening: float | None = None,
+    duration: float = 1.5,
+) -> Scene:
+    """A sheet on a ring, pulled down through it by its middle.
+
+    opening: radius of the hole [m], default ``roomy_opening`` of the cloth's thickness.
+    """
+    mesh = rectangle(SHEET, SHEET, spacing)
+    settings = ContactSettings(cloth_thickness(material, mesh), friction=0.2)
+    if opening is None:
+        opening = roomy_opening(settings.thickness)
+    if not (math.isfinite(opening) and 0.005 <= opening <= 0.1):
+        raise InputError("opening of the ring", expected="between 0.005 and 0.1 m", found=opening)
+    tube = 0.012
+    start = ClothState.flat(mesh, height=tube + settings.thickness)
+    middle = _near(mesh, (0.0, 0.0), 1.1 * spacing)
+    pull = Motion((0.0, 0.0, -0.24), 0.0, 0.9 * duration)
+    handle = Handle("middle", middle, start.positions[middle], pull)
+    ring = MeshObstacle(*torus(opening + tube, tube))
+    cloth = Cloth(mesh, material, (handle,), contact=settings, obstacles=(ring,), damping=2.0)
+    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
+    return Scene("ring", cloth, start, schedule, SolverOptions(), measure_sheet)
+
+
+def roomy_opening(thickness: float) -> float:
+    """Radius [m] of a hole of which a sheet pulled through by its middle fills at most a quarter.
+
+    It is fullest when the middles of the sheet's edges arrive: a circle of this radius, thickness [m] wide. Folds do
+    not pack better than by half, and friction holds what is pressed.
+    """
+    return max(0.025, math.sqrt(4.0 * SHEET * thickness))
+
+
+def measure_sheet(solver: ClothSolver, state: ClothState) -> dict[str, float]:
+    """``lowest`` and ``highest`` point, ``closest`` distance of surfaces [m], root mean square ``speed`` [m/s]."""
+    heights = state.positions[:, 2]
+    return {
+        "lowest": float(heights.min()),
+        "highest": float(heights.max()),
+        "closest": solver.closest(state),
+        "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
+    }
+
+
+def torus(
+    radius: float, tube: float, *, around: int = 64, across: int = 24
+) -> tuple[Floats, NDArray[np.int64]]:
+    """A ring about the z-axis: vertices (n, 3) and triangles (m, 3) that face outwards; radii in [m]."""
+    i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    a, b = 2 * math.pi * i / around, 2 * math.pi * j / across
+    out = radius + tube * np.cos(b)
+    points = np.stack([out * np.cos(a), out * np.sin(a), tube * np.sin(b)], axis=-1).reshape(-1, 3)
+    here, next_i, next_j = i * across + j, (i + 1) % around * across + j, i * across + (j + 1) % across
+    both = (i + 1) % around * across + (j + 1) % across
+    triangles = np.concatenate(
+        [np.stack(t, axis=-1).reshape(-1, 3) for t in ((here, next_i, both), (here, both, next_j))]
+    )
+    return points, triangles
+
+
+def _near(mesh: TriangleMesh, point: tuple[float, float], radius: float) -> NDArray[np.int64]:
+    """Vertices within a distance of a point of the flat panel, at least the nearest one."""
+    away = np.linalg.norm(mesh.panel - np.asarray(point), axis=1)
+    return np.flatnonzero(away <= max(radius, float(away.min())) + 1e-9)

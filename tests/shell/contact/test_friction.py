@@ -1,0 +1,147 @@
+"""Coulomb friction against closed forms: slope, moving belt, rope round a drum."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere
+from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.simulate import Schedule, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.mesh import TriangleMesh, rectangle
+from yarnscale.shell.motion import STILL, Motion
+from yarnscale.shell.state import ClothState
+
+SHEET = OrthotropicMaterial(
+    stretch_weft=40.0,
+    stretch_coupling=5.0,
+    stretch_warp=40.0,
+    shear=15.0,
+    area=1.0,
+    log_area=1.0,
+    bend_weft=1e-6,
+    bend_bias=1e-6,
+    bend_warp=1e-6,
+    density=0.2,
+)
+GRAVITY = 9.81
+
+
+def floor(kind: str, down: np.ndarray, motion: Motion = STILL) -> Obstacle:
+    """A plane through the origin with the direction ``down`` (3,) in it, as a formula or as two triangles."""
+    normal = np.cross(down, [0.0, 1.0, 0.0])
+    if kind == "plane":
+        return Plane(normal=(normal[0], normal[1], normal[2]), motion=motion)
+    corners = np.array([a * down + [0.0, b, 0.0] for a in (-0.5, 0.7) for b in (-0.4, 0.4)])
+    return MeshObstacle(corners, np.array([[0, 2, 1], [2, 3, 1]]), motion)
+
+
+def laid(solver: ClothSolver, mesh: TriangleMesh, down: np.ndarray) -> ClothState:
+    """The sheet at the height where contact carries its weight."""
+    normal = np.cross(down, [0.0, 1.0, 0.0])
+    flat = mesh.assembled[:, :1] * down + mesh.assembled[:, 1:2] * [0.0, 1.0, 0.0]
+    weight = float(solver.masses.sum()) * GRAVITY * normal[2]
+    contact = solver.contact
+    assert contact is not None
+
+    def surplus(height: float) -> float:
+        positions = np.concatenate([flat + height * normal, contact.places(0.0)])
+        return -float((contact.gradient(positions)[1][: mesh.vertex_count] @ normal).sum()) - weight
+
+    thickness = contact.settings.thickness
+    height = float(brentq(surplus, 0.01 * thickness, thickness * (1 - 1e-9)))  # type: ignore[arg-type]
+    return ClothState(flat + height * normal, np.zeros_like(flat))
+
+
+def moved(obstacle: Obstacle, friction: float, down: np.ndarray, duration: float) -> tuple[float, float]:
+    """Displacement [m] and speed [m/s] along ``down`` of a sheet laid on an obstacle."""
+    mesh = rectangle(0.04, 0.04, 0.01)
+    settings = ContactSettings(thickness=2e-3, friction=friction, self_contact=False)
+    solver = ClothSolver(
+        Cloth(mesh, SHEET, contact=settings, obstacles=(obstacle,)), SolverOptions(tolerance=1e-5)
+    )
+    start = laid(solver, mesh, down)
+    run = simulate(solver, start, Schedule(duration, 0.01, to_rest=False))
+    assert run.converged
+    way = (run.state.positions - start.positions) @ down
+    return float(way.mean()), float((run.state.velocities @ down).mean())
+
+
+@pytest.mark.parametrize("kind", ["plane", "mesh"])
+@pytest.mark.parametrize("angle", [math.atan(0.3) - 0.03, math.atan(0.3) + 0.1, 0.6])
+def test_a_sheet_on_a_slope_sticks_below_the_angle_of_friction_and_slides_above(
+    kind: str, angle: float
+) -> None:
+    friction, duration = 0.3, 0.2
+    down = np.array([math.cos(angle), 0.0, -math.sin(angle)])
+    way, _ = moved(floor(kind, down), friction, down, duration)
+    acceleration = GRAVITY * (math.sin(angle) - friction * math.cos(angle))
+    if acceleration < 0:
+        # Sticking creeps, slower than the speed from which friction is full.
+        assert 0 < way < ContactSettings().slip * duration
+    else:
+        # Implicit Euler adds half a step.
+        assert way == pytest.approx(0.5 * acceleration * duration * (duration + 0.01), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["plane", "mesh", "turning ball"])
+def test_a_belt_takes_a_sheet_along(kind: str) -> None:
+    """It gains speed by friction·g until it has that of the belt."""
+    speed, friction, along = 0.2, 0.3, np.array([1.0, 0.0, 0.0])
+    if kind == "turning ball":
+        radius = 20.0  # flat for the sheet
+        motion = Motion(
+            rotation=(0.0, speed / radius, 0.0), pivot=(0.0, 0.0, -radius), duration=1.0, ease=False
+        )
+        belt: Obstacle = Sphere((0.0, 0.0, -radius), radius, motion)
+    else:
+        belt = floor(kind, along, Motion((speed, 0.0, 0.0), duration=1.0, ease=False))
+    assert moved(belt, friction, along, 0.04)[1] == pytest.approx(friction * GRAVITY * 0.04, rel=5e-3)
+    assert moved(belt, friction, along, 0.12)[1] == pytest.approx(speed, rel=1e-2)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.4])
+def test_a_strip_pulled_round_a_drum_follows_the_rope_law(friction: float) -> None:
+    """Forces on both sides of half a turn differ by exp(friction·π) (Euler and Eytelwein)."""
+    drum, width, duration = 0.02, 0.012, 0.6
+    length, radius = math.pi * drum + 0.12, drum + 5e-4
+    mesh = rectangle(length, width, 0.006)
+    along = mesh.panel[:, 0]
+    angle, side = along / radius, np.sign(along)
+    around = np.abs(angle) <= math.pi / 2
+    x = np.where(around, radius * np.sin(angle), side * radius)
+    z = np.where(around, radius * np.cos(angle), math.pi / 2 * radius - np.abs(along))
+    positions = np.column_stack([x, mesh.panel[:, 1], z])
+    turn = np.linspace(0.0, 2 * math.pi, 64, endpoint=False)
+    ring = np.column_stack([drum * np.sin(turn), np.zeros(64), drum * np.cos(turn)])
+    sideways = np.array([0.0, 1.5 * width, 0.0])
+    corners = np.concatenate([ring - sideways, ring + sideways])
+    here = np.arange(64)
+    there = (here + 1) % 64
+    faces = np.concatenate(
+        [np.stack([here, there, 64 + there], axis=1), np.stack([here, 64 + there, 64 + here], axis=1)]
+    )
+    ends = []
+    for name, sign, way in (("pulled", 1.0, -0.014), ("followed", -1.0, 0.006)):
+        held = np.flatnonzero(sign * along > 0.5 * length - 0.0036)
+        ends.append(
+            Handle(name, held, positions[held], Motion((0.0, 0.0, way), duration=duration, ease=False))
+        )
+    settings = ContactSettings(friction=friction, self_contact=False)
+    cloth = Cloth(
+        mesh, SHEET, tuple(ends), (0.0, 0.0, 0.0), settings, (MeshObstacle(corners, faces),), damping=20.0
+    )
+    solver = ClothSolver(cloth)
+    run = simulate(
+        solver, ClothState(positions, np.zeros_like(positions)), Schedule(duration, 0.02, to_rest=False)
+    )
+    assert run.converged
+    pulled, followed = (-solver.pull(end, run.state)[2] for end in ends)
+    # The strip lies on the drum in chords of 6 mm, 0.3 radians each.
+    assert pulled / followed == pytest.approx(math.exp(friction * math.pi), rel=0.05)

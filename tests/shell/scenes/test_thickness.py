@@ -1,0 +1,38 @@
+"""The thickness of cloth comes from its material, as far as the mesh allows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.scenes.scene import drape
+from yarnscale.shell.scenes.thickness import UNKNOWN_THICKNESS, cloth_thickness
+
+SHEET = OrthotropicMaterial(40.0, 5.0, 40.0, 15.0, 1.0, 1.0, 1e-6, 1e-6, 1e-6, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("told", "spacing", "expected"),
+    [
+        (None, 0.01, UNKNOWN_THICKNESS),
+        (2.5e-3, 0.01, 2.5e-3),
+        (2.5e-3, 0.002, 0.4 * 0.002),
+        ("thin", 0.01, UNKNOWN_THICKNESS),
+        (-1.0, 0.01, UNKNOWN_THICKNESS),
+    ],
+)
+def test_thickness_is_that_of_the_fabric_or_what_the_mesh_allows(
+    told: object, spacing: float, expected: float
+) -> None:
+    material = replace(SHEET, provenance={} if told is None else {"thickness": told})
+    thickness = cloth_thickness(material, rectangle(0.06, 0.06, spacing))
+    # Lattices fit the sheet with edges near the spacing.
+    assert thickness == pytest.approx(expected, rel=0.1 if spacing < 0.005 else 1e-12)
+
+
+def test_scenes_take_it() -> None:
+    contact = drape(replace(SHEET, provenance={"thickness": 1.7e-3})).cloth.contact
+    assert contact is not None and contact.thickness == 1.7e-3
