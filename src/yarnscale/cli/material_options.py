@@ -1,0 +1,106 @@
+"""What the commands about shell materials take; imports nothing heavy."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from yarnscale.cli.shared_options import (
+    PATTERN,
+    YARN_MATERIAL,
+    Add,
+    add_free_sliding,
+    add_json,
+    add_starts,
+    add_workers,
+    add_yarns,
+)
+from yarnscale.cli.values import number, numbers, positive_integer, size
+
+
+def add_material_commands(add: Add) -> None:
+    """Homogenize, sample, fit, export, evaluate."""
+    command = add(
+        "homogenize", "materials", "From a yarn pattern to a shell material, with pictures and a page."
+    )
+    command.add_argument("pattern", metavar="PATTERN", help=PATTERN)
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    command.add_argument("--material", action="append", help=YARN_MATERIAL)
+    command.add_argument(
+        "--as-drawn", action="store_true",
+        help="sample a built-in pattern or chart as it is drawn, not as fabric at rest",
+    )  # fmt: skip
+    command.add_argument(
+        "--solves", type=positive_integer, default=400, metavar="N", help="states to sample (400)"
+    )
+    command.add_argument(
+        "--budget", type=positive_integer, metavar="N",
+        help="then solve more states where the fit errs most, up to N in all (default: none)",
+    )  # fmt: skip
+    command.add_argument(
+        "--target-error", type=number, metavar="E",
+        help="stop before the budget where 95 %% of the energies are estimated to err by less, as a fraction of the "
+        "largest, e.g. 0.005",
+    )  # fmt: skip
+    command.add_argument(
+        "--stretch", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help="range of stretch (-0.2,0.7)"
+    )
+    command.add_argument("--shear", type=number, metavar="S", help="largest shear (0.6)")
+    command.add_argument(
+        "--curvature", type=number, metavar="C", help="largest curvature times yarn radius (0.1)"
+    )
+    _add_in_plane(command)
+    add_workers(command)
+
+    command = add("sample", "samples", "Relax a pattern under all states of a strain grid, into a store.")
+    add_yarns(command)
+    command.add_argument(
+        "--grid",
+        type=Path,
+        required=True,
+        metavar="GRID.toml",
+        help="arrays s_x, s_a, s_y, lambda_x, lambda_y",
+    )
+    command.add_argument("--out", type=Path, required=True, metavar="STORE", help="zarr store to write")
+    command.add_argument("--positions", action="store_true", help="store the vertices of every state too")
+    add_free_sliding(command)
+    command.add_argument(
+        "--size", type=size, default=(1, 1), metavar="NxM", help="sample N by M tiles as one cell (1x1)"
+    )
+    add_starts(command, default=1)
+    command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
+    add_json(command)
+    add_workers(command)
+
+    command = add("fit", "samples", "Fit a shell material to a store of samples.")
+    command.add_argument(
+        "store", type=Path, metavar="STORE", help="store written by 'sample' or 'homogenize'"
+    )
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write"
+    )
+    _add_in_plane(command)
+
+    command = add("export", "export", "Write a shell material for other programs: HYLC JSON or C source.")
+    command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
+    command.add_argument(
+        "--format", choices=("hylc", "c"), required=True, help="published layout, or one C file"
+    )
+    command.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write, .json or .c")
+
+    command = add("evaluate", "materials", "Energy density and stress of a shell material at a strain.")
+    command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
+    command.add_argument(
+        "--strain", type=numbers(6, "sx,sa,sy,II11,II12,II22"), required=True, metavar="sx,sa,sy,II11,II12,II22",
+        help="stretches and shear [-], second fundamental form [1/m]",
+    )  # fmt: skip
+    add_json(command)
+
+
+def _add_in_plane(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--in-plane",
+        choices=("pairwise", "full"),
+        default="full",
+        help="terms of pairs of strains only, as HYLC20, or of all three in-plane strains together too (full)",
+    )

@@ -1,0 +1,58 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from yarnscale.cli.values import numbers, positive_integer
+
+Add = Callable[[str, str, str], argparse.ArgumentParser]
+"""Adds a command: its name, the module of its function, what it does."""
+PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json or .chart file"
+YARN_MATERIAL = (
+    "yarn material: a preset or a TOML file (default: the one that suits the built-in pattern of that name, "
+    "else hylc2020-stockinette); repeat it to give each of the pattern's materials, in their order"
+)
+
+
+def add_json(command: argparse.ArgumentParser) -> None:
+    """``--json``."""
+    command.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def add_yarns(command: argparse.ArgumentParser) -> None:
+    """A pattern and its yarn materials."""
+    command.add_argument("pattern", metavar="PATTERN", help=PATTERN)
+    command.add_argument("--material", action="append", help=YARN_MATERIAL)
+
+
+def add_cell_strain(command: argparse.ArgumentParser) -> None:
+    """The macroscopic strain of one cell."""
+    command.add_argument(
+        "--strain", type=numbers(5, "sx,sa,sy,lx,ly"), default=(0.0,) * 5, metavar="sx,sa,sy,lx,ly",
+        help="stretch along x, shear, stretch along y [-], curvature along x, along y [1/m]",
+    )  # fmt: skip
+
+
+def add_free_sliding(command: argparse.ArgumentParser) -> None:
+    """``--free-sliding``."""
+    command.add_argument(
+        "--free-sliding", action="store_true", help="let yarns slide along themselves as a whole"
+    )
+
+
+def add_starts(command: argparse.ArgumentParser, *, default: int) -> None:
+    """``--starts`` of every solve."""
+    command.add_argument(
+        "--starts", type=positive_integer, default=default, metavar="N",
+        help=f"starts, all but one perturbed; the lowest energy counts ({default})",
+    )  # fmt: skip
+
+
+def add_workers(command: argparse.ArgumentParser) -> None:
+    """Processes, and going on after a kill."""
+    command.add_argument(
+        "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
+    )
+    command.add_argument("--resume", action="store_true", help="go on where an interrupted run stopped")

@@ -1,0 +1,66 @@
+"""Values of options, checked as they are read; imports nothing heavy."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable
+
+
+def numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
+    """A parser of ``count`` finite numbers with commas between them."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != count or not all(math.isfinite(v) for v in values):
+            raise argparse.ArgumentTypeError(f"expected {count} numbers {names}; found {text!r}")
+        return values
+
+    return parse
+
+
+def positive_integer(text: str) -> int:
+    """A whole number from 1."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a positive whole number; found {text!r}")
+    return value
+
+
+def size(text: str) -> tuple[int, int]:
+    """Numbers of tiles along x and y, such as 2x1."""
+    match = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", text.strip())
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected numbers of tiles such as 2x1; found {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def sizes(text: str) -> list[tuple[int, int]]:
+    """Sizes with commas between them."""
+    return [size(part) for part in text.split(",")]
+
+
+def number(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number; found {text!r}")
+    return value
+
+
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    value = number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"expected a positive number; found {text!r}")
+    return value
