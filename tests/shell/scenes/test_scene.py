@@ -327,3 +327,22 @@ def test_frames_need_a_folder_that_can_be_written(tmp_path: Path) -> None:
     (tmp_path / "broken.npz").write_text("no archive")
     with pytest.raises(InputError, match="no frame of a cloth"):
         read_frame(tmp_path / "broken.npz")
+
+
+def test_a_smaller_stretch_test_is_the_same_test_where_weight_and_bending_do_not_count() -> None:
+    stiff = replace(CLOTH, stretch_weft=6e4, stretch_coupling=1e4, stretch_warp=9e4, shear=2e4, area=2e3)
+    large, small = (
+        run_scene(
+            stretch(stiff, amount=0.1, size=size, spacing=size / 15, air_drag=0.0, self_contact=False)
+        ).measures
+        for size in (0.3, 0.15)
+    )
+    for name in ("lambda_along", "lambda_across"):
+        assert small[name] == pytest.approx(large[name], rel=2e-3)
+    assert small["bar_force"] == pytest.approx(0.5 * large["bar_force"], rel=0.01)
+
+
+@pytest.mark.parametrize("size", [0.0, -0.1, math.nan, 100.0])
+def test_a_sheet_of_a_strange_size_is_told(size: float) -> None:
+    with pytest.raises(InputError, match="size of the sheet"):
+        stretch(CLOTH, size=size)

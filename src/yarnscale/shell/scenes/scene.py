@@ -131,7 +131,8 @@ def stretch(
     travel: float | None = None,
     duration: float | None = None,
     air_drag: float = AIR_DRAG,
-    spacing: float = SPACING,
+    size: float = SHEET,
+    spacing: float | None = None,
     time_step: float = 0.05,
     self_contact: bool = True,
     frame_interval: float | None = None,
@@ -141,31 +142,36 @@ def stretch(
 
     The published test of HYLC20 (its Fig. 16): 30×30 cm, gravity −z, the bars of ``BAR_WIDTH`` etc. travel: way of
     each bar [m], instead of ``amount``; published ones in ``BAR_TRAVEL``. duration: of it [s], default
-    ``bar_duration``. air_drag: [kg/m³]. Measures: ``lambda_along``, ``lambda_across`` (area-weighted stretch over the
-    central 6×6 cm) and ``bar_force`` [N]. Without self-contact the curled edges of a knit pass through themselves.
+    ``bar_duration``. air_drag: [kg/m³]. size: of the sheet [m]; bars and triangles (``spacing``, by default) grow with
+    it. Measures: ``lambda_along``, ``lambda_across`` (area-weighted stretch over the central fifth of both edges) and
+    ``bar_force`` [N]. Without self-contact the curled edges of a knit pass through themselves.
     Raises InputError.
     """
     if direction not in ("course", "wale"):
         raise InputError("direction", expected="course or wale", found=direction)
     if not (np.isfinite(amount) and -0.5 < amount < 5):
         raise InputError("amount", expected="a number between -0.5 and 5", found=amount)
+    if not (math.isfinite(size) and 0.005 <= size <= 5):
+        raise InputError("size of the sheet", expected="between 0.005 and 5 m", found=size)
+    scale = size / SHEET
+    gap = scale * BAR_GAP
     if travel is None:
-        travel = 0.5 * amount * BAR_GAP
-    if not (math.isfinite(travel) and -0.25 < travel / BAR_GAP < 2.5):
-        limits = f"between {-0.25 * BAR_GAP:g} and {2.5 * BAR_GAP:g} m"
+        travel = 0.5 * amount * gap
+    if not (math.isfinite(travel) and -0.25 < travel / gap < 2.5):
+        limits = f"between {-0.25 * gap:g} and {2.5 * gap:g} m"
         raise InputError("travel of a bar", expected=limits, found=travel)
     if duration is None:
         duration = bar_duration(travel)
     axis = 0 if direction == "course" else 1
-    mesh = rectangle(SHEET, SHEET, spacing)
+    mesh = rectangle(size, size, scale * SPACING if spacing is None else spacing)
     start = ClothState.flat(mesh)
     way = np.zeros(3)
     way[axis] = travel
     bars = []
     for name, side in (("first bar", -1.0), ("second bar", 1.0)):
-        centre, half = np.zeros(2), np.full(2, 0.5 * BAR_LENGTH)
-        centre[axis] = side * (0.5 * SHEET - BAR_INSET)
-        half[axis] = 0.5 * BAR_WIDTH
+        centre, half = np.zeros(2), np.full(2, 0.5 * scale * BAR_LENGTH)
+        centre[axis] = side * scale * (0.5 * SHEET - BAR_INSET)
+        half[axis] = 0.5 * scale * BAR_WIDTH
         vertices = np.flatnonzero((np.abs(mesh.panel - centre) <= half + 1e-9).all(axis=1))
         displacement = side * way
         motion = Motion((displacement[0], displacement[1], displacement[2]), 0.0, duration)
@@ -174,7 +180,7 @@ def stretch(
     cloth = Cloth(mesh, material, tuple(bars), contact=contact, air_drag=air_drag)
 
     def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
-        stretches = central_stretch(mesh, state.positions, 0.03)
+        stretches = central_stretch(mesh, state.positions, 0.03 * scale)
         forces = [abs(float(solver.pull(bar, state)[axis])) for bar in bars]
         return {
             "lambda_along": float(stretches[axis]),
