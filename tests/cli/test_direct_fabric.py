@@ -42,6 +42,38 @@ def test_a_scene_writes_its_frames_and_numbers(
     assert np.isfinite(last).all() and (radii == 1e-3).all()
 
 
+def test_a_knitted_piece_is_one_yarn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    piece = [
+        "fabric",
+        "stockinette",
+        "--rows",
+        "2",
+        "--columns",
+        "3",
+        "--method",
+        "direct",
+        "--border",
+        "knitted",
+    ]
+    options = [
+        "--scene",
+        "stretch",
+        "--direction",
+        "wale",
+        "--stretch",
+        "0.05",
+        "--json",
+        "--out",
+        str(tmp_path),
+    ]
+    assert main([*piece, *options, "--duration", "0.0666", "--time-step", "0.0333"]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert numbers["yarns"] == 1 and numbers["passages"] == 0
+    assert float(str(numbers["penetration"])) < 0.3
+    assert main(["fabric", "plain", *piece[2:], "--count"]) == 2
+    assert "knit and purl" in capsys.readouterr().err
+
+
 def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main([*SMALL, "--scene", "hang"]) == 2
     assert "--out" in capsys.readouterr().err

@@ -11,11 +11,13 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, writable_folder
 from yarnscale.cli.yarns import material_for
 from yarnscale.errors import InputError
-from yarnscale.fabric.boundary import glue
+from yarnscale.fabric.boundary import Springs, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_run import DirectRun, run_fabric
+from yarnscale.fabric.direct_static import settled
+from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
@@ -26,27 +28,38 @@ from yarnscale.yarn import library
 from yarnscale.yarn.stiffness import Materials, materials_of
 
 
-def sheet_at_rest(options: argparse.Namespace) -> tuple[YarnSheet, Materials]:
-    """The sheet asked for, with the loops of the relaxed periodic cell, and its materials."""
+def sheet_at_rest(options: argparse.Namespace) -> tuple[YarnSheet, Materials, Springs]:
+    """The sheet asked for, its materials, and what keeps its borders.
+
+    Loops of a cut sheet are those of the relaxed periodic cell; a knitted piece has come to ease as it was drawn.
+    """
     if options.radius is not None and options.pattern not in library.names():
         raise InputError("--radius", expected="a built-in pattern; files say how thick their yarns are")
     given = {} if options.radius is None else {"radius": options.radius}
     built = options.pattern in library.names() and given
     pattern = library.build(options.pattern, **given) if built else read_pattern(options.pattern)
     material = material_for(pattern, None if options.material is None else [options.material])
+    first = materials_of(pattern, material)[0]
+    if options.border == "knitted":
+        piece = knitted_sheet(pattern, options.columns, options.rows)
+        ends = woven_in(piece, first)
+        return (
+            piece if options.count else settled(FabricEnergy(piece, material, springs=ends)),
+            material,
+            ends,
+        )
     sheet = YarnSheet.of(pattern, options.columns, options.rows)
     if options.count:
-        return sheet, material
+        return sheet, material, Springs.none()
     cell = PeriodicCell(pattern, material)
     state = cell.relax()
-    return sheet.moved(
-        cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source]
-    ), material
+    sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
+    return sheet, material, glue(sheet, first)
 
 
 def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], bool]:
     """Run the scene, or count unknowns; numbers of the run, and whether it came to its end."""
-    sheet, material = sheet_at_rest(options)
+    sheet, material, borders = sheet_at_rest(options)
     counts: dict[str, object] = {
         "vertices": sheet.vertex_count,
         "yarns": len(sheet.closed),
@@ -56,7 +69,7 @@ def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], boo
     }
     if options.count:
         return counts, True
-    energy = FabricEnergy(sheet, material, springs=glue(sheet, materials_of(sheet, material)[0]))
+    energy = FabricEnergy(sheet, material, springs=borders)
     scene = _scene(options, sheet)
     friction = YarnFriction(options.friction) if options.friction else None
     dynamics = FabricDynamics(

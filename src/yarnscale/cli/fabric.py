@@ -33,6 +33,8 @@ def fabric(options: argparse.Namespace) -> int:
         return _direct(options)
     if options.scene != "hang":
         raise InputError("--scene", expected="hang, or --method direct", found=options.scene)
+    if options.border != "glued":
+        raise InputError("--border", expected="glued, or --method direct", found=options.border)
     if options.pattern not in JERSEYS:
         raise InputError(
             "pattern", expected="for spline yarns one of " + ", ".join(JERSEYS), found=repr(options.pattern)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 METHODS = ("splines", "volume", "direct")
 SCENES = ("hang", "stretch", "drape")
+BORDERS = ("glued", "knitted")
 FORMATS = ("obj", "gltf", "usd", "bcc", "mp4", "png")
 
 
@@ -65,6 +66,11 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         default="hang",
         help="hang: held along the last row; direct only: stretch between two grips, drape over a ball (hang)",
     )
+    command.add_argument(
+        "--border", choices=BORDERS, default="glued",
+        help="direct only: glued, cut from endless fabric and glued along its borders; knitted, one yarn that is cast "
+        "on, turns at the selvedges and is bound off, for knit and purl stitches (glued)",
+    )  # fmt: skip
     command.add_argument(
         "--material", metavar="MATERIAL", help="preset or TOML file (wool; direct: what suits the pattern)"
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, safe_way
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
+from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
@@ -123,6 +124,17 @@ def equilibrium(
     return Rest(
         solution.x, solution.status, solution.residual, solution.iterations, time.perf_counter() - began
     )
+
+
+def settled(
+    energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount | None = None
+) -> YarnSheet:
+    """The energy's sheet nearer to rest: drawn yarns at ease with each other, in so many Newton iterations."""
+    rest = equilibrium(
+        energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations, count=count
+    )
+    twist = rest.x[3 * energy.count :]
+    return energy.sheet.moved(energy.positions(rest.x) * energy.radius, twist=twist)
 
 
 def stretched(

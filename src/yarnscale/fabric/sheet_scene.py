@@ -13,7 +13,7 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_obstacles import Pushes, sphere
 from yarnscale.fabric.direct_static import Holds
-from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,8 @@ def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: f
     sides = _border(sheet, axis, last=False), _border(sheet, axis, last=True)
     nodes, second = np.concatenate(sides), np.repeat([False, True], [len(s) for s in sides])
     places = sheet.vertices[nodes]
-    between = float(np.ptp(sheet.vertices[:, axis])) - 2.0 * _GRIP * sheet.radius
+    low, high = _ends(sheet, axis)
+    between = high - low - 2.0 * _GRIP * sheet.radius
 
     def holds(time: float) -> Holds:
         share = min(1.0, max(0.0, time / (_PULLED * duration)))
@@ -84,8 +85,14 @@ def drape(sheet: YarnSheet) -> SheetScene:
     return SheetScene((0.0, 0.0, -9.81), lambda time: Holds.none(), (centre, radius))
 
 
+def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:
+    """Where the fabric begins and ends; turns and ends of yarn at a selvedge lie farther out."""
+    fabric = sheet.source != NO_PATTERN
+    place = sheet.vertices[fabric if fabric.any() else slice(None), axis]
+    return float(place.min()), float(place.max())
+
+
 def _border(sheet: YarnSheet, axis: int, *, last: bool) -> NDArray[np.int64]:
-    place = sheet.vertices[:, axis]
+    place, (low, high) = sheet.vertices[:, axis], _ends(sheet, axis)
     width = _GRIP * sheet.radius
-    near = place > place.max() - width if last else place < place.min() + width
-    return np.flatnonzero(near)
+    return np.flatnonzero(place > high - width if last else place < low + width)

@@ -1,0 +1,146 @@
+"""What a knit does away from its edges: strain, stress and yarn of its stitches, to compare with a periodic cell.
+
+Yarns slide through a knit, so that a vertex tells nothing of the stitch in which it is. Stitches are found by the
+legs of their loops, which run up and down the wale; from the middle between the legs of one loop to that of the next is
+one stitch. Its middle is the mean of its yarn, as the middle surface of a cell; its stress the virial of the forces in
+it (what crosses a cut through it).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+FEWEST = 9
+"""Stitches that a fit of strain and curvature needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Interior:
+    """Mean state of the stitches inside a fabric.
+
+    strain: of the surface through their middles. stress: (2,) along course and wale, ∂ψ/∂s_x and ∂ψ/∂s_y [N/m].
+    yarn: rest length of yarn in them over that of the pattern's stitches. energy: [J/m²]. stitches: how many.
+    """
+
+    strain: ShellStrain
+    stress: Array
+    yarn: float
+    energy: float
+    stitches: int
+
+
+def interior(pattern: YarnPattern, energy: FabricEnergy, x: Array, *, share: float = 0.4) -> Interior:
+    """State (4n,) of those stitches that lie in the middle ``share`` of the fabric, by width and by height.
+
+    pattern: of the sheet, one stitch a period. Raises InputError for another pattern and where the share holds too few.
+    """
+    if len(pattern.yarns) != 1 or (pattern.yarn_shift[0] != (1, 0)).any():
+        raise InputError("pattern of a fabric's interior", expected="one stitch a period", found=pattern.name)
+    sheet = energy.sheet
+    positions = energy.positions(x) * sheet.radius
+    chain = pattern.yarns[0]
+    head = int(chain[np.argmax(pattern.vertices[chain, 1])])
+    first, last, tile = _stitches(sheet, positions, head, share, len(chain))
+    if len(first) < FEWEST:
+        raise InputError(
+            "stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(first)
+        )
+    virials, energies = energy.vertex_virials(x), energy.vertex_energies(x)
+    weight = sheet.voronoi_length
+    length = _between(weight, first, last)
+    middle = _between(weight[:, None] * positions, first, last) / length[:, None]
+    reference = (tile - tile.mean(axis=0)) * pattern.period
+    gradient, second = _fit(reference, middle)
+    slopes = gradient + np.einsum("abi,nb->nai", second, reference)
+    unit = slopes / np.linalg.norm(slopes, axis=2)[:, :, None]
+    normal = np.cross(gradient[0], gradient[1])
+    normal /= np.linalg.norm(normal)
+    strain = ShellStrain.from_forms(gradient @ gradient.T, second @ normal)
+    pull = np.einsum("nai,nij,naj->na", unit, _between(virials, first, last), unit).mean(axis=0)
+    return Interior(
+        strain,
+        pull / pattern.area / (1.0 + np.array([strain.s_x, strain.s_y])),
+        float(length.mean() / pattern.rest_length.sum()),
+        float(_between(energies, first, last).mean() / pattern.area),
+        len(first),
+    )
+
+
+def _stitches(
+    sheet: YarnSheet, positions: Array, head: int, share: float, around: int
+) -> tuple[Array, Array, Indices]:
+    """Where along the numbered vertices stitches begin and end (s,), with fractions; their tiles (s, 2)."""
+    found: dict[tuple[int, int], float] = {}
+    size = sheet.tile.max(axis=0) + 1
+    inner = np.abs(sheet.tile + 0.5 - 0.5 * size) <= 0.5 * share * size + 1e-9
+    heads = np.flatnonzero((sheet.source == head) & inner.all(axis=1))
+    if len(heads) < FEWEST:
+        raise InputError(
+            "stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(heads)
+        )
+    # Up the wales as they lie there.
+    reference = sheet.tile[heads] - sheet.tile[heads].mean(axis=0)
+    gradient, second = _fit(reference, positions[heads])
+    upward = gradient[1] + np.einsum("bi,nb->ni", second[1], reference)
+    for vertex, up in zip(heads, upward, strict=True):
+        reach = around // 2
+        low = max(vertex - reach, int(sheet.offsets[sheet.yarn_of_vertex[vertex]]) + 1)
+        high = min(vertex + reach + 1, int(sheet.offsets[sheet.yarn_of_vertex[vertex] + 1]) - 1)
+        place = _loop(positions[low:high] @ up)
+        if place is not None:
+            found[int(sheet.tile[vertex, 0]), int(sheet.tile[vertex, 1])] = low + place
+    first, last, tile = [], [], []
+    for (a, b), begin in found.items():
+        if (a + 1, b) in found:
+            ends = sorted((begin, found[a + 1, b]))
+            first.append(ends[0])
+            last.append(ends[1])
+            tile.append((a, b))
+    return np.array(first), np.array(last), np.array(tile, np.int64).reshape(-1, 2)
+
+
+def _loop(height: Array) -> float | None:
+    """Place of a loop: between those where its legs pass half its height, which are steep; None where they do not."""
+    level, top = 0.5 * (height.max() + height.min()), int(np.argmax(height))
+    below = height < level
+    before, after = np.flatnonzero(below[:top]), top + np.flatnonzero(below[top:])
+    if not (len(before) and len(after)):
+        return None
+    rise, fall = int(before[-1]), int(after[0]) - 1
+    up = rise + (level - height[rise]) / (height[rise + 1] - height[rise])
+    down = fall + (level - height[fall]) / (height[fall + 1] - height[fall])
+    return float(0.5 * (up + down))
+
+
+def _between(values: Array, first: Array, last: Array) -> Array:
+    """Sums of per-vertex values (n, ...) from places to places (s,) along the numbered vertices."""
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+
+    def until(place: Array) -> Array:
+        # Vertex k stands for what lies between k − ½ and k + ½.
+        k = np.floor(place + 0.5).astype(np.int64)
+        rest = (place + 0.5 - k).reshape(-1, *[1] * (values.ndim - 1))
+        return total[k] + rest * values[k]
+
+    return until(last) - until(first)
+
+
+def _fit(reference: Array, middle: Array) -> tuple[Array, Array]:
+    """Gradient (2, 3) and second derivatives (2, 2, 3) [1/m] of the surface through points, least squares."""
+    u, v = reference.T
+    rows = np.stack([np.ones(len(u)), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=1)
+    scale = np.abs(rows).max(axis=0)
+    found = np.linalg.lstsq(rows / scale, middle, rcond=None)[0] / scale[:, None]
+    return found[1:3], np.array([[found[3], found[4]], [found[4], found[5]]])
