@@ -24,10 +24,10 @@ ERRORS = ("comfort_error", "power_error", "compression_error")
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Swatches that stretch as knits do: force per width 200 s to 900 s, contraction a third of the stretch."""
+    """Swatches that stretch by a tenth, with a contraction of a third of the stretch."""
     path = tmp_path_factory.mktemp("measured") / "curves.csv"
     rows = ["direction,run,force_N,clamp_distance_mm,mid_width_mm,swatch_width_mm"]
-    for direction, stiffness in (("weft", 200.0), ("warp", 500.0)):
+    for direction, stiffness in (("weft", 800.0), ("warp", 900.0)):
         for run, factor in (("1", 1.0), ("2", 1.05)):
             for force in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0):
                 stretch = factor * force / 0.06 / stiffness
@@ -38,7 +38,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_estimates_reports_and_goes_on(
-    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     arguments = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out), *QUICK]
@@ -57,6 +57,7 @@ def test_estimates_reports_and_goes_on(
     for path in lost[1:]:
         path.unlink()
     lost[0].write_text(lost[0].read_text()[:20])
+    monkeypatch.setattr("yarnscale.show.estimate.write_estimate_report", lambda *_, **__: None)
     main([*arguments, "--json", "--resume"])
     second = json.loads(capsys.readouterr().out)
     for name in (*ERRORS, "parameters", "solves", "evaluations"):
@@ -65,7 +66,8 @@ def test_estimates_reports_and_goes_on(
 
 
 def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    start = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(tmp_path / "out")]
+    out = tmp_path / "out"
+    start = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out)]
     cases = {
         ("--resume",): "nothing to resume",
         ("--holdout", "bias"): "measured: weft, warp",
@@ -77,3 +79,22 @@ def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.C
     with pytest.raises(SystemExit):
         main([*start, "--solver", "guess"])
     assert main(["estimate", "none.csv", *start[2:]]) == 2
+    assert not out.exists()
+
+
+def test_faults_leave_the_results_of_an_earlier_run(measured: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "evaluations").mkdir(parents=True)
+    earlier = [out / "evaluations" / "0123.json", out / "estimate.json"]
+    for path in earlier:
+        path.write_text("{}")
+    start = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out)]
+    faults = (
+        ["--holdout", "bias"],
+        ["--directions", "bias"],
+        ["--pattern", "none.pyp"],
+        ["--sample", "none"],
+    )
+    for extra in faults:
+        assert main([*start, *extra]) == 2
+    assert all(path.read_text() == "{}" for path in earlier)

@@ -14,15 +14,23 @@ from yarnscale.cli.console import ProgressLine, print_json, writable_folder
 from yarnscale.cli.materials import worker_count
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
-from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, estimate_yarn
+from yarnscale.estimate.objective import YarnObjective
+from yarnscale.estimate.yarn_estimate import (
+    UNKNOWN_STIFFNESS,
+    FabricEstimate,
+    estimate_yarn,
+    fitted_directions,
+)
 from yarnscale.estimate.yarn_fit import FitOptions, work_ahead
 from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.files.atomic import write_text
-from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
+from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.patterns import is_drawing, read_pattern
 from yarnscale.homogenize.executors import dask_workers, local_workers
 
+EVALUATIONS = "evaluations"
+"""Folder of finished evaluations within that of the report."""
 DRAWN_RADIUS = 0.4e-3
 """Radius of the yarn of a drawing whose size nothing tells [m]: a hand-knitting yarn of about 400 tex, as it lies in
 fabric. Fabrics of all sizes behave alike, so that it moves the values of parameters and not the errors."""
@@ -37,21 +45,28 @@ def estimate(options: argparse.Namespace) -> int:
     )
     chosen = None if options.directions is None else [Direction(name) for name in options.directions]
     holdout = None if options.holdout is None else Direction(options.holdout)
-    folder = writable_folder(options.out)
-    kept = evaluation_folder(folder / "evaluations", resume=options.resume)
+    fitted_directions(measurements, chosen, holdout)
+    if options.resume:
+        check_resumable(options.out / EVALUATIONS)
     with ExitStack() as stack:
         executor = None
         if options.dask is not None:
             executor = stack.enter_context(dask_workers(options.dask, tell=_say))
         elif worker_count(options) > 1:
             executor = stack.enter_context(local_workers(worker_count(options)))
+        folder = writable_folder(options.out)
         found = estimate_yarn(
             measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=settings,
-            executor=executor, store=lambda objective: EstimateFolder(kept, objective),
+            executor=executor, store=lambda objective: _store(folder, objective, resume=options.resume),
             told=_progress(measurements.name, work_ahead(settings, len(model.names))),
         )  # fmt: skip
     _report(folder, found, as_json=options.json)
     return 0 if found.fit.evaluation.failed == 0 else 1
+
+
+def _store(folder: Path, objective: YarnObjective, *, resume: bool) -> EstimateFolder:
+    """Where evaluations are kept; those of an earlier run go only now that the first of this one is to come."""
+    return EstimateFolder(evaluation_folder(folder / EVALUATIONS, resume=resume), objective)
 
 
 def _model(options: argparse.Namespace, measurements: SwatchMeasurements) -> YarnModel:

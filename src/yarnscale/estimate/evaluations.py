@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -12,9 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.estimate.objective import Evaluation, YarnObjective
+from yarnscale.homogenize.executors import DaskExecutor, is_loss
 from yarnscale.numerics.threads import on_one_thread
 
 Array = NDArray[np.float64]
+
+_WATCH = 1.0
+"""How often workers that are silent are looked after [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +75,8 @@ class Evaluations:
         """Residuals at points, in their order; ``near``: a point that all of them almost are."""
         fresh = [point for point in points if self._find(point, near) is None]
         start = self.whole(near) if near is not None and fresh else None
-        for point, evaluation in zip(fresh, self._run(fresh, start), strict=True):
-            self._keep(point, near, evaluation)
+        for place, evaluation in self._run(fresh, start):
+            self._keep(fresh[place], near, evaluation)
         found = [self._find(point, near) for point in points]
         return [entry for entry in found if entry is not None]
 
@@ -80,27 +84,47 @@ class Evaluations:
         """The evaluation at a point with all its states; evaluated anew where only its residuals are kept."""
         key = point.tobytes()
         if key not in self._whole:
-            self._whole[key] = next(self._run([point], None))
+            _, self._whole[key] = next(self._run([point], None))
             if self._find(point, None) is None:
                 self._keep(point, None, self._whole[key])
         return self._whole[key]
 
-    def _run(self, points: Sequence[Array], near: Evaluation | None) -> Iterator[Evaluation]:
-        """Evaluations in order, each as soon as it is there."""
-        if self.executor is None:
-            yield from (evaluate(self.objective, point, near) for point in points)
-            return
-        futures = [self.executor.submit(evaluate, self.objective, point, near) for point in points]
-        for point, future in zip(points, futures, strict=True):
-            yield self._result(point, near, future)
+    def _run(self, points: Sequence[Array], near: Evaluation | None) -> Iterator[tuple[int, Evaluation]]:
+        """Evaluations and their places among the points, each as soon as it is there."""
+        left = dict(enumerate(points))
+        for place, evaluation in self._by_workers(points, near):
+            del left[place]
+            yield place, evaluation
+        # This process does what no worker did.
+        for place, point in left.items():
+            yield place, evaluate(self.objective, point, near)
 
-    def _result(self, point: Array, near: Evaluation | None, future: Future) -> Evaluation:
-        """The result of a worker, of this process where workers die."""
+    def _by_workers(
+        self, points: Sequence[Array], near: Evaluation | None
+    ) -> Iterator[tuple[int, Evaluation]]:
+        """Evaluations by the executor's workers as they finish; no executor is left where workers died."""
+        executor, running = self.executor, dict[Future[Evaluation], int]()
+        if executor is None:
+            return
         try:
-            return future.result()
-        except (BrokenProcessPool, CancelledError):
+            for place, point in enumerate(points):
+                running[executor.submit(evaluate, self.objective, point, near)] = place
+        except BrokenProcessPool:
             self.executor = None
-            return evaluate(self.objective, point, near)
+        while running:
+            finished, _ = wait(running, timeout=_WATCH, return_when=FIRST_COMPLETED)
+            if isinstance(executor, DaskExecutor):
+                executor.look()
+            for future in finished:
+                place = running.pop(future)
+                try:
+                    evaluation = future.result()
+                except BaseException as error:
+                    if not is_loss(error):
+                        raise
+                    self.executor = None
+                    continue
+                yield place, evaluation
 
     def _find(self, point: Array, near: Array | None) -> Residuals | None:
         key = _key(point, near)

@@ -90,8 +90,7 @@ def estimate_yarn(
     directions: those to fit, all measured ones by default, but for ``holdout``. follow: what the yarn follows, see
     ``FabricShell.uniform_data``. Raises InputError for directions that were not measured.
     """
-    measured = [test.direction for test in measurements.stretch]
-    fitted = _fitted(measured, directions, holdout)
+    fitted = fitted_directions(measurements, directions, holdout)
     shell = fit_shell(measurements.only(*fitted))
     data = shell.uniform_data(follow=follow)
     fit = fit_yarn(model, data, options=options, rule=rule, executor=executor, store=store, told=told)
@@ -103,9 +102,11 @@ def estimate_yarn(
     return FabricEstimate(measurements, shell, fit, held_out, prediction, _bending(fit, data.bending))
 
 
-def _fitted(
-    measured: Sequence[Direction], directions: Sequence[Direction] | None, holdout: Direction | None
+def fitted_directions(
+    measurements: SwatchMeasurements, directions: Sequence[Direction] | None, holdout: Direction | None
 ) -> list[Direction]:
+    """The directions that ``estimate_yarn`` would fit. InputError where one was not measured or none is left."""
+    measured = [test.direction for test in measurements.stretch]
     wanted = list(measured if directions is None else directions)
     for direction in wanted + ([] if holdout is None else [holdout]):
         if direction not in measured:

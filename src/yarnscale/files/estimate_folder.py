@@ -44,12 +44,21 @@ class EstimateFolder:
         return self.folder / f"{hashlib.sha256(self._mark + key).hexdigest()[:24]}.json"
 
 
-def evaluation_folder(folder: Path, *, resume: bool) -> Path:
-    """The folder for evaluations, emptied unless a run is resumed. InputError where there is nothing to resume."""
-    if resume and not folder.is_dir():
+def check_resumable(folder: Path) -> None:
+    """InputError where a folder holds no evaluations of an earlier run."""
+    if not folder.is_dir():
         raise InputError("nothing to resume", where=folder, expected="evaluations of an earlier run")
+
+
+def evaluation_folder(folder: Path, *, resume: bool) -> Path:
+    """The folder for evaluations, emptied unless a run is resumed: ask when all else has been checked.
+
+    InputError where there is nothing to resume.
+    """
+    if resume:
+        check_resumable(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if not resume:
         for path in folder.glob("*.json"):
-            path.unlink()
+            path.unlink(missing_ok=True)
     return folder
