@@ -156,7 +156,7 @@ def test_explicit_steps_keep_momentum_and_energy_and_damping_only_what_is_not_ri
 
 def test_implicit_steps_fall_freely_and_lose_energy_only() -> None:
     dynamics, motion = _moving()
-    dynamics = FabricDynamics(dynamics.energy, MotionSettings(tolerance=1e-8, iterations=60))
+    dynamics = FabricDynamics(dynamics.energy, MotionSettings(tolerance=1e-8, enough=0.0, iterations=60))
     motion = FabricMotion(motion.x, 0.0 * motion.velocity)
     height = dynamics.energy.positions(motion.x)[:, 2].mean() * RADIUS
     total = sum(dynamics.energies(motion).values())

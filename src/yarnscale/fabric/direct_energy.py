@@ -32,10 +32,12 @@ Indices = NDArray[np.int64]
 
 SKIN = 0.7
 """How much farther than contact pairs are listed [r]."""
-PATTERN_MARGIN = 0.5
-"""How much farther than the list the matrix pattern looks ahead [r]; saves symbolic analyses."""
-STEP_LIMIT = 0.3
-"""Largest move of a vertex against its list of pairs in one Newton step [r]."""
+PATTERN_MARGIN = 0.1
+"""How much farther than contact the matrix pattern looks ahead [r]: more saves analyses, less makes factors sparse."""
+STEP_LIMIT = 4.0
+"""Largest move of a vertex against the fabric as a whole in one Newton step [r]."""
+EDGE_LIMIT = 0.5
+"""Largest change of an edge in one Newton step, over the mean length of edges."""
 TWIST_LIMIT = 1.0
 """Largest change of a twist in one Newton step [rad]."""
 GAP_SHARE = 0.8
@@ -58,16 +60,24 @@ TIED_EDGE = StencilEnergy("tied_edge", {"x0": 3, "x1": 3}, {"stiffness": 1}, _ti
 
 
 @dataclass(eq=False)
+class PressedPairs:
+    """Those of the listed pairs, (m,) by ``chosen``, that have a place in the matrix; ties: entries of ``ties``."""
+
+    chosen: NDArray[np.bool_]
+    stencils: StencilSet
+    slots: NDArray[np.int32]
+    ties: Array | None = None
+
+
+@dataclass(eq=False)
 class FabricContacts:
-    """Pairs of segments listed at positions ``built_at`` (n, 3), their stencils, and where their Hessian goes."""
+    """Pairs of segments listed at positions ``built_at`` (n, 3), their stencils, and those that press."""
 
     first: Indices
     second: Indices
     built_at: Array
     stencils: StencilSet
-    variables: Indices
-    slots: NDArray[np.int32] | None = None
-    ties: Array | None = None
+    pressed: PressedPairs | None = None
 
 
 class FabricEnergy:
@@ -109,6 +119,7 @@ class FabricEnergy:
         self._pattern: BlockPattern | None = None
         self._contacts: FabricContacts | None = None
         self._touch = contact and len(edges) > 1
+        self._reach = contact_reach(self.stiffness.rule)
         self.searches = self.patterns = 0
         self._tangent = unit_edges(sheet.vertices, ends)
         self._director, self._reference_twist = sheet.reference_director, sheet.reference_twist
@@ -167,67 +178,71 @@ class FabricEnergy:
             shift = shift - shift.mean(axis=0)
             if 4.0 * float(np.einsum("ij,ij->i", shift, shift).max()) <= SKIN * SKIN:
                 return old
-        first, second = self._pairs(positions, SKIN)
+        first, second = self._pairs(positions, self._reach + SKIN)
         variables = self._pair_variables(first, second)
         rule = self.stiffness.rule
         energy = contact_energy(rule.kernel, rule.quadrature_points, rule.quadrature_weights)
         length = self.sheet.rest_length / self.radius
         parameters = self.stiffness.pair_parameters(first, second, length[first] * length[second])
         stencils = StencilSet(energy, variables, parameters, 4)
-        self._contacts = FabricContacts(first, second, positions.copy(), stencils, variables)
+        self._contacts = FabricContacts(first, second, positions.copy(), stencils)
         self.searches += 1
         return self._contacts
 
-    def _pairs(self, positions: Array, margin: float) -> tuple[Indices, Indices]:
+    def _pairs(
+        self, positions: Array, reach: float, *, moves: Array | None = None
+    ) -> tuple[Indices, Indices]:
         if not self._touch:
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        sheet, rule = self.sheet, self.stiffness.rule
-        reach = contact_reach(rule) + margin
-        return close_pairs(positions, sheet.following, sheet.offsets, sheet.closed, reach, rule.neighbours)
+        sheet, neighbours = self.sheet, self.stiffness.rule.neighbours
+        ends = sheet.following
+        return close_pairs(positions, ends, sheet.offsets, sheet.closed, reach, neighbours, moves=moves)
 
     def _pair_variables(self, first: Indices, second: Indices) -> Indices:
         ends = self.sheet.following
         return position_variables(np.stack([first, ends[first], second, ends[second]], 1))
 
-    def _block_pattern(self, contacts: FabricContacts, x: Array) -> BlockPattern:
-        rods = [stencils.variables for stencils in self._rods]
-        if contacts.slots is None or self._rod_slots is None:
-            fits = self._pattern is not None and all(
-                map(self._pattern.covers, (rods[-1], contacts.variables))
-            )
-            if not fits:
-                groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
-                wide = self._pair_variables(*self._pairs(self.positions(x), SKIN + PATTERN_MARGIN))
-                self._pattern = BlockPattern.of(groups, [*rods, contacts.variables, wide])
-                self.patterns += 1
-                self._rod_slots = None
-            assert self._pattern is not None
-            if self._rod_slots is None:
-                self._rod_slots = [self._pattern.slots(v) for v in rods]
-            contacts.slots = self._pattern.slots(contacts.variables)
-            contacts.ties = None
+    def _pressed(self, contacts: FabricContacts, x: Array) -> PressedPairs:
+        """All pairs that touch, and others for which there is room; the matrix pattern fits them afterwards.
+
+        Most listed pairs do not touch. A pattern with all of them would have five times as many entries in its factor.
+        """
+        gaps = pair_gaps(self.positions(x), self.sheet.following, contacts.first, contacts.second)
+        pressed, touching = contacts.pressed, gaps < self._reach
+        if pressed is not None and self._rod_slots is not None and not (touching & ~pressed.chosen).any():
+            return pressed
+        rods, listed, chosen = [s.variables for s in self._rods], contacts.stencils.variables, touching
+        fits = self._pattern is not None and all(map(self._pattern.covers, (rods[-1], listed[touching])))
+        if not fits:
+            chosen = gaps < self._reach + PATTERN_MARGIN
+            groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
+            self._pattern = BlockPattern.of(groups, [*rods, listed[chosen]])
+            self.patterns += 1
+            self._rod_slots = None
         assert self._pattern is not None
-        return self._pattern
+        if self._rod_slots is None:
+            self._rod_slots = [self._pattern.slots(v) for v in rods]
+        whole = contacts.stencils
+        stencils = StencilSet(whole.energy, listed[chosen], whole.parameters[chosen], 4)
+        contacts.pressed = PressedPairs(chosen, stencils, self._pattern.slots(listed[chosen]))
+        return contacts.pressed
 
     def ties(self, x: Array) -> Array:
-        """Entries of a matrix that resists motion of yarns against each other, at the yarn's stiffness in tension.
-
-        Only after ``hessian`` at this state.
-        """
-        contacts = self.contacts(x)
-        if contacts.ties is None:
-            assert self._pattern is not None and contacts.slots is not None and self._rod_slots is not None
+        """Entries of a matrix that resists motion of yarns against each other, at the yarn's stiffness in tension."""
+        pressed = self._pressed(self.contacts(x), x)
+        if pressed.ties is None:
+            assert self._pattern is not None and self._rod_slots is not None
             stiffness = float(self.stiffness.position_scale().mean())
             entries, idle = np.zeros(self._pattern.pattern.entries), np.zeros(len(x))
             for energy, variables, slots in (
-                (TIED_PAIR, contacts.variables, contacts.slots),
+                (TIED_PAIR, pressed.stencils.variables, pressed.slots),
                 (TIED_EDGE, self.stretch.variables, self._rod_slots[0]),
             ):
                 vectors = energy.variable_count // 3
                 stencils = StencilSet(energy, variables, np.full((len(variables), 1), stiffness), vectors)
                 stencils.hessian(x, idle, slots, NOT_TURNED, entries)
-            contacts.ties = entries
-        return contacts.ties
+            pressed.ties = entries
+        return pressed.ties
 
     def rub(self, x: Array, friction: YarnFriction | None) -> None:
         """Begin a step of friction at a state: what presses there resists to slip from there on. None: no friction."""
@@ -263,12 +278,12 @@ class FabricEnergy:
 
     def hessian(self, x: Array) -> tuple[float, Array, float, BlockPattern, Array]:
         """``gradient`` with the matrix pattern and the entries of the exact Hessian."""
-        contacts = self.contacts(x)
-        block = self._block_pattern(contacts, x)
-        assert contacts.slots is not None and self._rod_slots is not None
+        pressed = self._pressed(self.contacts(x), x)
+        block = self._pattern
+        assert block is not None and self._rod_slots is not None
         entries, total, value, pull = np.zeros(block.pattern.entries), np.zeros(len(x)), 0.0, 0.0
         for stencils, slots in zip(
-            (*self._rods, contacts.stencils), (*self._rod_slots, contacts.slots), strict=True
+            (*self._rods, pressed.stencils), (*self._rod_slots, pressed.slots), strict=True
         ):
             force = np.zeros(len(x))
             value += stencils.hessian(x, force, slots, NOT_TURNED, entries)
@@ -277,23 +292,26 @@ class FabricEnergy:
         return (value if math.isfinite(value) else math.inf), total, pull, block, entries
 
     def bound(self, x: Array, step: Array) -> float:
-        """Fraction of a step that moves no vertex, twist or pair too far."""
-        n = self.count
+        """Fraction of a step that moves no vertex, edge, twist or pair too far."""
+        n, ends = self.count, self.sheet.following
         moves = step[: 3 * n].reshape(-1, 3)
         # Yarns meet by moving against each other: what all vertices move in common counts for nothing.
         own = moves - moves.mean(axis=0)
-        longest = math.sqrt(float(np.einsum("ij,ij->i", own, own).max()))
-        turn = float(np.abs(step[3 * n :]).max(initial=0.0))
-        fraction = min(1.0, STEP_LIMIT / max(longest, 1e-300), TWIST_LIMIT / max(turn, 1e-300))
-        contacts = self.contacts(x)
-        return fraction * safe_fraction(
-            self.positions(x),
-            fraction * moves,
-            self.sheet.following,
-            contacts.first,
-            contacts.second,
-            GAP_SHARE,
-        )
+        edges = self.sheet.edges
+        limits = (
+            (STEP_LIMIT, own),
+            (EDGE_LIMIT * float(self.sheet.rest_length[edges].mean()) / self.radius, moves[ends[edges]] - moves[edges]),
+            (TWIST_LIMIT, step[3 * n :, None]),
+        )  # fmt: skip
+        fraction = 1.0
+        for limit, changes in limits:
+            largest = math.sqrt(float(np.einsum("ij,ij->i", changes, changes).max(initial=0.0)))
+            fraction = min(fraction, limit / max(largest, 1e-300))
+        if not self._touch:
+            return fraction
+        positions, moves = self.positions(x), fraction * moves
+        meeting = self._pairs(positions, 0.0, moves=moves / GAP_SHARE)
+        return fraction * safe_fraction(positions, moves, ends, *meeting, GAP_SHARE)
 
     # --- read-outs ------------------------------------------------------------------------------------
 
@@ -335,7 +353,7 @@ class FabricEnergy:
             (self.stretch, self.stretch.variables[:, ::3] // 3),
             (self.bend_twist, self._joint_variables[:, 3:4] // 3),
             (self.glue, self.glue.variables[:, ::3] // 3),
-            (contacts.stencils, contacts.variables[:, ::3] // 3),
+            (contacts.stencils, contacts.stencils.variables[:, ::3] // 3),
         )
         return [(stencils, nodes, nodes.shape[1]) for stencils, nodes in found if stencils.count]
 

@@ -54,13 +54,16 @@ class FabricStep:
 class MotionSettings:
     """gravity [m/s²]; damping: rate at which non-rigid motion decays [1/s]; friction of yarns on each other.
 
-    tolerance: of an implicit step, forces left over per weight of the fabric; iterations: the most of Newton in a step.
+    An implicit step is done where forces left over fall below ``tolerance`` times the weight of the fabric, or another
+    Newton iteration would gain less than ``enough`` of the weight times the radius of the yarn; iterations: the most of
+    Newton in a step.
     """
 
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     damping: float = 0.0
     friction: YarnFriction | None = None
     tolerance: float = 5e-2
+    enough: float = 1e-2
     iterations: int = 8
 
     def __post_init__(self) -> None:
@@ -89,6 +92,7 @@ class FabricDynamics:
         self.load = gravity_load(energy, np.array(self.settings.gravity))
         standard = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, 9.81]))))
         self.force_scale = standard
+        self.weight = -float(gravity_load(energy, np.array([0.0, 0.0, -9.81])).sum())
         self._linear = ConstrainedSolver(None, None)
         self._patches = _patches(energy)
         self._shift = ShiftRule(start=1e-5, lowest=1e-9, lowest_is_zero=True, least=1e-6)
@@ -125,9 +129,11 @@ class FabricDynamics:
         if not objective.value(last) <= objective.value(motion.x):
             last = motion.x
             after(last)
+        settings = self.settings
         solution = minimise(
-            objective, last, bound=energy.bound, after_step=after, tolerance=self.settings.tolerance,
-            max_iterations=self.settings.iterations, shift=self._shift, check_minimum=False, linear=self._linear,
+            objective, last, bound=energy.bound, after_step=after, tolerance=settings.tolerance,
+            enough=settings.enough * self.weight, max_iterations=settings.iterations, shift=self._shift,
+            check_minimum=False, linear=self._linear,
         )  # fmt: skip
         velocity = (solution.x - motion.x) / duration
         moved = FabricMotion(solution.x, velocity, motion.time + duration)

@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _MOST_PIECES = 400
+_ROUNDING = 1e-6
+"""Distance at which yarns count as touching [r]."""
 _UNDO_WITHIN = 4
 """Opposite cuts of the same two yarns undo each other so many vertices apart."""
 
@@ -67,11 +69,10 @@ def cuts(energy: FabricEnergy, before: Array, after: Array) -> Array:
     sheet = energy.sheet
     first = np.ascontiguousarray(energy.positions(before))
     second = np.ascontiguousarray(energy.positions(after))
-    own = second - first
-    own = own - own.mean(axis=0)
-    reach = 2.0 * float(np.linalg.norm(own, axis=1).max(initial=0.0)) + 1e-6
     neighbours = energy.stiffness.rule.neighbours
-    pairs = close_pairs(first, sheet.following, sheet.offsets, sheet.closed, reach, neighbours)
+    pairs = close_pairs(
+        first, sheet.following, sheet.offsets, sheet.closed, _ROUNDING, neighbours, moves=second - first
+    )
     return pair_cuts(first, second, sheet.following, *pairs) if len(pairs[0]) else np.empty((0, 6))
 
 

@@ -26,16 +26,25 @@ def close_pairs(
     closed: NDArray[np.bool_],
     reach: float,
     neighbours: int,
+    *,
+    moves: Array | None = None,
 ) -> tuple[Indices, Indices]:
     """Pairs of segments nearer than ``reach``, (m,) and (m,), the first number below the second.
 
-    Segments at most ``neighbours`` edges apart along one yarn are no pair.
+    Segments at most ``neighbours`` edges apart along one yarn are no pair. moves: (n, 3) of the vertices; pairs count
+    as nearer by as much as they may move towards each other.
     """
     segments = np.flatnonzero(following >= 0)
     ends = following[segments]
     middle = 0.5 * (positions[segments] + positions[ends])
     longest = float(np.linalg.norm(positions[ends] - positions[segments], axis=1).max(initial=0.0))
     size = reach + longest
+    pace, spread = np.zeros_like(middle), np.zeros(len(segments))
+    if moves is not None and len(segments):
+        pace = 0.5 * (moves[segments] + moves[ends])
+        spread = 0.5 * np.linalg.norm(moves[ends] - moves[segments], axis=1)
+        own = np.linalg.norm(pace - pace.mean(axis=0), axis=1) + spread
+        size += 2.0 * float(own.max())
     low = middle.min(axis=0)
     shape = np.floor((middle.max(axis=0) - low) / size).astype(np.int64) + 1
     while float(np.prod(shape.astype(float))) > _MOST_CELLS:  # a few far vertices must not fill the memory
@@ -51,7 +60,7 @@ def close_pairs(
         pairs = np.empty((capacity, 2), np.int64)
         found = _search(
             np.ascontiguousarray(positions), following, segments, order, starts, shape, cell, yarn, offsets, closed,
-            reach, longest, neighbours, pairs,
+            reach, longest, neighbours, pace, spread, pairs,
         )  # fmt: skip
         if found >= 0:
             return pairs[:found, 0].copy(), pairs[:found, 1].copy()
@@ -60,10 +69,10 @@ def close_pairs(
 
 @numba.njit(**_JIT)
 def _search(
-    x, following, segments, order, starts, shape, cell, yarn, offsets, closed, reach, longest, neighbours, pairs
+    x, following, segments, order, starts, shape, cell, yarn, offsets, closed, reach, longest, neighbours, pace,
+    spread, pairs
 ):  # fmt: skip
     found = 0
-    limit = (reach + longest) ** 2
     for m in range(segments.shape[0]):
         i = segments[m]
         e = following[i]
@@ -78,10 +87,12 @@ def _search(
                     if g <= i:
                         continue
                     f = following[g]
-                    away = 0.0
+                    away = moved = 0.0
                     for c in range(3):
                         away += (0.5 * (x[g, c] + x[f, c] - x[i, c] - x[e, c])) ** 2
-                    if away >= limit:
+                        moved += (pace[order[k], c] - pace[m, c]) ** 2
+                    near = reach + np.sqrt(moved) + spread[m] + spread[order[k]]
+                    if away >= (near + longest) ** 2:
                         continue
                     y = yarn[i]
                     if y == yarn[g]:
@@ -94,7 +105,7 @@ def _search(
                         x[i, 0], x[i, 1], x[i, 2], x[e, 0], x[e, 1], x[e, 2],
                         x[g, 0], x[g, 1], x[g, 2], x[f, 0], x[f, 1], x[f, 2],
                     )  # fmt: skip
-                    if gap < reach * reach:
+                    if gap < near * near:
                         if found == pairs.shape[0]:
                             return -1
                         pairs[found, 0], pairs[found, 1] = i, g

@@ -120,6 +120,7 @@ def minimise(
     bound: Bound | None = None,
     after_step: Callable[[Array], None] | None = None,
     tolerance: float = 1e-6,
+    enough: float = 0.0,
     max_iterations: int = 300,
     shift: ShiftRule | None = None,
     backtracks: int = 6,
@@ -130,13 +131,14 @@ def minimise(
     """Minimise ``objective`` from ``start`` (n,) under linear constraints.
 
     bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted step.
-    tolerance: on |P g| / residual_scale, P the projection on the constraints. check_minimum: accept a point below the
+    tolerance: on |P g| / residual_scale, P the projection on the constraints. enough: where a whole step foretells a
+    smaller decrease of the energy than this, the point counts as converged. check_minimum: accept a point below the
     tolerance only where the Hessian, restricted by the constraints, has no negative eigenvalue; else leave the saddle
     along it. backtracks: halvings of a step before the shift is raised instead. linear: a solver with the same
     constraints from an earlier call, whose symbolic analysis lives on while the pattern is the same.
     """
     return _Minimisation(
-        objective, constraints, bound, after_step, tolerance, max_iterations, shift or ShiftRule(), backtracks,
+        objective, constraints, bound, after_step, tolerance, enough, max_iterations, shift or ShiftRule(), backtracks,
         check_minimum, linear if linear is not None else _linear_solver(constraints, backend),
     ).run(np.array(start, dtype=np.float64))  # fmt: skip
 
@@ -156,6 +158,7 @@ class _Minimisation:
     bound: Bound | None
     after_step: Callable[[Array], None] | None
     tolerance: float
+    enough: float
     max_iterations: int
     rule: ShiftRule
     backtracks: int
@@ -187,6 +190,9 @@ class _Minimisation:
                 moved = self._advance(x, value, gradient, model, residual)
                 if moved is None:
                     status = Status.STALLED
+                    break
+                if moved is x:
+                    status = Status.CONVERGED
                     break
                 x = moved
             if self.after_step is not None:
@@ -226,7 +232,7 @@ class _Minimisation:
     def _advance(
         self, x: Array, value: float, gradient: Array, model: QuadraticModel, residual: float
     ) -> Array | None:
-        """One accepted step from x, or None where none lowers the energy."""
+        """One accepted step from x, x itself where it is good enough, or None where no step lowers the energy."""
         if residual > self.rule.hold_above:
             self.shift = self.rule.start
         before = self.shift
@@ -235,6 +241,8 @@ class _Minimisation:
                 return None
             failed = self.shift > before
             step = self.linear.step(-gradient, self._gap(x))
+            if 0.0 <= -0.5 * float(self._project(gradient) @ step) < self.enough and self._feasible(x):
+                return x
             whole = 1.0 if self.bound is None else self.bound(x, step)
             fraction, ratio = self._search(x, value, gradient, step, whole, residual)
             if fraction > 0:
