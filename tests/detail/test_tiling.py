@@ -41,9 +41,7 @@ def test_every_copy_inside_is_there_once_and_joined_to_the_next(name: str) -> No
         edge = pattern.edges[layout.vertex[k]]
         np.testing.assert_array_equal(found[k + 1], [*(found[k, :2] + edge[2:]), edge[1]])
     assert not layout.closed.any()
-    np.testing.assert_array_equal(
-        layout.yarn.repeat(np.diff(layout.offsets)), pattern.yarn_of_vertex[layout.vertex]
-    )
+    np.testing.assert_array_equal(layout.yarn[layout.curve_of_vertex], pattern.yarn_of_vertex[layout.vertex])
 
 
 def test_the_place_in_the_triangle_is_the_material_point() -> None:
@@ -55,7 +53,7 @@ def test_the_place_in_the_triangle_is_the_material_point() -> None:
     copies(pattern, layout)  # on the lattice
 
 
-def test_yarns_end_at_a_seam() -> None:
+def test_yarns_laid_out_alone_end_at_a_seam() -> None:
     one = rectangle(0.05, 0.05, 0.008)
     # The same panel twice, sewn along the right border of the first and the left one of the second.
     right = np.flatnonzero(one.panel[:, 0] > 0.025 - 1e-9)
@@ -76,9 +74,8 @@ def test_yarns_end_at_a_seam() -> None:
     pattern = library.build("stockinette")
     alone, both = YarnLayout.of(pattern, one), YarnLayout.of(pattern, mesh)
     # Each panel has the yarns it has alone, and at the seam the snippets too that a free border is rid of.
-    curve = np.repeat(np.arange(len(both.yarn)), np.diff(both.offsets))
     for panel, near in ((0, 0.025), (1, -0.025)):
-        own = both.panel[curve] == panel
+        own = both.panel == panel
         assert (both.triangle[own] // len(one.triangles) == panel).all()
         inner = own & (np.abs(both.material[:, 0] - near) > 0.02)
         there = np.abs(alone.material[:, 0] - near) > 0.02

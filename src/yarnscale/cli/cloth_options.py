@@ -67,6 +67,10 @@ def add_cloth_commands(add: Add) -> None:
         help="grid that 'sample' wrote (default: one of 1225 states, made once beside the yarns)",
     )  # fmt: skip
     command.add_argument(
+        "--seams", choices=("joined", "cut"), default="joined",
+        help="yarns at seams: joined (default) goes on with the pattern where it can, and bridges where it cannot",
+    )  # fmt: skip
+    command.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for frames of curves (default: DIR/yarns)"
     )
     command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the last frame's yarns")

@@ -38,7 +38,7 @@ def detail(options: argparse.Namespace) -> int:
     table, summary = _table(options, out)
     first = frames.state(next(iter(frames.paths)))
     mesh = TriangleMesh(frames.material, frames.triangles, 0.0, frames.corners, first.positions)
-    yarns = YarnDetail.of(table, mesh)
+    yarns = YarnDetail.of(table, mesh, seams=options.seams)
     done, seconds = _write(yarns, frames, out, resume=options.resume)
     if options.picture is not None:
         _draw(options.picture, yarns, frames)

@@ -40,14 +40,14 @@ class Overlap:
         middles = 0.5 * (curves[start] + curves[start + 1])
         longest = float(np.linalg.norm(curves[start + 1] - curves[start], axis=1).max())
         pairs = KDTree(middles).query_pairs(diameter + longest, output_type="ndarray")
-        curve = np.repeat(np.arange(len(layout.yarn)), np.diff(layout.offsets))
+        curve = layout.curve_of_vertex
         first, second = start[pairs[:, 0]], start[pairs[:, 1]]
         apart = (curve[first] != curve[second]) | (np.abs(first - second) > NEIGHBOURS)
         pairs, first, second = pairs[apart], first[apart], second[apart]
         gaps = _gaps(curves, first, second) / diameter
         spans = np.abs(layout.material[first] - layout.material[second])
         same = (spans < SAME_STITCH * detail.table.pattern.period).all(axis=1)
-        same &= layout.panel[curve[first]] == layout.panel[curve[second]]
+        same &= layout.panel[first] == layout.panel[second]
         found = np.full((2, len(start)), np.inf)
         for row, which in ((0, same), (1, ~same)):
             for column in range(2):

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.detail.bridges import NO_BRIDGES, Bridges
 from yarnscale.errors import InputError
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.yarn.pattern import YarnPattern
@@ -23,61 +24,133 @@ _ON_EDGE = -1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Tilings:
+    """Where the pattern lies on every panel: reference coordinates ξ = origin + stretch·(place in the pattern).
+
+    origin: (panels, 2) [m]; stretch: (panels, 2) [-], near one.
+    """
+
+    origin: Floats
+    stretch: Floats
+
+    @classmethod
+    def plain(cls, panels: int) -> Tilings:
+        """Tile (0, 0) at the origin of the material coordinates, unstretched."""
+        return cls(np.zeros((panels, 2)), np.ones((panels, 2)))
+
+
+@dataclass(frozen=True, eq=False)
 class YarnLayout:
     """Yarn vertices on a cloth, curve after curve; what deformation never changes.
 
     vertex: (n,) of the pattern. triangle: (n,) that holds its reference coordinates ξ; place: (n, 3) barycentric
-    coordinates there. material: ξ, (n, 2) [m]. offsets: (c + 1,) where each curve begins and the last one ends.
-    yarn: (c,) number of each curve's yarn in the pattern. panel: (c,). closed: (c,) whether the last vertex joins the
-    first one.
+    coordinates there. material: ξ, (n, 2) [m]. panel: (n,). stretch: of the pattern on that panel, (n, 2).
+    offsets: (c + 1,) where each curve begins and the last one ends. yarn: (c,) number of each curve's yarn in the
+    pattern. closed: (c,) whether the last vertex joins the first one. bridges: vertices that belong to no panel but
+    lead from one to another; what the arrays say of them is copied from their neighbours.
     """
 
     vertex: Integers
     triangle: Integers
     place: Floats
     material: Floats
+    panel: Integers
+    stretch: Floats
     offsets: Integers
     yarn: Integers
-    panel: Integers
     closed: NDArray[np.bool_]
+    bridges: Bridges = NO_BRIDGES
 
     @classmethod
     def of(cls, pattern: YarnPattern, mesh: TriangleMesh) -> YarnLayout:
-        """Repeat ``pattern`` over the material coordinates of every panel, tile (0, 0) at their origin.
+        """Repeat ``pattern`` over every panel, tile (0, 0) at the origin of its material coordinates.
 
         A yarn ends at the last vertex whose reference coordinates lie in the panel. Raises InputError where no yarn
         fits on any panel, or where the pattern is far too fine for the cloth.
         """
+        return cls.pieces(pattern, mesh, Tilings.plain(_panel_count(mesh))).without_snippets(pattern, mesh)
+
+    @classmethod
+    def pieces(cls, pattern: YarnPattern, mesh: TriangleMesh, tilings: Tilings) -> YarnLayout:
+        """All pieces of yarn with a vertex on a panel, however short. Errors as of ``of``."""
         numbers = mesh.panel_numbers[mesh.corners[:, 0]]
-        parts = [_panel_layout(pattern, mesh, np.flatnonzero(numbers == p)) for p in range(numbers.max() + 1)]
-        vertex, triangle, place, lengths, closed = (np.concatenate(c) for c in zip(*parts, strict=True))
-        if len(lengths) == 0:
-            raise InputError(
-                "yarns on the cloth", expected="panels larger than the pattern", found="none fits"
+        parts = [
+            _panel_pieces(
+                pattern.vertices[:, :2] * stretch + origin,
+                pattern.period * stretch,
+                pattern,
+                mesh,
+                np.flatnonzero(numbers == p),
             )
+            for p, (origin, stretch) in enumerate(zip(tilings.origin, tilings.stretch, strict=True))
+        ]
+        vertex, triangle, place, lengths, closed = (np.concatenate(c) for c in zip(*parts, strict=True))
         offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
         material = np.einsum("nk,nkc->nc", place, mesh.material[mesh.corners[triangle]])
+        panel = numbers[triangle]
         yarn = pattern.yarn_of_vertex[vertex[offsets[:-1]]]
-        panel = np.repeat(np.arange(len(parts)), [len(part[3]) for part in parts])
-        return cls(vertex, triangle, place, material, offsets, yarn, panel, closed)
+        return cls(vertex, triangle, place, material, panel, tilings.stretch[panel], offsets, yarn, closed)
 
     @property
     def vertex_count(self) -> int:
         """Number of yarn vertices on the cloth."""
         return len(self.vertex)
 
+    @property
+    def curve_of_vertex(self) -> Integers:
+        """Which curve every vertex is of, (n,)."""
+        return np.repeat(np.arange(len(self.yarn)), np.diff(self.offsets))
 
-def _panel_layout(
-    pattern: YarnPattern, mesh: TriangleMesh, own: Integers
+    def without_snippets(self, pattern: YarnPattern, mesh: TriangleMesh) -> YarnLayout:
+        """Without pieces too short to be yarns; at a seam, where they fill the fabric up to it, three vertices do.
+
+        Raises InputError where nothing is left.
+        """
+        starts, ends = self.offsets[:-1], self.offsets[1:]
+        kept = np.zeros(len(starts), bool)
+        if len(starts):
+            rest = pattern.rest_length[self.vertex]
+            walked = np.concatenate([[0.0], np.cumsum(rest)])
+            whole = walked[ends] - walked[starts]
+            length = np.where(self.closed, whole, whole - rest[ends - 1])
+            sewn = np.logical_or.reduceat(np.asarray(mesh.seams.any(axis=1))[self.triangle], starts)
+            kept = ((length >= SHORTEST * pattern.radius) | sewn) & (ends - starts > 2)
+        if not kept.any():
+            raise InputError(
+                "yarns on the cloth", expected="panels larger than the pattern", found="none fits"
+            )
+        rows = np.repeat(kept, ends - starts)
+        return YarnLayout(
+            self.vertex[rows],
+            self.triangle[rows],
+            self.place[rows],
+            self.material[rows],
+            self.panel[rows],
+            self.stretch[rows],
+            np.concatenate([[0], np.cumsum((ends - starts)[kept])]).astype(np.int64),
+            self.yarn[kept],
+            self.closed[kept],
+            self.bridges.among(rows),
+        )
+
+
+def _panel_count(mesh: TriangleMesh) -> int:
+    return int(mesh.panel_numbers.max()) + 1
+
+
+def _panel_pieces(
+    rest: Floats, period: Floats, pattern: YarnPattern, mesh: TriangleMesh, own: Integers
 ) -> tuple[Integers, Integers, Floats, Integers, NDArray[np.bool_]]:
-    """Vertex, triangle and place of all yarn vertices on triangles ``own``; length of each curve, whether closed."""
+    """Vertex, triangle and place of all yarn vertices on triangles ``own``; length of each curve, whether closed.
+
+    rest: reference coordinates of the vertices of tile (0, 0), (k, 2); period: of the tiles, (2,) [m].
+    """
     corners = mesh.material[mesh.corners[own]]
     points = corners.reshape(-1, 2)
-    rest = pattern.vertices[:, :2]
     # A margin of the longest step of an edge, so that every neighbour of a vertex inside has a place in the box.
     margin = np.abs(pattern.edges[:, 2:]).max(axis=0)
-    low = np.floor((points.min(axis=0) - rest.max(axis=0)) / pattern.period).astype(np.int64) - margin
-    high = np.ceil((points.max(axis=0) - rest.min(axis=0)) / pattern.period).astype(np.int64) + margin
+    low = np.floor((points.min(axis=0) - rest.max(axis=0)) / period).astype(np.int64) - margin
+    high = np.ceil((points.max(axis=0) - rest.min(axis=0)) / period).astype(np.int64) + margin
     shape = high - low + 1
     if int(shape[0]) * int(shape[1]) * len(rest) > LARGEST_TILING:
         raise InputError(
@@ -85,32 +158,11 @@ def _panel_layout(
             expected=f"at most {LARGEST_TILING} copies of vertices",
             found=f"{shape[0]} × {shape[1]} tiles of {len(rest)}",
         )
-    owner, place = _locate(corners, rest, pattern.period, low, shape)
+    owner, place = _locate(corners, rest, period, low, shape)
     chain, lengths, closed = _chains(
         owner, pattern.next_vertex, pattern.edges[:, 2:].copy(), pattern.previous_vertex
     )
-    if len(lengths):
-        at_seam = np.asarray(mesh.seams[own].any(axis=1))[owner.ravel()[chain]]
-        kept = _worth_keeping(pattern, chain % len(rest), at_seam, lengths, closed)
-        chain, lengths, closed = chain[np.repeat(kept, lengths)], lengths[kept], closed[kept]
     return chain % len(rest), own[owner.ravel()[chain]], place.reshape(-1, 3)[chain], lengths, closed
-
-
-def _worth_keeping(
-    pattern: YarnPattern,
-    vertex: Integers,
-    at_seam: NDArray[np.bool_],
-    lengths: Integers,
-    closed: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
-    """Which pieces are long enough to be yarns; at a seam, where short ones fill the fabric up to it, all are."""
-    ends = np.cumsum(lengths)
-    rest = pattern.rest_length[vertex]
-    walked = np.concatenate([[0.0], np.cumsum(rest)])
-    whole = walked[ends] - walked[ends - lengths]
-    length = np.where(closed, whole, whole - rest[ends - 1])
-    sewn = np.logical_or.reduceat(at_seam, ends - lengths)
-    return ((length >= SHORTEST * pattern.radius) | sewn) & (lengths > 2)
 
 
 @numba.njit(cache=True, error_model="numpy")

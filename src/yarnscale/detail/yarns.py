@@ -12,12 +12,14 @@ that enters is continuous across triangles, so the yarns are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.detail.fluctuations import FluctuationTable, fluctuation
+from yarnscale.detail.joins import sewn_layout
 from yarnscale.detail.surface import SurfaceFit
 from yarnscale.detail.tiling import YarnLayout
 from yarnscale.errors import InputError
@@ -25,6 +27,8 @@ from yarnscale.shell.mesh import TriangleMesh
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+Seams = Literal["joined", "cut"]
 
 _CRUSHED = 1e-6
 """Area over rest area below which a surface has no normal of its own; the triangle's stands in for it."""
@@ -40,9 +44,15 @@ class YarnDetail:
     surface: SurfaceFit
 
     @classmethod
-    def of(cls, table: FluctuationTable, mesh: TriangleMesh) -> YarnDetail:
-        """Lay the table's pattern over a mesh. Raises InputError where no yarn fits on any panel."""
-        return cls(table, mesh, YarnLayout.of(table.pattern, mesh), SurfaceFit.of(mesh))
+    def of(cls, table: FluctuationTable, mesh: TriangleMesh, *, seams: Seams = "joined") -> YarnDetail:
+        """Lay the table's pattern over a mesh, its yarns joined across seams or cut there.
+
+        Raises InputError where no yarn fits on any panel.
+        """
+        if seams not in get_args(Seams):
+            raise InputError("yarns at seams", expected=" or ".join(get_args(Seams)), found=seams)
+        lay = sewn_layout if seams == "joined" else YarnLayout.of
+        return cls(table, mesh, lay(table.pattern, mesh), SurfaceFit.of(mesh))
 
     @property
     def radius(self) -> float:
@@ -69,7 +79,7 @@ class YarnDetail:
         if not np.isfinite(positions).all():
             raise InputError("positions of the cloth", expected="finite numbers", found="others")
         gradient, first, second = self.surface.forms(positions)
-        return _place(
+        points, states = _place(
             positions,
             self.mesh.triangles,
             self.mesh.corners,
@@ -80,11 +90,14 @@ class YarnDetail:
             self.layout.triangle,
             self.layout.place,
             self.layout.material,
+            self.layout.stretch,
             self.layout.vertex,
             self.table.pattern.vertices,
             self.table.axes,
             self.table.values,
         )
+        self.layout.bridges.place(points)
+        return points, states
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -99,6 +112,7 @@ def _place(
     triangle,
     place,
     xi,
+    stretch,
     vertex,
     rest,
     axes,
@@ -112,10 +126,15 @@ def _place(
         t = triangle[k]
         _surface_at(positions, triangles[t], corners[t], material, gradient, place[k], xi[k], surface, slope)
         a, b = slope[0], slope[1]
+        # From here on by coordinates of the pattern, ξ over its stretch.
+        a *= stretch[k, 0]
+        b *= stretch[k, 1]
         n0, n1, n2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
         area = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
         if area < _CRUSHED:
             _facet(positions, triangles[t], corners[t], material, slope)
+            a *= stretch[k, 0]
+            b *= stretch[k, 1]
             n0, n1, n2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
             area = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
         long_a = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
@@ -128,7 +147,7 @@ def _place(
         n0, n1, n2 = n0 / area, n1 / area, n2 / area
         along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
         state = states[k]
-        _strain(first, second, corners[t], place[k], state)
+        _strain(first, second, corners[t], place[k], stretch[k], state)
         fluctuation(values, axes, state, vertex[k], moved)
         # In the frame (t, n × t), t = a/|a|, the gradient is upper triangular; its polar rotation has this angle.
         m11, m12, m22 = long_a, along / long_a, area / long_a
@@ -160,8 +179,8 @@ def _surface_at(positions, vertices, points, material, gradient, place, xi, surf
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _strain(first, second, points, place, state):
-    """Interpolated (s_x, s_a, s_y, II11, II22), into ``state`` (5,)."""
+def _strain(first, second, points, place, stretch, state):
+    """Interpolated (s_x, s_a, s_y, II11, II22) of a pattern that lies stretched, into ``state`` (5,)."""
     xx = xy = yy = bend_x = bend_y = 0.0
     for c in range(3):
         p = points[c]
@@ -172,9 +191,9 @@ def _strain(first, second, points, place, state):
         bend_y += place[c] * second[p, 2]
     long_x, long_y = np.sqrt(max(xx, 0.0)), np.sqrt(max(yy, 0.0))
     product = long_x * long_y
-    state[0], state[2] = long_x - 1.0, long_y - 1.0
+    state[0], state[2] = long_x * stretch[0] - 1.0, long_y * stretch[1] - 1.0
     state[1] = xy / product if product > 0.0 else 0.0
-    state[3], state[4] = bend_x, bend_y
+    state[3], state[4] = bend_x * stretch[0] ** 2, bend_y * stretch[1] ** 2
 
 
 @numba.njit(cache=True)

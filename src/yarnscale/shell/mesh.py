@@ -120,6 +120,17 @@ class TriangleMesh:
         return self.has_neighbour & ~material_neighbour
 
     @property
+    def sewn_edges(self) -> Integers:
+        """Material points of every edge on a seam, from either side, shape (m, 4).
+
+        Tail and head with the panel on the left, and the points of the other panel that are the same two vertices.
+        """
+        twins = _twins(self.triangles, self.vertex_count).ravel()
+        edges = np.flatnonzero(self.seams.ravel())
+        tails, heads = self.corners.ravel(), np.roll(self.corners, -1, axis=1).ravel()
+        return np.column_stack([tails[edges], heads[edges], heads[twins[edges]], tails[twins[edges]]])
+
+    @property
     def panel_numbers(self) -> Integers:
         """Which panel every material point belongs to: pieces that hang together in the fabric, shape (nm,)."""
         numbers = np.arange(len(self.material))

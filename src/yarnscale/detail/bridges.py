@@ -1,0 +1,51 @@
+"""Bridges: yarn vertices between two panels, which follow from those on either side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Bridges:
+    """Vertices (m,) on cubic curves from one yarn end to another, tangent to both.
+
+    anchors: (m, 4) the last two vertices of one end and the first two of the other, in the order of the yarn; share:
+    (m,) how far along the curve, in (0, 1).
+    """
+
+    vertices: Integers
+    anchors: Integers
+    share: Floats
+
+    def place(self, points: Floats) -> None:
+        """Set the bridges among the points (n, 3) [m] from their anchors."""
+        before, start, end, after = (points[self.anchors[:, k]] for k in range(4))
+        gap = np.linalg.norm(end - start, axis=1)[:, None]
+        first, last = _direction(start - before) * gap, _direction(after - end) * gap
+        t = self.share[:, None]
+        points[self.vertices] = (
+            (1 + 2 * t) * (1 - t) ** 2 * start
+            + t * (1 - t) ** 2 * first
+            + t * t * (3 - 2 * t) * end
+            - t * t * (1 - t) * last
+        )
+
+    def among(self, kept: NDArray[np.bool_]) -> Bridges:
+        """Those left, numbered anew, where whole curves of the vertices (n,) are left out."""
+        number = np.cumsum(kept) - 1
+        own = kept[self.vertices]
+        return Bridges(number[self.vertices[own]], number[self.anchors[own]], self.share[own])
+
+
+NO_BRIDGES = Bridges(np.zeros(0, np.int64), np.zeros((0, 4), np.int64), np.zeros(0))
+
+
+def _direction(vectors: Floats) -> Floats:
+    """Unit vectors, zero where there is no direction."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
