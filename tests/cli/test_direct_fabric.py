@@ -10,6 +10,7 @@ import pytest
 
 from yarnscale.cli import main
 from yarnscale.files.curve_frames import read_curve_frames
+from yarnscale.shell.mesh import rectangle
 
 SMALL = ["fabric", "plain", "--rows", "2", "--columns", "2", "--method", "direct", "--json"]
 
@@ -72,6 +73,40 @@ def test_a_knitted_piece_is_one_yarn(capsys: pytest.CaptureFixture[str], tmp_pat
     assert float(str(numbers["penetration"])) < 0.3
     assert main(["fabric", "plain", *piece[2:], "--count"]) == 2
     assert "knit and purl" in capsys.readouterr().err
+
+
+def test_yarns_on_a_mesh_and_in_a_tube(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A bent strip of 60 × 32 mm: its yarns lie on the mesh at first."""
+    mesh = rectangle(0.06, 0.032, 0.004)
+    angle = mesh.material[:, 0] / 0.05
+    bent = np.stack([0.05 * np.sin(angle), mesh.material[:, 1], 0.05 * np.cos(angle)], axis=1)
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in bent]
+    lines += [f"vt {x:.9f} {y:.9f}" for x, y in mesh.material]
+    lines += ["f " + " ".join(f"{v + 1}/{v + 1}" for v in corner) for corner in mesh.triangles]
+    path = tmp_path / "strip.obj"
+    path.write_text("\n".join(lines))
+    base = [
+        "fabric",
+        "stockinette",
+        "--method",
+        "direct",
+        "--duration",
+        "0.0333",
+        "--time-step",
+        "0.0333",
+        "--json",
+    ]
+    assert main([*base, "--on", str(path), "--out", str(tmp_path / "on")]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert numbers["passages"] == 0 and float(str(numbers["penetration"])) < 0.3
+    first, _ = read_curve_frames(tmp_path / "on").points(0)
+    out = np.hypot(first[:, 0], first[:, 2])
+    assert np.abs(out - 0.05).max() < 2.5e-3
+    assert main([*base, "--tube", "--rows", "2", "--columns", "12", "--out", str(tmp_path / "tube")]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert numbers["yarns"] == 2 and numbers["passages"] == 0
+    assert main([*base, "--out", str(tmp_path / "none")]) == 2
+    assert "--rows" in capsys.readouterr().err
 
 
 def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

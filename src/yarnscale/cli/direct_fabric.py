@@ -10,8 +10,9 @@ import numpy as np
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, writable_folder
 from yarnscale.cli.yarns import material_for
+from yarnscale.detail.yarn_sheet import sheet_on_mesh
 from yarnscale.errors import InputError
-from yarnscale.fabric.boundary import Springs, glue
+from yarnscale.fabric.boundary import BORDER_WIDTH, Springs, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
@@ -23,8 +24,10 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
+from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import read_pattern
 from yarnscale.yarn import library
+from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.stiffness import Materials, materials_of
 
 
@@ -40,6 +43,8 @@ def sheet_at_rest(options: argparse.Namespace) -> tuple[YarnSheet, Materials, Sp
     pattern = library.build(options.pattern, **given) if built else read_pattern(options.pattern)
     material = material_for(pattern, None if options.material is None else [options.material])
     first = materials_of(pattern, material)[0]
+    if options.border == "knitted" and (options.tube or options.on is not None):
+        raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")
     if options.border == "knitted":
         piece = knitted_sheet(pattern, options.columns, options.rows)
         ends = woven_in(piece, first)
@@ -48,13 +53,37 @@ def sheet_at_rest(options: argparse.Namespace) -> tuple[YarnSheet, Materials, Sp
             material,
             ends,
         )
+    if options.tube and options.on is not None:
+        raise InputError("--tube", expected="a sheet of --rows and --columns", found="--on")
+    if options.tube:
+        tube = YarnSheet.of(pattern, options.columns, options.rows, tube=True)
+        springs = _ring_glue(tube, first)
+        return (
+            tube if options.count else settled(FabricEnergy(tube, material, springs=springs)),
+            material,
+            springs,
+        )
+    cell = PeriodicCell(pattern, material)
+    if options.on is not None:
+        laid = sheet_on_mesh(pattern, read_garment(options.on), state=None if options.count else cell.relax())
+        edges = laid.border_distance < BORDER_WIDTH * pattern.radius
+        return laid.sheet, material, glue(laid.sheet, first, borders=edges, normals=laid.normals)
     sheet = YarnSheet.of(pattern, options.columns, options.rows)
     if options.count:
         return sheet, material, Springs.none()
-    cell = PeriodicCell(pattern, material)
     state = cell.relax()
     sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
     return sheet, material, glue(sheet, first)
+
+
+def _ring_glue(tube: YarnSheet, material: YarnMaterial) -> Springs:
+    """Glue along both open ends of a tube around the y axis."""
+    place = tube.vertices[:, 1]
+    width = BORDER_WIDTH * tube.radius
+    normals = tube.vertices * [1.0, 0.0, 1.0]
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    ends = (place < place.min() + width) | (place > place.max() - width)
+    return glue(tube, material, borders=ends, normals=normals)
 
 
 def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], bool]:

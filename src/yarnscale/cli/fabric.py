@@ -29,12 +29,17 @@ _FILES = {"gltf": "fabric.glb", "usd": "fabric.usdc", "mp4": "fabric.mp4"}
 
 def fabric(options: argparse.Namespace) -> int:
     """Simulate a finite fabric, or count its unknowns."""
+    if options.on is None:
+        for name in ("rows", "columns"):
+            if getattr(options, name) is None:
+                raise InputError(f"--{name}", expected="a whole number from 2 to 1000", found="none")
     if options.method == "direct":
         return _direct(options)
     if options.scene != "hang":
         raise InputError("--scene", expected="hang, or --method direct", found=options.scene)
-    if options.border != "glued":
-        raise InputError("--border", expected="glued, or --method direct", found=options.border)
+    for name, plain in (("border", "glued"), ("on", None), ("tube", False)):
+        if getattr(options, name) != plain:
+            raise InputError(f"--{name}", expected="--method direct", found=options.method)
     if options.pattern not in JERSEYS:
         raise InputError(
             "pattern", expected="for spline yarns one of " + ", ".join(JERSEYS), found=repr(options.pattern)

@@ -34,14 +34,12 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--rows",
         type=_count,
-        required=True,
         metavar="N",
         help="courses; direct: periods of the pattern along its wales",
     )
     command.add_argument(
         "--columns",
         type=_count,
-        required=True,
         metavar="M",
         help="wales; direct: periods of the pattern along its courses",
     )
@@ -66,6 +64,11 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         default="hang",
         help="hang: held along the last row; direct only: stretch between two grips, drape over a ball (hang)",
     )
+    command.add_argument(
+        "--on", type=Path, metavar="MESH.obj",
+        help="direct only: lay the pattern on a mesh [m] with texture coordinates [m] instead of --rows and --columns",
+    )  # fmt: skip
+    command.add_argument("--tube", action="store_true", help="direct only: close the courses to rings")
     command.add_argument(
         "--border", choices=BORDERS, default="glued",
         help="direct only: glued, cut from endless fabric and glued along its borders; knitted, one yarn that is cast "

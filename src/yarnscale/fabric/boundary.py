@@ -16,6 +16,9 @@ from yarnscale.yarn.material import YarnMaterial
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+BORDER_WIDTH = 6.0
+"""Width of a glued border [radii]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Springs:
@@ -49,18 +52,20 @@ def glue(
     pull: float = 0.9,
     stiffness: float = 1.0,
     borders: NDArray[np.bool_] | None = None,
+    normals: Array | None = None,
 ) -> Springs:
     """Springs that hold the yarns of a border together where they cross, drawn tight through the thickness.
 
-    width: of the border [m], six radii by default. reach: distance of yarns that are glued [r]. pull: rest length of a
-    spring over its length through the thickness now. stiffness: of a spring, over that of one radius of
-    yarn. borders: (n,) vertices to glue instead. Raises InputError.
+    width: of the border [m], by default ``BORDER_WIDTH`` radii. reach: distance of yarns that are glued [r]. pull: rest
+    length of a spring over its length through the thickness now. stiffness: of a spring, over that of one radius of
+    yarn. borders: (n,) vertices to glue instead. normals: (n, 3) of the surface that the sheet lies on, by default
+    along z. Raises InputError.
     """
     for name, value, least in (("reach", reach, 0.0), ("pull", pull, 0.0), ("stiffness", stiffness, 0.0)):
         if not (math.isfinite(value) and value > least):
             raise InputError(f"{name} of glue", expected="a positive number", found=value)
     if borders is None:
-        borders = border_vertices(sheet, 6.0 * sheet.radius if width is None else width)
+        borders = border_vertices(sheet, BORDER_WIDTH * sheet.radius if width is None else width)
     neighbours = material.contact.neighbours
     first, second = close_pairs(
         sheet.vertices / sheet.radius, sheet.following, sheet.offsets, sheet.closed, reach, neighbours
@@ -80,6 +85,8 @@ def glue(
     _, unique = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True)
     pairs, vector, length = pairs[unique], vector[unique], length[unique]
     # Drawn together through the thickness only: in the plane the spring is as long as it lies.
-    rest = np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2 + (pull * vector[:, 2]) ** 2)
+    up = np.array([[0.0, 0.0, 1.0]]) if normals is None else normals[pairs].mean(axis=1)
+    through = (vector * up).sum(axis=1) / np.maximum(np.linalg.norm(up, axis=1), 1e-12)
+    rest = np.sqrt(np.maximum(length**2 - (1.0 - pull**2) * through**2, 0.0))
     spring = stiffness * material.stretch_stiffness(sheet.radius) / sheet.radius
     return Springs(pairs, np.maximum(rest, 0.1 * length), np.full(len(pairs), spring))

@@ -1,0 +1,117 @@
+"""Yarns laid on a mesh with material coordinates, as a sheet that can be simulated yarn by yarn.
+
+Where a vertex lies is the business of ``YarnDetail``; its frame turns with the surface, by the rotation nearest to the
+surface's gradient there. Yarns keep the lengths that they have in the pattern: a mesh that is stretched stretches them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from yarnscale.cell.periodic import Equilibrium
+from yarnscale.detail.fluctuations import FluctuationTable
+from yarnscale.detail.tiling import YarnLayout
+from yarnscale.detail.yarns import YarnDetail
+from yarnscale.errors import InputError
+from yarnscale.fabric.sheet import LARGEST_SHEET, YarnSheet
+from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SheetOnMesh:
+    """A sheet, the mesh's normal at each of its vertices (n, 3), and how far each is from a border or seam (n,) [m]."""
+
+    sheet: YarnSheet
+    normals: Array
+    border_distance: Array
+
+
+def sheet_on_mesh(
+    pattern: YarnPattern,
+    mesh: TriangleMesh,
+    *,
+    state: Equilibrium | None = None,
+    positions: Array | None = None,
+) -> SheetOnMesh:
+    """The pattern over every panel of a mesh, its loops as in a cell's equilibrium without strain (default: as drawn).
+
+    positions: of the mesh's vertices (nv, 3) [m], by default as assembled. Raises InputError where no yarn fits, and
+    for cloth too large for its yarns.
+    """
+    flat = YarnLayout.of(pattern, mesh)
+    if flat.vertex_count > LARGEST_SHEET:
+        raise InputError(
+            "yarns on the mesh", expected=f"at most {LARGEST_SHEET} vertices", found=flat.vertex_count
+        )
+    positions = mesh.assembled if positions is None else np.asarray(positions, np.float64)
+    detail = YarnDetail.of(_one_state(pattern, state), mesh)
+    layout, vertex = detail.layout, detail.layout.vertex
+    places = detail.curves(positions)
+    tile = np.round((layout.material - pattern.vertices[vertex, :2]) / pattern.period).astype(np.int64)
+    assert pattern.yarn_material is not None
+    reference = pattern.vertices[vertex].copy()
+    reference[:, :2] += tile * pattern.period
+    sheet = YarnSheet(
+        vertices=reference, offsets=layout.offsets, closed=layout.closed,
+        twist=pattern.twist[vertex] if state is None else state.twist[vertex],
+        rest_length=pattern.rest_length[vertex], rest_curvature=pattern.rest_curvature[vertex],
+        rest_twist=pattern.rest_twist[vertex], reference_director=pattern.reference_director[vertex],
+        reference_twist=pattern.reference_twist[vertex], radius=pattern.radius, yarn=layout.yarn, source=vertex,
+        tile=tile, yarn_material=pattern.yarn_material[layout.yarn], area=float(mesh.areas.sum()),
+        name=f"{pattern.name} on a mesh",
+    )  # fmt: skip
+    rotations = _rotations(detail, positions)
+    edge = pattern.edge_vectors()[vertex]
+    tangents = edge / np.linalg.norm(edge, axis=1)[:, None]
+    laid = sheet.moved(places, rotations=rotations, tangents=tangents)
+    return SheetOnMesh(laid, rotations[:, :, 2], _border_distance(mesh, layout, pattern.radius))
+
+
+def _one_state(pattern: YarnPattern, state: Equilibrium | None) -> FluctuationTable:
+    """A table that knows one shape of the pattern."""
+    zero = np.zeros(1)
+    values = np.zeros((1, 1, 1, 3, len(pattern.edges), 3))
+    if state is not None:
+        values[0, 0, 0, 0] = state.fluctuation
+    return FluctuationTable(pattern, (zero, zero, zero, zero, zero), values)
+
+
+def _rotations(detail: YarnDetail, positions: Array) -> Array:
+    """Rotation of the surface at every yarn vertex (n, 3, 3), nearest to its gradient; the last column: normal."""
+    layout = detail.layout
+    gradient = detail.surface.forms(positions)[0]
+    corners = gradient[detail.mesh.corners[layout.triangle]]
+    slopes = np.einsum("nk,nkai->nia", layout.place, corners)
+    left, _, right = np.linalg.svd(slopes, full_matrices=False)
+    plane = left @ right
+    return np.concatenate([plane, np.cross(plane[:, :, 0], plane[:, :, 1])[:, :, None]], axis=2)
+
+
+def _border_distance(mesh: TriangleMesh, layout: YarnLayout, spacing: float) -> Array:
+    """Distance of every yarn vertex from the nearest edge of its panel, in the fabric (n,) [m]."""
+    open_edges = ~mesh.has_neighbour | mesh.seams
+    tails = np.stack([mesh.corners[:, k] for k in range(3)], axis=1)[open_edges]
+    heads = np.stack([mesh.corners[:, (k + 1) % 3] for k in range(3)], axis=1)[open_edges]
+    if len(tails) == 0:
+        return np.full(layout.vertex_count, np.inf)
+    numbers = mesh.panel_numbers
+    distance = np.full(layout.vertex_count, np.inf)
+    own = numbers[mesh.corners[layout.triangle, 0]]
+    for panel in range(int(numbers.max()) + 1):
+        here = numbers[tails] == panel
+        if not here.any():
+            continue
+        start, end = mesh.material[tails[here]], mesh.material[heads[here]]
+        pieces = max(1, int(np.ceil(float(np.linalg.norm(end - start, axis=1).max()) / spacing)))
+        along = np.linspace(0.0, 1.0, pieces + 1)[:, None, None]
+        points = (start + along * (end - start)).reshape(-1, 2)
+        chosen = own == panel
+        distance[chosen] = KDTree(points).query(layout.material[chosen])[0]
+    return distance
