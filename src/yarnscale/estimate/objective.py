@@ -71,7 +71,8 @@ class YarnObjective:
     def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
         """Rest shape and states of a yarn; ``near`` gives the states to start from, of almost the same yarn."""
         began, unknowns = time.process_time(), np.array(unknowns, np.float64)
-        rested = at_rest(self.model.cell(self.model.values(unknowns)), self.rule)
+        values = self.model.values(unknowns)
+        rested = at_rest(self.model.cell(values), self.rule, draw_in=self.model.draw_in(values))
         curves = []
         for k, target in enumerate(self.data.curves):
             start = None if near is None else near.curves[k]

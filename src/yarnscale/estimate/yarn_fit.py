@@ -146,10 +146,7 @@ def search(evaluations: Evaluations, options: FitOptions) -> Array:
 
 def middle(model: YarnModel) -> Array:
     """The middle of the ranges; the drawing as it is where its shape is unknown."""
-    point = np.full(len(model.names), 0.5)
-    if model.free_shape:
-        point[-1] = 0.0
-    return point
+    return np.array([0.0 if name in ("shortening", "draw_in") else 0.5 for name in model.names])
 
 
 def work_ahead(options: FitOptions, unknowns: int) -> int:

@@ -26,9 +26,10 @@ Array = NDArray[np.float64]
 
 PARAMETERS = ("k_s1", "knee", "k_b", "R_1", "k_c1")
 """Parameters of the yarn in their order: k_s1 [N], ε̄ [-], k_b [N m²], R₁ [m], k_c1 [kg/s²]."""
-SHAPE = ("aspect", "shortening")
+SHAPE = ("aspect", "shortening", "draw_in")
 """Unknowns of a fabric whose stitch density was not measured: the width of its drawing over its height as drawn [-],
-yarn length unchanged; and the share of the yarn's length by which it is shorter at rest than drawn [-]."""
+yarn length unchanged; the share of the yarn's length by which it is shorter at rest than drawn [-]; and how far the
+fabric has gone from its drawing, 0, to where straight yarn would draw it in, 1 [-]."""
 UNITS = {"k_s1": "N", "k_b": "N m²", "R_1": "m", "k_c1": "kg/s²"}
 _LOGARITHMIC = ("k_s1", "k_b", "k_c1", "aspect")
 """Unknowns sought by their logarithm."""
@@ -53,7 +54,8 @@ class YarnModel:
 
     pattern: one period as drawn [m]; its ``radius`` is R_est. stiffness: k_s2 [N]. density: of the yarn [kg/m³].
     two_phase: whether stretch has two phases; a linear yarn has k_s1 in all of its range, and ε̄ does nothing.
-    free_shape: whether ``SHAPE`` is unknown too. stiffest_contact: end of the range of k_c1 [kg/s²].
+    free_shape: whether ``SHAPE`` is unknown too, and the drawing a scheme that draws in first.
+    stiffest_contact: end of the range of k_c1 [kg/s²].
     """
 
     pattern: YarnPattern
@@ -88,6 +90,7 @@ class YarnModel:
             "k_c1": (SOFTEST_CONTACT, self.stiffest_contact),
             "aspect": (1.0 / LARGEST_ASPECT, LARGEST_ASPECT),
             "shortening": (0.0, LARGEST_SHORTENING),
+            "draw_in": (0.0, 1.0),
         }
         low, high = np.array([ranges[name] for name in self.names]).T
         return low, high
@@ -137,12 +140,17 @@ class YarnModel:
         return base.with_stiffnesses(radius, stretch=soft, bending=bending, twist=TWIST_SHARE * bending)
 
     def cell(self, values: Array) -> PeriodicCell:
-        """The drawn pattern made of the yarn with these values."""
+        """The drawn pattern made of the yarn with these values, before it draws in."""
         pattern = self.pattern
         if self.free_shape:
-            pattern = reshaped(pattern, float(values[5]))
-            pattern = replace(pattern, rest_length=pattern.rest_length * (1.0 - float(values[6])))
+            aspect, shortening = (float(value) for value in values[5:7])
+            pattern = reshaped(pattern, aspect)
+            pattern = replace(pattern, rest_length=pattern.rest_length * (1.0 - shortening))
         return PeriodicCell(pattern, self.material(values), tolerance=TOLERANCE, max_iterations=ITERATIONS)
+
+    def draw_in(self, values: Array) -> float | None:
+        """How far the fabric draws in before its rest shape is estimated; None for drawings of known shape."""
+        return float(values[self.names.index("draw_in")]) if self.free_shape else None
 
     def by_parameter(self, derivatives: dict[str, Array]) -> Array:
         """Derivatives by the five parameters in the last axis, from ``Sensitivities`` by name."""

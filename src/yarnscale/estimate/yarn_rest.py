@@ -4,6 +4,10 @@ EST22 alternates equilibria with resets of the rest shape until the coarse stres
 jumps with the parameters, and so would everything measured from there. Here the rounds are a fixed number, which makes
 the rest shape as smooth as its equilibria, and the periods then follow to where no coarse stress at all is left, as
 fabric does that lies on a table: stretch is counted from there, as measured stretch is from zero force.
+
+Resets keep what is drawn. The drawing of a chart is a scheme, though: real rib folds to a fraction of its drawn width,
+since yarn that was straight bends back as soon as the loops are off the needles, and finishing sets it somewhere on
+that way. Such a drawing draws in first; where it has got to is the drawing of which the rounds begin.
 """
 
 from __future__ import annotations
@@ -26,6 +30,8 @@ _RELEASED = 1e-7
 """A step of the periods below this is none."""
 _REDRAWN, _AT_REST = 4, 1e-5
 """How often a cell is drawn anew at its released periods, until they change by less."""
+_DRAWING = 6
+"""Steps of the way in."""
 _LARGEST_STEP = 0.08
 _SMALLEST_DIFFERENCE = 1e-4
 
@@ -48,7 +54,7 @@ class RestRule:
 class RestedCell:
     """A cell at rest: its pattern is drawn at the equilibrium.
 
-    change: of the periods by the release, (2,). solves: equilibria that it took. relaxed: whether they converged.
+    change: of the drawn periods, (2,). solves: equilibria that it took. relaxed: whether they converged.
     """
 
     cell: PeriodicCell
@@ -57,24 +63,27 @@ class RestedCell:
     relaxed: bool
 
 
-def at_rest(cell: PeriodicCell, rule: RestRule) -> RestedCell:
-    """Bring a drawn cell to rest."""
-    drawn = cell.pattern
+def at_rest(cell: PeriodicCell, rule: RestRule, *, draw_in: float | None = None) -> RestedCell:
+    """Bring a drawn cell to rest; ``draw_in``: how far it draws in before (``drawn_in``), None not at all."""
+    drawn, periods, solves = cell.pattern, np.ones(2), 0
     low, high = drawn.rest_length * (1.0 - LENGTH_BOUND), drawn.rest_length * (1.0 + LENGTH_BOUND)
-    solves = 0
+    if draw_in is not None and rule.rounds:
+        found = drawn_in(cell, draw_in)
+        if not found.relaxed:
+            return found
+        cell, solves, periods = found.cell, found.solves, 1.0 + found.change
     for _ in range(rule.rounds):
         state = cell.relax()
         solves += 1
         if not state.converged:
-            return RestedCell(cell, np.zeros(2), solves, False)
+            return RestedCell(cell, periods - 1.0, solves, False)
         pattern = set_as_drawn(rebased(cell.pattern, state), share=rule.share)
         cell = replace(cell, pattern=replace(pattern, rest_length=np.clip(pattern.rest_length, low, high)))
     if not rule.release:
         state = cell.relax()
         return RestedCell(
-            replace(cell, pattern=rebased(cell.pattern, state)), np.zeros(2), solves + 1, state.converged
+            replace(cell, pattern=rebased(cell.pattern, state)), periods - 1.0, solves + 1, state.converged
         )
-    periods = np.ones(2)
     for _ in range(_REDRAWN):
         found = _released(cell)
         cell, solves, periods = found.cell, solves + found.solves, periods * (1.0 + found.change)
@@ -84,6 +93,34 @@ def at_rest(cell: PeriodicCell, rule: RestRule) -> RestedCell:
     return RestedCell(cell, periods - 1.0, solves, found.relaxed)
 
 
+def drawn_in(cell: PeriodicCell, share: float) -> RestedCell:
+    """A cell drawn anew on its way, 0 to 1, to the periods at which straight yarn would be free of coarse stress.
+
+    The rest curvatures and twists of the outcome are those of its shape, its rest lengths those of the cell.
+    """
+    nothing = np.zeros_like(cell.pattern.rest_twist)
+    bare = replace(
+        cell.pattern, rest_curvature=np.zeros_like(cell.pattern.rest_curvature), rest_twist=nothing
+    )
+    straight = replace(cell, pattern=bare)
+    change, solves, state = np.zeros(2), 0, None
+    if share > 0.0:
+        end = _released(straight)
+        change, solves = share * end.change, end.solves
+        if not end.relaxed:
+            return RestedCell(cell, change, solves, False)
+    # From the drawing, not back from the end: yarns that have folded over each other would stay so.
+    for part in np.arange(1, _DRAWING + 1) / _DRAWING:
+        state = straight.relax(_flat(part * change), start=state)
+        if not state.converged:
+            return RestedCell(cell, change, solves, False)
+        solves += 1
+    assert state is not None
+    return RestedCell(
+        replace(cell, pattern=set_as_drawn(rebased(bare, state), lengths=False)), change, solves, True
+    )
+
+
 def _released(cell: PeriodicCell) -> RestedCell:
     """Periods at zero stress by Newton's method; its matrix is kept up by Broyden's updates from differences.
 
@@ -91,7 +128,7 @@ def _released(cell: PeriodicCell) -> RestedCell:
     """
     periods = np.zeros(2)
     state, solves = cell.relax(), 1
-    stress, matrix, step = state.stress[[0, 2]], None, np.zeros(2)
+    stress, matrix, step, limit = state.stress[[0, 2]], None, np.zeros(2), _LARGEST_STEP
     for _ in range(_RELEASES):
         if not state.converged:
             break
@@ -108,14 +145,17 @@ def _released(cell: PeriodicCell) -> RestedCell:
         longest = np.abs(step).max()
         if longest < _RELEASED:
             break
-        step *= min(1.0, _LARGEST_STEP / longest)
+        step *= min(1.0, limit / longest)
         further = cell.relax(_flat(periods + step), start=state)
         solves += 1
-        change = further.stress[[0, 2]] - stress
-        fell = np.linalg.norm(further.stress[[0, 2]]) < 0.5 * np.linalg.norm(stress)
-        periods, state, stress = periods + step, further, further.stress[[0, 2]]
+        there = further.stress[[0, 2]]
+        change, gain = there - stress, float(np.linalg.norm(there) / np.linalg.norm(stress))
+        if gain > 0.8 and there @ step > 0:
+            # Beyond the minimum of the energy, and no nearer: back and forth without end but for shorter steps.
+            limit = 0.5 * float(np.abs(step).max())
+        periods, state, stress = periods + step, further, there
         # Where Newton does not pay, the matrix is taken anew.
-        matrix = matrix + np.outer(change - matrix @ step, step) / (step @ step) if fell else None
+        matrix = matrix + np.outer(change - matrix @ step, step) / (step @ step) if gain < 0.5 else None
     relaxed = state.converged and bool(np.abs(step).max() < 1e-4)
     if not state.converged:
         return RestedCell(cell, periods, solves, False)
