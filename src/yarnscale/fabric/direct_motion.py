@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 _PATCH = 5.0
 """Side of the patches whose motion is taken for rigid, in stitches of about eight radii."""
+_LEAST_SHIFT, _LARGEST_SHIFT = 1e-5, 1e-2
+"""A step starts with the regularisation of the one before, within these bounds."""
 _STABLE_SHARE = 0.6
 """Explicit steps over the longest stable one."""
 
@@ -95,7 +97,7 @@ class FabricDynamics:
         self.weight = -float(gravity_load(energy, np.array([0.0, 0.0, -9.81])).sum())
         self._linear = ConstrainedSolver(None, None)
         self._patches = _patches(energy)
-        self._shift = ShiftRule(start=1e-5, lowest=1e-9, lowest_is_zero=True, least=1e-6)
+        self._shift = ShiftRule(start=_LEAST_SHIFT, growth=10.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
 
     def start(self) -> FabricMotion:
         """At rest in the sheet's own shape."""
@@ -135,6 +137,7 @@ class FabricDynamics:
             enough=settings.enough * self.weight, max_iterations=settings.iterations, shift=self._shift,
             check_minimum=False, linear=self._linear,
         )  # fmt: skip
+        self._shift = replace(self._shift, start=min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT))
         velocity = (solution.x - motion.x) / duration
         moved = FabricMotion(solution.x, velocity, motion.time + duration)
         moved = replace(moved, velocity=self._damped(moved, duration))

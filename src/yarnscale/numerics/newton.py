@@ -95,6 +95,8 @@ class Solution:
     factorisations: int
     history: tuple[tuple[float, float], ...]
     """(energy, residual) of every iterate."""
+    shift: float = 0.0
+    """Regularisation at the end; a later minimisation of a like energy may start with it."""
 
     @property
     def converged(self) -> bool:
@@ -200,7 +202,8 @@ class _Minimisation:
             value, gradient, model = self.objective.quadratic(x)
             iteration += 1
         return Solution(
-            x, value, gradient, residual, status, iteration, self.linear.factorisations - before, tuple(self.history)
+            x, value, gradient, residual, status, iteration, self.linear.factorisations - before, tuple(self.history),
+            self.shift,
         )  # fmt: skip
 
     def _project(self, vector: Array) -> Array:
