@@ -9,22 +9,23 @@ import argparse
 import json
 import time
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from yarnscale.estimate.evaluations import Evaluations
+from yarnscale.estimate.evaluations import Evaluations, Residuals
 from yarnscale.estimate.fabric_shell import fit_shell
-from yarnscale.estimate.gauss_newton import gauss_newton
+from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import YarnObjective, coarser
 from yarnscale.estimate.one_yarn import SharedObjective, with_one_yarn
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData
 from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, estimate_yarn
-from yarnscale.estimate.yarn_fit import FitOptions, fit_yarn
+from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, fit_yarn
 from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.estimate.yarn_rest import RestRule
+from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.homogenize.executors import local_workers
 from yarnscale.yarn.library import build
@@ -36,13 +37,18 @@ KNITS = {
     "Seed": ("seed", 2 * 15.67e-3),
 }
 """Sample -> pattern, yarn in one period of it [m], from the authors' yarn length per repeat of their unit cell."""
+CASES = ("default", "local", "linear", "as-drawn", "paper")
+"""Of the ablations; "paper" is the published solver."""
 TWIN_TRUTH = {
-    "stockinette": np.array([0.12, 0.15, 0.40, 0.60, 0.60]),
-    "rib-1x1": np.array([0.12, 0.15, 0.40, 0.60, 0.60]),
-    "garter": np.array([0.12, 0.15, 0.40, 0.60, 0.60]),
+    "stockinette": np.array([0.55, 0.30, 0.40, 0.60, 0.60]),
+    "garter": np.array([0.55, 0.30, 0.40, 0.60, 0.60]),
+    "rib-1x1": np.array([0.50, 0.25, 0.40, 0.60, 0.60]),
 }
-TWIN_STRETCH = {"stockinette": (0.7, 0.4), "rib-1x1": (0.9, 0.4), "garter": (0.7, 0.7)}
+"""Unknowns of soft yarns that stretch through their knee before their loops are straight: every parameter shows."""
+TWIN_STRETCH = {"stockinette": (1.0, 0.6), "garter": (0.8, 1.2), "rib-1x1": (1.4, 0.5)}
 """Largest stretch along weft and warp."""
+SOLVED = 1e-9
+"""Objective of a twin below which no other start is refined."""
 
 
 def model_of(sample: str, *, free: bool = True) -> YarnModel:
@@ -58,18 +64,21 @@ def knits(options: argparse.Namespace, executor) -> list[dict]:
     rows, found = [], []
     for sample in options.samples:
         measured = read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")
-        for holdout in (None, Direction.WARP):
+        for holdout in [Direction.WARP if name == "warp" else None for name in options.holdouts]:
             estimate = estimate_yarn(
-                measured, model_of(sample), holdout=holdout, executor=executor, options=_settings(options)
-            )
-            rows.append({"sample": sample, "holdout": str(holdout), **estimate.summary()})
+                measured, model_of(sample), holdout=holdout, executor=executor, options=_settings(options),
+                store=_store(options),
+            )  # fmt: skip
+            held = None if holdout is None else holdout.value
+            rows.append({"sample": sample, "holdout": held, **estimate.summary()})
+            _tell(options, rows[-1])
             folder = options.out / f"{sample}{'' if holdout is None else '-holdout'}"
             folder.mkdir(parents=True, exist_ok=True)
-            write_estimate_report(folder, estimate)
+            write_estimate_report(folder, estimate, pictures=options.pictures)
             if holdout is None:
                 found.append(estimate)
-            _tell(rows[-1])
-    write_summary_report(options.out / "index.html", found)
+    if found:
+        write_summary_report(options.out / "index.html", found)
     return rows
 
 
@@ -84,44 +93,71 @@ def ablations(options: argparse.Namespace, executor) -> list[dict]:
             "local": (model, replace(default, solver="local"), RestRule()),
             "linear": (replace(model, two_phase=False), default, RestRule()),
             "as-drawn": (model, default, RestRule(rounds=0, release=False)),
+            "paper": (model, replace(default, solver="paper"), RestRule()),
         }
-        if options.paper:
-            cases["paper"] = (model, replace(default, solver="paper"), RestRule())
-        for name, (case, settings, rule) in cases.items():
-            fit = fit_yarn(case, data, options=settings, rule=rule, executor=executor)
+        for name in options.cases:
+            case, settings, rule = cases[name]
+            fit = fit_yarn(case, data, options=settings, rule=rule, executor=executor, store=_store(options))
             errors = fit.evaluation.errors
             rows.append({"sample": sample, "case": name, "objective": fit.objective, "comfort": errors.comfort,
                          "full": errors.full, "compression": errors.compression, "solves": fit.solves,
-                         "failed": fit.evaluation.failed, "cpu_seconds": fit.cpu_seconds})  # fmt: skip
-            _tell(rows[-1])
+                         "evaluations": fit.evaluations, "failed": fit.evaluation.failed,
+                         "cpu_seconds": fit.cpu_seconds, "values": fit.values.tolist()})  # fmt: skip
+            _tell(options, rows[-1])
     return rows
 
 
 def twins(options: argparse.Namespace, executor) -> list[dict]:
     """Parameters found again from a yarn's own curves, without and with noise of 3 % of every value."""
     rows = []
-    for pattern, truth in TWIN_TRUTH.items():
-        model = yarn_model(build(pattern), 20.0, yarn_length=None)
+    for pattern in options.patterns:
+        truth, model = TWIN_TRUTH[pattern], yarn_model(build(pattern), 20.0, yarn_length=None)
         clean = twin_data(model, truth, TWIN_STRETCH[pattern])
-        for noise in (0.0, 0.03):
+        for noise in options.noises:
             generator = np.random.default_rng(1)
             data = replace(clean, curves=tuple(_noisy(curve, noise, generator) for curve in clean.curves))
-            fit = fit_yarn(model, data, options=_settings(options), executor=executor)
-            errors = clean.errors(
-                [c.stress for c in fit.evaluation.curves], [c.contraction for c in fit.evaluation.curves]
-            )
-            off = np.abs(fit.values / model.values(truth) - 1.0)
-            rows.append({"pattern": pattern, "noise": noise, "off": off.tolist(), "stress": errors.full,
-                         "contraction": errors.compression, "objective": fit.objective, "solves": fit.solves,
-                         "shift": fit.spread.shift.tolist()})  # fmt: skip
-            _tell(rows[-1])
+            objective = YarnObjective(model, coarser(data, 7))
+            evaluations = Evaluations(objective, executor, _store(options)(objective))
+            unknowns, value = _refined(evaluations, options, truth)
+            spread = ParameterSpread.of(model.names, jacobian(evaluations, unknowns))
+            # Against the curves before noise came in.
+            end = replace(objective, data=clean).evaluate(unknowns)
+            off = np.abs(model.values(unknowns) / model.values(truth) - 1.0)
+            rows.append({"pattern": pattern, "noise": noise, "around": options.around, "off": off.tolist(),
+                         "stress": end.errors.full, "contraction": end.errors.compression, "objective": value,
+                         "values": model.values(unknowns).tolist(), "shift": spread.shift.tolist(),
+                         "singular": spread.singular.tolist(), "evaluations": evaluations.count,
+                         "solves": evaluations.solves, "cpu_seconds": evaluations.seconds})  # fmt: skip
+            _tell(options, rows[-1])
     return rows
 
 
+def _refined(
+    evaluations: Evaluations, options: argparse.Namespace, truth: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """The best of the refined starts and its objective; no more are refined once a fit is perfect."""
+    if options.around is None:
+        starts = sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
+    else:
+        generator = np.random.default_rng(options.seed)
+        away = options.around * (2.0 * generator.random((options.starts, len(truth))) - 1.0)
+        points = [np.clip(truth + step, 0.0, 1.0) for step in away]
+        order = np.argsort([found.objective for found in evaluations.many(points)], kind="stable")
+        starts = [points[k] for k in order[: options.refined]]
+    ends: list[tuple[float, np.ndarray]] = []
+    for start in starts:
+        end = gauss_newton(evaluations, start)
+        ends.append((evaluations.many([end])[0].objective, end))
+        if ends[-1][0] < SOLVED:
+            break
+    value, unknowns = min(ends, key=lambda pair: pair[0])
+    return unknowns, value
+
+
 def twin_data(
-    model: YarnModel, truth: np.ndarray, largest: tuple[float, float], samples: int = 20
+    model: YarnModel, truth: np.ndarray, largest: tuple[float, float], samples: int = 21
 ) -> UniformData:
-    """Uniform data that a yarn makes itself."""
+    """Uniform data that a yarn makes itself; the 7 stretches of a search are among 21 samples."""
     curves = []
     for direction, end in zip((Direction.WEFT, Direction.WARP), largest, strict=True):
         stretch = end * np.arange(1, samples + 1) / samples
@@ -137,42 +173,113 @@ def _noisy(curve: UniformCurve, noise: float, generator: np.random.Generator) ->
 
 
 def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
-    """All knits with the parameters of one yarn, each with its own shape, from fits of each alone."""
+    """All knits with the parameters of one yarn, each with its own shape, from the fits of each that ``knits`` left."""
     models = with_one_yarn([model_of(sample) for sample in options.samples])
-    parts, starts = [], []
+    alone = _left(options, "knits", "sample")
+    parts, starts, full = [], [], []
     for sample, model in zip(options.samples, models, strict=True):
         data = fit_shell(read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")).uniform_data()
-        fit = fit_yarn(model, data, options=_settings(options), executor=executor)
+        full.append(data)
         parts.append(YarnObjective(model, coarser(data, 7)))
-        starts.append(fit.evaluation.unknowns)
+        values = alone[sample]["parameters"]
+        starts.append(model.unknowns(np.array([values[name] for name in model.names])))
     shared = SharedObjective(tuple(parts))
-    evaluations = Evaluations(shared, executor)  # pyright: ignore[reportArgumentType]
+    evaluations = PartEvaluations(
+        shared, tuple(Evaluations(part, executor, _store(options)(part)) for part in parts)
+    )
     joined = shared.joined(starts)
     # From the middle of the yarns, and from each of them in all fabrics.
     tries = [joined] + [np.concatenate([start[:5], joined[5:]]) for start in starts]
-    first = tries[int(np.argmin([found.objective for found in evaluations.many(tries)]))]
-    found = shared.evaluate(gauss_newton(evaluations, first, iterations=12))
-    values = models[0].values(found.parts[0].unknowns)
-    rows = [{"parameters": values[:5].tolist(), "solves": evaluations.solves}]
-    for sample, part in zip(options.samples, found.parts, strict=True):
-        errors = part.errors
-        rows.append({"sample": sample, "comfort": errors.comfort, "full": errors.full,
-                     "compression": errors.compression, "failed": part.failed})  # fmt: skip
+    found = evaluations.many(tries)
+    for name, entry in zip(["middle", *options.samples], found, strict=True):
+        _tell(options, {"yarn of": name, "objective": entry.objective})
+    first = tries[int(np.argmin([entry.objective for entry in found]))]
+    end = gauss_newton(evaluations, first, iterations=options.iterations)  # pyright: ignore[reportArgumentType]
+    rows: list[dict] = [{"parameters": models[0].values(shared.split(end)[0])[:5].tolist(), "unknowns": end.tolist(),
+                         "objective": evaluations.many([end])[0].objective, "solves": evaluations.solves,
+                         "cpu_seconds": evaluations.seconds}]  # fmt: skip
+    for sample, part, data, unknowns in zip(options.samples, parts, full, shared.split(end), strict=True):
+        last = replace(part, data=data).evaluate(unknowns)
+        rows.append({"sample": sample, "comfort": last.errors.comfort, "full": last.errors.full,
+                     "compression": last.errors.compression, "failed": last.failed,
+                     "values": part.model.values(unknowns).tolist()})  # fmt: skip
     for row in rows:
-        _tell(row)
+        _tell(options, row)
     return rows
 
 
+@dataclass(eq=False)
+class PartEvaluations:
+    """Evaluations of a shared objective, fabric by fabric: one whose unknowns did not move is not evaluated again."""
+
+    objective: SharedObjective
+    parts: tuple[Evaluations, ...]
+
+    @property
+    def solves(self) -> int:
+        """Equilibria of all fabrics."""
+        return sum(part.solves for part in self.parts)
+
+    @property
+    def seconds(self) -> float:
+        """Of the processor."""
+        return sum(part.seconds for part in self.parts)
+
+    def residuals(self, unknowns: np.ndarray) -> np.ndarray:
+        """Residuals at one point."""
+        return self.many([unknowns])[0].residuals
+
+    def many(self, points: list[np.ndarray], *, near: np.ndarray | None = None) -> list[Residuals]:
+        """Residuals at points, over the root of the number of fabrics."""
+        columns = []
+        for k, part in enumerate(self.parts):
+            own = [self.objective.split(point)[k] for point in points]
+            start = None if near is None else self.objective.split(near)[k]
+            moved = [point for point in own if start is None or not np.array_equal(point, start)]
+            found = iter(part.many(moved, near=start))
+            still = [] if start is None else part.many([start])
+            columns.append(
+                [
+                    still[0] if start is not None and np.array_equal(point, start) else next(found)
+                    for point in own
+                ]
+            )
+        share = 1.0 / np.sqrt(len(self.parts))
+        return [
+            Residuals(share * np.concatenate([entry.residuals for entry in entries]), 0, 0.0)
+            for entries in zip(*columns, strict=True)
+        ]
+
+
+def _left(options: argparse.Namespace, part: str, key: str) -> dict[str, dict]:
+    """The last rows of a part that ran before, by one of their entries; fits of both directions alone."""
+    lines = (options.out / f"{part}.jsonl").read_text(encoding="utf-8").splitlines()
+    rows = [json.loads(line) for line in lines]
+    return {row[key]: row for row in rows if row.get("holdout") is None}
+
+
 def _settings(options: argparse.Namespace) -> FitOptions:
-    return FitOptions(seed=options.seed, starts=options.starts)
+    return FitOptions(seed=options.seed, starts=options.starts, refined=options.refined)
+
+
+def _store(options: argparse.Namespace):
+    """Keeps every evaluation, so that a run that was ended goes on where it was."""
+    folder = evaluation_folder(options.out / "evaluations", resume=(options.out / "evaluations").is_dir())
+    return lambda objective: EstimateFolder(folder, objective)
 
 
 def _table(options: argparse.Namespace) -> Path:
     return options.shared / "measured" / "acrylic_uniaxial.csv"
 
 
-def _tell(row: dict) -> None:
-    print(json.dumps(row, default=float), flush=True)
+def _tell(options: argparse.Namespace, row: dict) -> None:
+    """Print a row and add it to the file of the part, as soon as it is there."""
+    line = json.dumps(
+        {"starts": options.starts, "refined": options.refined, "seed": options.seed, **row}, default=float
+    )
+    print(line, flush=True)
+    with (options.out / f"{options.part}.jsonl").open("a", encoding="utf-8") as file:
+        file.write(line + "\n")
 
 
 PARTS = {"knits": knits, "ablations": ablations, "twins": twins, "one-yarn": one_yarn}
@@ -184,10 +291,24 @@ if __name__ == "__main__":
     arguments.add_argument("--out", type=Path, default=Path("estimates"))
     arguments.add_argument("--samples", nargs="+", choices=KNITS, default=list(KNITS))
     arguments.add_argument("--starts", type=int, default=128)
+    arguments.add_argument("--refined", type=int, default=3)
+    arguments.add_argument("--iterations", type=int, default=12, help="Gauss-Newton with one yarn in all")
     arguments.add_argument("--seed", type=int, default=0)
     arguments.add_argument("--workers", type=int, default=2)
-    arguments.add_argument("--paper", action="store_true", help="the published solver too")
+    arguments.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES), help="of the ablations")
+    arguments.add_argument(
+        "--patterns", nargs="+", choices=TWIN_TRUTH, default=list(TWIN_TRUTH), help="of the twins"
+    )
+    arguments.add_argument("--noises", nargs="+", type=float, default=[0.0, 0.03], help="of the twins")
+    arguments.add_argument(
+        "--around", type=float, help="scatter twins' starts so far about the truth, of the ranges"
+    )
+    arguments.add_argument("--holdouts", nargs="+", choices=("none", "warp"), default=["none", "warp"])
+    arguments.add_argument(
+        "--pictures", action=argparse.BooleanOptionalAction, default=True, help="of the cells"
+    )
     chosen = arguments.parse_args()
+    chosen.out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
     with local_workers(chosen.workers) if chosen.workers > 1 else nullcontext() as pool:
         PARTS[chosen.part](chosen, pool)
