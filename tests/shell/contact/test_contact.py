@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from yarnscale.errors import InputError
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
@@ -31,8 +32,8 @@ SOFT = OrthotropicMaterial(
 NEAR = ContactSettings(thickness=2e-3, friction=0.3)
 
 
-def ball_mesh(radius: float, depth: float) -> MeshObstacle:
-    """A tetrahedron refined into a coarse ball with its top at z = 0, sunk by ``depth``."""
+def ball_mesh(radius: float, depth: float, *, refined: int = 0) -> MeshObstacle:
+    """An icosahedron, its triangles quartered so many times, with its top at z = 0, sunk by ``depth``."""
     golden = (1 + math.sqrt(5)) / 2
     corners = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)], float)
     points = np.concatenate([corners, corners[:, [1, 2, 0]], corners[:, [2, 0, 1]]])
@@ -44,6 +45,14 @@ def ball_mesh(radius: float, depth: float) -> MeshObstacle:
                 sides = [np.linalg.norm(points[a] - points[b]) for a, b in ((i, j), (j, k), (k, i))]
                 if max(sides) < 1.06:
                     faces.append([i, j, k])
+    for _ in range(refined):
+        corners, faces = points[np.array(faces)], []
+        middles = corners + np.roll(corners, -1, axis=1)
+        parts = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
+        flat = np.concatenate([*parts, middles]).reshape(-1, 3)
+        flat /= np.linalg.norm(flat, axis=1)[:, None]
+        points, numbers = np.unique(flat.round(12), axis=0, return_inverse=True)
+        faces = numbers.reshape(-1, 3)
     return MeshObstacle(points * radius - [0, 0, radius * points[:, 2].max() + depth], np.array(faces))
 
 
@@ -128,6 +137,36 @@ def test_a_sheet_comes_to_rest_on_a_sphere() -> None:
     assert solver.contact is not None
     _, gradient = solver.contact.gradient(run.state.positions)
     assert -gradient[:, 2].sum() == pytest.approx(0.2 * 0.0144 * 9.81, rel=0.25)
+
+
+def test_a_cap_rests_on_a_ball_as_high_however_finely_that_is_divided() -> None:
+    """Edges from two and a half thicknesses to two thirds of one, and the ball as a formula: height and force."""
+    radius, thickness, weight = 0.02, 1e-3, 60.0
+    mesh = rectangle(0.03, 0.03, 0.002)
+    settings = ContactSettings(thickness, self_contact=False)
+    away = np.linalg.norm(mesh.panel, axis=1)
+    angle, around = away / radius, mesh.panel / np.maximum(away, 1e-12)[:, None]
+    directions = np.column_stack([np.sin(angle)[:, None] * around, np.cos(angle)])
+    heights, forces = [], []
+    for refined in (None, 3, 4, 5):
+        if refined is None:
+            ball: Obstacle = Sphere((0.0, 0.0, 0.0), radius)
+        else:
+            ball = ball_mesh(radius, -radius, refined=refined)
+        contact = ClothContact(mesh, settings, (ball,))
+
+        def pressure(height: float, contact: ClothContact = contact) -> float:
+            gradient = contact.gradient((radius + height) * directions)[1]
+            return -float((gradient * directions).sum()) / float(mesh.areas.sum())
+
+        forces.append(pressure(0.5 * thickness))
+        found = brentq(lambda height: pressure(height) - weight, 0.3 * thickness, 0.99 * thickness)
+        heights.append(float(found) / thickness)  # type: ignore[arg-type]
+    # Facets of 2.6 mm lie 0.04 mm below the ball, those of the cloth as much below its vertices.
+    np.testing.assert_allclose(heights, heights[-1], atol=0.04)
+    assert heights[2] == pytest.approx(heights[3], abs=0.005)
+    np.testing.assert_allclose(forces, settings.pressure, rtol=0.15)
+    assert forces[2] == pytest.approx(forces[3], rel=0.02)
 
 
 @pytest.mark.parametrize("obstacle", [Plane(), ball_mesh(0.06, 0.0)], ids=["plane", "mesh"])

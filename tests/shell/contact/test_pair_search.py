@@ -13,6 +13,7 @@ from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.contact.obstacles import MeshObstacle
 from yarnscale.shell.contact.pair_distance import advance, closest_points
 from yarnscale.shell.contact.pair_hessian import positive_terms
+from yarnscale.shell.contact.pair_search import PairSearch
 from yarnscale.shell.mesh import rectangle
 
 
@@ -136,8 +137,15 @@ def state() -> tuple[ClothContact, np.ndarray]:
     return contact, positions + 1e-4 * rng.standard_normal(positions.shape)
 
 
-def test_self_contact_has_the_energy_and_forces_of_ipctk() -> None:
+def test_self_contact_has_the_energy_and_forces_of_ipctk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its weights, a quarter of the areas of vertices and edges, for ours."""
     ipctk = pytest.importorskip("ipctk")
+
+    def quarter_of_both(search: PairSearch, met: np.ndarray) -> np.ndarray:
+        return 0.25 * search.edge_areas[met].sum(axis=1)
+
+    monkeypatch.setattr(PairSearch, "_met", lambda search, over, around: over)
+    monkeypatch.setattr(PairSearch, "_edge_areas", quarter_of_both)
     rng = np.random.default_rng(6)
     mesh, settings = rectangle(0.1, 0.04, 0.004), ContactSettings()
     angle = mesh.panel[:, 0] / 0.008
@@ -157,16 +165,21 @@ def test_self_contact_has_the_energy_and_forces_of_ipctk() -> None:
     assert np.abs(expected).max() > 1e-3
 
 
-@pytest.mark.parametrize(("spacing", "share"), [(0.3, 1.0), (0.05, 1.25), (0.01, 2.0)])
-def test_coarse_bodies_press_as_told(spacing: float, share: float) -> None:
-    """At half the thickness above a flat body, askew: the pressure of the settings, more where more pairs are near."""
-    mesh, body = rectangle(0.1, 0.1, 0.01), rectangle(0.3, 0.3, spacing)
-    x, y = body.panel.T
-    points = np.column_stack([0.955 * x - 0.295 * y, 0.295 * x + 0.955 * y, 0.0 * x])
-    settings = ContactSettings(self_contact=False)
-    contact = ClothContact(mesh, settings, (MeshObstacle(points, body.triangles),))
-    force = contact.gradient(mesh.assembled + np.array([0.0, 0.0, 0.5 * settings.thickness]))[1][:, 2].sum()
-    assert -force / (mesh.areas.sum() * settings.pressure) == pytest.approx(share, abs=0.1)
+@pytest.mark.parametrize("spacing", [0.3, 0.05, 0.01, 0.003, 0.001, 0.0005])
+@pytest.mark.parametrize("cloth", [0.01, 0.003])
+def test_flat_bodies_press_as_told_however_fine_they_are(spacing: float, cloth: float) -> None:
+    """At half the thickness above a flat body, askew: the pressure of the settings."""
+    size = 0.1 if spacing > 0.02 else 0.04
+    mesh = rectangle(size, size, cloth, irregularity=0.2)
+    body = rectangle(max(1.5 * size, spacing), max(1.5 * size, spacing), spacing)
+    settings, pressures = ContactSettings(self_contact=False), []
+    for angle in (0.3, 0.7, 1.1):
+        c, s = np.cos(angle), np.sin(angle)
+        points = np.column_stack([body.panel @ np.array([[c, s], [-s, c]]), np.zeros(body.vertex_count)])
+        contact = ClothContact(mesh, settings, (MeshObstacle(points, body.triangles),))
+        raised = mesh.assembled + np.array([0.0, 0.0, 0.5 * settings.thickness])
+        pressures.append(-contact.gradient(raised)[1][:, 2].sum() / mesh.areas.sum())
+    assert np.mean(pressures) == pytest.approx(settings.pressure, rel=0.1)
 
 
 def test_kept_searches_and_new_ones_give_the_same_energy_and_bound() -> None:

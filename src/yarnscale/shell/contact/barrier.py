@@ -58,6 +58,19 @@ def barrier(distance: Floats, thickness: float) -> tuple[Floats, Floats, Floats]
     return -gap * gap * log, 2.0 * distance * first, 2.0 * first + 4.0 * x * second
 
 
+def reach_aside(thickness: float) -> tuple[float, float]:
+    """How far beside each other things half a thickness apart repel: ∫ g dr and (2 ∫ r g dr)^½ [m].
+
+    g: normal force at an offset r along the surfaces, over that without offset.
+    """
+    count, height = 400, 0.5
+    offset = (np.arange(count) + 0.5) / count * math.sqrt(1.0 - height**2)
+    distance = np.hypot(height, offset)
+    force = barrier(distance, 1.0)[1] * height / distance / barrier(np.array([height]), 1.0)[1]
+    width = offset[1] - offset[0]
+    return thickness * float(force.sum() * width), thickness * math.sqrt(2.0 * float(offset @ force) * width)
+
+
 def smooth_length(length: Floats, reach: float) -> tuple[Floats, Floats, Floats]:
     """A length made smooth below ``reach``, f(l), with f'(l)/l and f''(l) (Li et al. 2020, section 5.4)."""
     sticks = length < reach

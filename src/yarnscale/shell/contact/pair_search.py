@@ -2,10 +2,18 @@
 
 What is searched for holds while every vertex stays in a box around where it was, or around the way it was to go,
 wider by a slack: then no pair outside the search can come nearer than the thickness.
+
+Between two surfaces a quarter of the pressure comes from the vertices of either, half from pairs of edges. A vertex
+stands for its area, but meets several triangles at once where these are not large against the thickness; and an area
+holds the more pairs of edges the shorter they are. So the weight of a pair is what its vertex or its edges stand for,
+over the mean number of such pairs at a place: pairs per area times the area over which a pair is felt. That area is
+S + P r₁ + π r₂² for a triangle of area S and outline P, and (2/π) a b + 2 (a + b) r₁ + π r₂² for edges of lengths a and
+b at random angles (Steiner's formula), with r₁ and r₂ from ``barrier.reach_aside``.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,7 +22,7 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.contact import pair_loops
-from yarnscale.shell.contact.barrier import ContactSettings
+from yarnscale.shell.contact.barrier import ContactSettings, reach_aside
 from yarnscale.shell.contact.broad_phase import Surfaces, near_pairs
 
 Floats = NDArray[np.float64]
@@ -77,6 +85,9 @@ class PairSearch:
         self.edge_areas = _summed(self.surfaces.sides, thirds, len(edges))
         self.lengths = np.linalg.norm(rest[edges[:, 1]] - rest[edges[:, 0]], axis=1)
         self._fit_bodies(thirds)
+        self.strip, self.disc = reach_aside(settings.thickness)
+        around = self.lengths[self.surfaces.sides].sum(axis=1)
+        self.shares *= 3.0 * thirds / self._met(3.0 * thirds, around)
         self.searches = 0
         self._pairs: Pairs | None = None
         self._close: Close | None = None
@@ -84,20 +95,34 @@ class PairSearch:
     def _fit_bodies(self, thirds: Floats) -> None:
         """Take the areas of coarse bodies from the cloth, whose vertices count the more the larger their triangles are.
 
-        Vertices and edges of bodies stand for no more area than those of the cloth do on average; what is then left
-        out is given to the cloth's vertices, by triangle of the body. thirds: of areas of triangles, (m,) [m²].
+        Vertices and edges of bodies stand for no more area than those inside the cloth do on average; what is then
+        left out is given to the cloth's vertices, by triangle of the body. thirds: of areas of triangles, (m,) [m²].
         """
         surfaces, split = self.surfaces, self.surfaces.cloth
         usual = thirds[:split].mean()
         fineness = np.minimum(1.0, usual / np.maximum(thirds, 1e-300))
         fineness[:split] = 1.0
         self.shares = 1.0 - 0.75 * fineness
-        vertices = np.zeros(len(self.vertex_areas), bool)
-        vertices[surfaces.triangles[:split]] = True
-        edges = np.zeros(len(self.edge_areas), bool)
-        edges[surfaces.sides[:split]] = True
-        for areas, of_cloth in ((self.vertex_areas, vertices), (self.edge_areas, edges)):
-            areas[~of_cloth] = np.minimum(areas[~of_cloth], areas[of_cloth].mean())
+        for areas, figures, around in (
+            (self.vertex_areas, surfaces.triangles, 6.0),
+            (self.edge_areas, surfaces.sides, 2.0),
+        ):
+            of_body = np.ones(len(areas), bool)
+            of_body[figures[:split]] = False
+            areas[of_body] = np.minimum(areas[of_body], around * usual)
+
+    def _met(self, over: Floats, around: Floats) -> Floats:
+        """Area of the places that a figure is felt from [m²]: those over it, and those beside it by their force.
+
+        over, around: area [m²] and outline [m] of a triangle, or of the parallelogram that edges span on average.
+        """
+        return over + around * self.strip + math.pi * self.disc**2
+
+    def _edge_areas(self, met: Integers) -> Floats:
+        """Areas that pairs of edges (n, 2) stand for, (n,) [m²]."""
+        first, second = self.lengths[met].T
+        spanned = self._met(2.0 / math.pi * first * second, 2.0 * (first + second))
+        return 0.5 * self.edge_areas[met].prod(axis=1) / spanned
 
     def along(self, start: Floats, end: Floats) -> Pairs:
         """Pairs that may come near on the straight way from start to end."""
@@ -143,7 +168,7 @@ class PairSearch:
         areas = np.concatenate(
             [
                 self.shares[corners[:, 1]] * self.vertex_areas[corners[:, 0]],
-                0.25 * self.edge_areas[met].sum(axis=1),
+                self._edge_areas(met),
             ]
         )
         limits = np.concatenate([np.zeros(len(corners)), _PARALLEL * (self.lengths[met] ** 2).prod(axis=1)])

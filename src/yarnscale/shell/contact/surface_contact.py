@@ -1,8 +1,9 @@
 """Cloth against itself and against bodies of triangles.
 
-Energy ¼ Σ A b(d) over pairs of a vertex and a triangle, A the vertex's area, and over pairs of edges, A the areas of
-both, the latter times a factor that vanishes where edges are parallel (Li et al. 2020, sections 4 and 5, with areas as
-in Li et al. 2023). Frames are checked for crossings by ``ipctk``, which has no part in keeping them apart.
+Energy Σ w b(d) over pairs of a vertex and a triangle and over pairs of edges, the latter times a factor that vanishes
+where edges are parallel (Li et al. 2020, sections 4 and 5). The weights w are areas such that the pressure between
+surfaces does not depend on how finely they are divided: see ``pair_search``. Frames are checked for crossings by
+``ipctk``, which has no part in keeping them apart.
 """
 
 from __future__ import annotations
