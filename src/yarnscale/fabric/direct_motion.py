@@ -20,7 +20,7 @@ from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import ShiftRule, Status, minimise
+from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.threads import on_one_thread
 
 Array = NDArray[np.float64]
@@ -121,27 +121,30 @@ class FabricDynamics:
         )  # fmt: skip
         first = safe_way(energy, motion.x, ahead, self.count)
         last = first
-
-        def after(x: Array) -> None:
-            energy.anchor(x)
-            if self.count is not None:
-                self.count.follow(x)
-
         # Fabric in free motion goes on, fabric that is held comes to rest: the lower energy tells.
         if not objective.value(last) <= objective.value(motion.x):
             last = motion.x
-            after(last)
-        settings = self.settings
-        solution = minimise(
-            objective, last, bound=energy.bound, after_step=after, tolerance=settings.tolerance,
-            enough=settings.enough * self.weight, max_iterations=settings.iterations, shift=self._shift,
-            check_minimum=False, linear=self._linear,
-        )  # fmt: skip
-        self._shift = replace(self._shift, start=min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT))
+            self._arrive(last)
+        solution = self._minimised(objective, last)
         velocity = (solution.x - motion.x) / duration
         moved = FabricMotion(solution.x, velocity, motion.time + duration)
         moved = replace(moved, velocity=self._damped(moved, duration))
         return FabricStep(moved, solution.status, solution.iterations, solution.factorisations)
+
+    def _arrive(self, x: Array) -> None:
+        self.energy.anchor(x)
+        if self.count is not None:
+            self.count.follow(x)
+
+    def _minimised(self, objective: FabricObjective, start: Array) -> Solution:
+        settings = self.settings
+        solution = minimise(
+            objective, start, bound=self.energy.bound, after_step=self._arrive, tolerance=settings.tolerance,
+            enough=settings.enough * self.weight, max_iterations=settings.iterations, shift=self._shift,
+            check_minimum=False, linear=self._linear,
+        )  # fmt: skip
+        self._shift = replace(self._shift, start=min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT))
+        return solution
 
     @on_one_thread
     def explicit(self, motion: FabricMotion, duration: float) -> FabricStep:

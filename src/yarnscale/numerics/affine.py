@@ -8,7 +8,7 @@ stencil (``assembly``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Protocol, cast
 
 import numba
 import numpy as np
@@ -82,8 +82,34 @@ class _NodePull:
         return whole.reshape(3 * self._count, -1)[self._row, self._column]
 
 
+class MatrixPull(Protocol):
+    """How the entries of matrices of one pattern become those of another."""
+
+    pattern: SymmetricPattern
+
+    def entries(self, values: Array) -> Array:
+        """Entries of Bᵀ H B from those of H."""
+        ...
+
+
+class AffineParameters(Protocol):
+    """A parametrisation q = B y + d."""
+
+    def expand(self, free: Array) -> Array:
+        """Full degrees of freedom."""
+        ...
+
+    def pull_gradient(self, gradient: Array) -> Array:
+        """Bᵀ g."""
+        ...
+
+    def pulled(self, inner: SymmetricPattern) -> MatrixPull:
+        """How matrices of this pattern are pulled back."""
+        ...
+
+
 class _PulledModel:
-    def __init__(self, model: QuadraticModel, pull: _NodePull) -> None:
+    def __init__(self, model: QuadraticModel, pull: MatrixPull) -> None:
         self._model, self._pull = model, pull
         self.pattern = pull.pattern
 
@@ -95,10 +121,10 @@ class _PulledModel:
 class MappedObjective:
     """An objective of the full degrees of freedom, as an objective of the free ones."""
 
-    def __init__(self, objective: Objective, affine: NodeMap) -> None:
+    def __init__(self, objective: Objective, affine: AffineParameters) -> None:
         self._objective, self._affine = objective, affine
         self._inner: SymmetricPattern | None = None
-        self._pull: _NodePull | None = None
+        self._pull: MatrixPull | None = None
 
     @property
     def residual_scale(self) -> float:

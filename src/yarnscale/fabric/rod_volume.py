@@ -1,0 +1,186 @@
+"""A bounding volume around yarns that are elastic rods: few unknowns for steps, and first guesses of equilibria.
+
+Vertices move with the volume, x = x₀ + Γ u (LOD03 §3), from whatever shape the yarns have; twists stay as they are.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, FabricStep
+from yarnscale.fabric.direct_moves import PassageCount
+from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
+from yarnscale.fabric.direct_static import Holds, Rest
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.numerics.affine import MappedObjective, NodeMap
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.newton import Objective, ShiftRule, Solution, minimise
+from yarnscale.numerics.threads import on_one_thread
+
+Array = NDArray[np.float64]
+
+_MOST_DENSE = 300
+"""Control points up to which Γ is multiplied as a dense matrix."""
+_SHIFT = ShiftRule(start=0.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class YarnMap:
+    """Displacements of control points (3c,) [r] to a state (4n,) of the yarns; twist: (n,) as they stay."""
+
+    nodes: NodeMap
+    twist: Array
+
+    def expand(self, free: Array) -> Array:
+        """State of the yarns."""
+        return np.concatenate([self.nodes.expand(free), self.twist])
+
+    def along(self, step: Array) -> Array:
+        """Change of the state for a change of the free unknowns."""
+        return np.concatenate([self.nodes.expand(step) - self.nodes.offset, np.zeros(len(self.twist))])
+
+    def pull_gradient(self, gradient: Array) -> Array:
+        """Gradient by the free unknowns."""
+        return self.nodes.pull_gradient(gradient[: 3 * len(self.twist)])
+
+    def pulled(self, inner: SymmetricPattern) -> _PositionPull:
+        """How matrices of this pattern are pulled back."""
+        return _PositionPull(self.nodes, inner, 3 * len(self.twist))
+
+
+class _PositionPull:
+    """The part of a matrix that belongs to positions, pulled back."""
+
+    def __init__(self, nodes: NodeMap, inner: SymmetricPattern, size: int) -> None:
+        columns = np.repeat(np.arange(inner.size), np.diff(inner.starts))
+        self._kept = np.flatnonzero((inner.rows < size) & (columns < size))
+        starts = np.searchsorted(columns[self._kept], np.arange(size + 1))
+        self._pull = nodes.pulled(SymmetricPattern(size, starts, inner.rows[self._kept]))
+        self.pattern = self._pull.pattern
+
+    def entries(self, values: Array) -> Array:
+        return self._pull.entries(values[self._kept])
+
+
+class RodVolume:
+    """The volume of ``shape`` = (n1, n2) control points and two through the thickness, around a sheet as it lies."""
+
+    def __init__(self, energy: FabricEnergy, shape: tuple[int, int] = (5, 5)) -> None:
+        """Raises InputError for shapes that are no volume."""
+        self.energy = energy
+        self.volume = BoundingVolume.around(energy.sheet.vertices, shape)
+        weights = self.volume.weights(energy.sheet.vertices)
+        self.weights: Array | csr_array = weights.toarray() if self.volume.count <= _MOST_DENSE else weights
+
+    @property
+    def unknowns(self) -> int:
+        """Coordinates of control points."""
+        return 3 * self.volume.count
+
+    def map_from(self, x: Array) -> YarnMap:
+        """Displacements of the volume from a state (4n,)."""
+        positions = 3 * self.energy.count
+        return YarnMap(NodeMap(self.weights, x[:positions].copy()), x[positions:].copy())
+
+    @cached_property
+    def _inverse(self) -> Array:
+        square = self.weights.T @ self.weights
+        square = square if isinstance(square, np.ndarray) else square.toarray()
+        return np.linalg.pinv(square, rcond=1e-12, hermitian=True)
+
+    def projected(self, change: Array) -> Array:
+        """The change of a state (4n,) nearest to this one that the volume can make."""
+        moves = self.energy.positions(change)
+        moves = self.weights @ (self._inverse @ (self.weights.T @ moves))
+        return np.concatenate([moves.ravel(), np.zeros(self.energy.count)])
+
+    def minimised(
+        self,
+        objective: Objective,
+        start: Array,
+        *,
+        tolerance: float,
+        max_iterations: int,
+        enough: float = 0.0,
+        count: PassageCount | None = None,
+    ) -> Solution:
+        """Minimise an objective of the yarns by the volume alone, from a state (4n,); the solution is a state."""
+        energy, within = self.energy, self.map_from(start)
+
+        def after(free: Array) -> None:
+            x = within.expand(free)
+            energy.anchor(x)
+            if count is not None:
+                count.follow(x)
+
+        solution = minimise(
+            MappedObjective(objective, within), np.zeros(self.unknowns),
+            bound=lambda free, step: energy.bound(within.expand(free), within.along(step)), after_step=after,
+            tolerance=tolerance, enough=enough, max_iterations=max_iterations, shift=_SHIFT, check_minimum=False,
+        )  # fmt: skip
+        return replace(solution, x=within.expand(solution.x))
+
+
+@on_one_thread
+def volume_equilibrium(
+    volume: RodVolume,
+    start: Array,
+    holds: Holds,
+    *,
+    load: Array | None = None,
+    obstacles: tuple[NodeForce, ...] = (),
+    tolerance: float = 1e-3,
+    max_iterations: int = 50,
+    count: PassageCount | None = None,
+) -> Rest:
+    """The equilibrium that the volume reaches from a state (4n,): a first guess for ``direct_static.equilibrium``.
+
+    load, obstacles, tolerance, count: as there.
+    """
+    began, energy = time.perf_counter(), volume.energy
+    load = np.zeros(len(start)) if load is None else load
+    objective = FabricObjective(
+        energy, holds.wells(energy), load, obstacles, force_floor=1e-6 + float(np.linalg.norm(load))
+    )
+    energy.anchor(start)
+    solution = volume.minimised(
+        objective, start, tolerance=tolerance, max_iterations=max_iterations, count=count
+    )
+    seconds = time.perf_counter() - began
+    return Rest(solution.x, solution.status, solution.residual, solution.iterations, seconds)
+
+
+@dataclass(eq=False)
+class VolumeDynamics(FabricDynamics):
+    """A fabric that moves as its volume does; implicit steps only."""
+
+    volume: RodVolume | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.volume is None:
+            self.volume = RodVolume(self.energy)
+
+    def explicit(self, motion: FabricMotion, duration: float) -> FabricStep:
+        """Not there: what is held would leave the volume. Raises InputError."""
+        raise InputError("explicit steps of rods in a volume", expected="implicit steps", found="explicit")
+
+    def _minimised(self, objective: FabricObjective, start: Array) -> Solution:
+        assert self.volume is not None
+        settings = self.settings
+        return self.volume.minimised(
+            objective, start, tolerance=settings.tolerance, max_iterations=settings.iterations,
+            enough=settings.enough * self.weight, count=self.count,
+        )  # fmt: skip
+
+    def _damped(self, motion: FabricMotion, duration: float) -> Array:
+        assert self.volume is not None
+        return self.volume.projected(super()._damped(motion, duration))

@@ -1,0 +1,112 @@
+"""A bounding volume around yarns that are elastic rods."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.boundary import glue
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_motion import MotionSettings
+from yarnscale.fabric.direct_objective import FabricObjective, Wells
+from yarnscale.fabric.direct_static import equilibrium
+from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics, volume_equilibrium
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_scene import stretch
+from yarnscale.numerics.affine import MappedObjective
+from yarnscale.numerics.newton import Status
+from yarnscale.yarn import library
+from yarnscale.yarn.material import YarnMaterial
+
+
+def _energy(columns: int, rows: int, name: str = "plain") -> FabricEnergy:
+    sheet = YarnSheet.of(library.build(name), columns, rows)
+    material = YarnMaterial.preset(library.structure(name).material)
+    return FabricEnergy(sheet, material, springs=glue(sheet, material))
+
+
+@pytest.fixture(scope="module")
+def energy() -> FabricEnergy:
+    return _energy(3, 3)
+
+
+@pytest.fixture(scope="module")
+def volume(energy: FabricEnergy) -> RodVolume:
+    return RodVolume(energy, (5, 4))
+
+
+def test_moves_yarns_affinely_and_keeps_their_shape(energy: FabricEnergy, volume: RodVolume) -> None:
+    """Displacements that are linear in the place are displacements of control points; what is none is projected."""
+    random, x = np.random.default_rng(0), energy.start()
+    x[: 3 * energy.count] += 0.1 * random.standard_normal(
+        3 * energy.count
+    )  # any shape, not only the sheet's own
+    matrix, shift = 0.1 * random.standard_normal((3, 3)), random.standard_normal(3)
+    control = volume.volume.control_at_rest / energy.radius
+    there = volume.map_from(x).expand((control @ matrix.T + shift).ravel())
+    places = energy.sheet.vertices / energy.radius
+    moved = energy.positions(there) - energy.positions(x)
+    np.testing.assert_allclose(moved, places @ matrix.T + shift, atol=1e-11)
+    np.testing.assert_array_equal(there[3 * energy.count :], x[3 * energy.count :])
+    np.testing.assert_allclose(volume.projected(there - x), there - x, atol=1e-9)
+    rough = random.standard_normal(len(x))
+    once = volume.projected(rough)
+    np.testing.assert_allclose(volume.projected(once), once, atol=1e-9)
+    assert np.linalg.norm(once) < 0.5 * np.linalg.norm(rough)
+
+
+def test_pulls_gradients_and_matrices_back(energy: FabricEnergy, volume: RodVolume) -> None:
+    """Against finite differences of the energy and against Bᵀ H B with a dense B."""
+    random, x = np.random.default_rng(1), energy.start()
+    energy.anchor(x)
+    weight = random.random(len(x))
+    objective = FabricObjective(energy, Wells(weight, x + 1.0), np.zeros(len(x)))
+    within = volume.map_from(x)
+    reduced = MappedObjective(objective, within)
+    free = 1e-3 * random.standard_normal(volume.unknowns)
+    _, gradient, model = reduced.quadratic(free)
+    direction = random.standard_normal(volume.unknowns)
+    ahead, behind = (reduced.value(free + sign * 1e-5 * direction) for sign in (1, -1))
+    assert gradient @ direction == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
+    whole = objective.quadratic(within.expand(free))[2]
+    for shift in (0.0, 0.1):
+        basis = np.stack([within.along(unit) for unit in np.eye(volume.unknowns)[::7]], 1)
+        expected = basis.T @ whole.pattern.multiply(whole.values(shift), basis)
+        found = model.pattern.multiply(model.values(shift), np.eye(volume.unknowns)[::7].T)[::7]
+        np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_falls_freely_whatever_the_yarns_do(energy: FabricEnergy) -> None:
+    """The volume can move as a whole, so that its centre of mass falls as Euler's implicit steps do."""
+    dynamics = VolumeDynamics(
+        energy, MotionSettings(tolerance=1e-6, enough=0.0, iterations=40), volume=RodVolume(energy)
+    )
+    motion, step, count = dynamics.start(), 1 / 200, 5
+    mass = energy.masses()
+    start = mass @ energy.positions(motion.x) / mass.sum()
+    for _ in range(count):
+        result = dynamics.implicit(motion, step)
+        assert result.status is Status.CONVERGED
+        motion = result.motion
+    fallen = (mass @ energy.positions(motion.x) / mass.sum() - start) * energy.radius
+    np.testing.assert_allclose(fallen[2], -9.81 * step**2 * count * (count + 1) / 2, rtol=1e-5)
+    np.testing.assert_allclose(fallen[:2], 0.0, atol=1e-5 * abs(fallen[2]))
+    with pytest.raises(InputError, match="explicit"):
+        dynamics.explicit(motion, step)
+
+
+def test_its_equilibrium_is_a_first_guess_that_saves_iterations() -> None:
+    """Knitting stretched between grips: from the guess, the yarns come to the same force in fewer Newton iterations."""
+    energy = _energy(4, 4, "stockinette")
+    scene = stretch(energy.sheet, amount=0.2, duration=1.0)
+    before = equilibrium(energy, energy.start(), scene.holds(0.0), tolerance=1e-4)
+    holds = scene.holds(1.0)
+    alone = equilibrium(energy, before.x, holds, tolerance=1e-4)
+    guess = volume_equilibrium(RodVolume(energy, (4, 4)), before.x, holds)
+    guided = equilibrium(energy, guess.x, holds, tolerance=1e-4)
+    assert guess.status is alone.status is guided.status is Status.CONVERGED
+    assert guess.iterations <= 4
+    assert guided.iterations < alone.iterations
+    forces = [scene.force(energy, rest.x, 1.0) for rest in (alone, guided)]
+    assert forces[1] == pytest.approx(forces[0], rel=1e-3)
