@@ -15,7 +15,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import root_scalar
+from scipy.optimize import root, root_scalar
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.fabric.boundary import glue
@@ -49,6 +49,15 @@ def narrowing(cell: PeriodicCell, strain: ShellStrain, across: float) -> float:
         return float(cell.relax(replace(strain, s_y=s_y)).stress[2]) - across
 
     return float(root_scalar(excess, bracket=(strain.s_y - 0.05, strain.s_y + 0.05), xtol=1e-4).root)
+
+
+def stretch_at(cell: PeriodicCell, strain: ShellStrain, stress: np.ndarray) -> float:
+    """Strain along the courses at which the cell has both stresses (2,) [N/m]."""
+
+    def excess(s: np.ndarray) -> np.ndarray:
+        return cell.relax(replace(strain, s_x=float(s[0]), s_y=float(s[1]))).stress[[0, 2]] - stress
+
+    return float(root(excess, [strain.s_x, strain.s_y], options={"xtol": 1e-4}).x[0])
 
 
 def measure(size: float, amount: float, vertices: int, friction: float) -> None:
@@ -103,23 +112,25 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         flat = replace(inside.strain, II11=0.0, II12=0.0, II22=0.0)
         even = own.relax(flat)
         narrow = narrowing(own, flat, float(inside.stress[1]))
-        s = inside.strain
+        s, reach = inside.strain, stretch_at(own, flat, inside.stress)
         print(
-            f"{vertices:3d} vertices, friction {friction:g}, grips {share:.2f}: {found.status.name} {found.iterations} "
-            f"iterations, {time.perf_counter() - began:.0f} s, passages {count.passages}\n"
+            f"{vertices:3d} vertices, friction {friction:g}, grips {share:.2f}: {found.status.name} "
+            f"({found.residual:.1e}) {found.iterations} iterations, {time.perf_counter() - began:.0f} s, "
+            f"passages {count.passages}\n"
             f"  strain {s.s_x:.4f} {s.s_y:.4f} shear {s.s_a:.4f} bend {s.II11:.2f} {s.II22:.2f} /m, "
             f"yarn {inside.yarn:.4f}, {inside.stitches} stitches\n"
             f"  stress {inside.stress[0]:.4f} {inside.stress[1]:.4f}; "
             f"cell bent {bent.stress[0]:.4f} {bent.stress[2]:.4f}, "
             f"flat {even.stress[0]:.4f} {even.stress[2]:.4f} N/m: {inside.stress[0] / bent.stress[0] - 1:+.1%}\n"
             f"  energy {inside.energy:.5f}; cell bent {bent.energy_density:.5f}, flat {even.energy_density:.5f} J/m²\n"
-            f"  narrowing {s.s_y:.4f}; cell at the same stress across {narrow:.4f}: {s.s_y / narrow - 1:+.1%}",
+            f"  narrowing {s.s_y:.4f}; cell at the same stress across {narrow:.4f}: {s.s_y / narrow - 1:+.1%}\n"
+            f"  stretch {s.s_x:.4f}; cell at the same stresses {reach:.4f}: {s.s_x / reach - 1:+.1%}",
             flush=True,
         )
 
     print(f"{width:g} m, {whole.vertex_count} vertices", flush=True)
     stretched(
-        energy, start, holds, shares, ahead=ahead_of, tolerance=1e-3, max_iterations=120, on_rest=told, count=count,
+        energy, start, holds, shares, ahead=ahead_of, tolerance=2e-4, max_iterations=300, on_rest=told, count=count,
         friction=YarnFriction(friction) if friction else None,
     )  # fmt: skip
 

@@ -102,8 +102,8 @@ def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], boo
     scene = _scene(options, sheet)
     friction = YarnFriction(options.friction) if options.friction else None
     dynamics = FabricDynamics(
-        energy, MotionSettings(scene.gravity, options.damping, friction), scene.holds, scene.obstacles(energy),
-        PassageCount(energy, energy.start()),
+        energy, MotionSettings(scene.gravity, options.damping, friction), scene.holds,
+        scene.obstacles(energy, friction=options.ball_friction), PassageCount(energy, energy.start()),
     )  # fmt: skip
     method = "explicit" if options.explicit else "implicit"
     run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)

@@ -89,6 +89,13 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--friction", type=float, default=0.0, metavar="MU", help="of yarns on each other, direct only (0)"
     )
+    command.add_argument(
+        "--ball-friction",
+        type=float,
+        default=0.0,
+        metavar="MU",
+        help="of yarns on the ball of drape, direct only (0)",
+    )
     command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="to simulate (3)")
     command.add_argument(
         "--time-step", type=float, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,13 +124,36 @@ def _closest(points: Array, corner: Array) -> Array:
     return best
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Pushes:
-    """Contact of every vertex with a body; a ``NodeForce``. stiffness: E''' of the penalty [E π r³ / r³]."""
+    """Contact of every vertex with a body at rest; a ``NodeForce``. stiffness: E''' of the penalty [E π r³ / r³].
+
+    friction: coefficient μ of Coulomb's law, smoothed within a slip of ``slip`` [r] since ``begin``, which also takes
+    the pressures: friction lags by a step, as that of yarns on each other.
+    """
 
     energy: FabricEnergy
     distance: Distance
     stiffness: float = 1.0
+    friction: float = 0.0
+    slip: float = 0.02
+    _began: Array = field(init=False, repr=False, default_factory=lambda: np.empty((0, 3)))
+    _normal: Array = field(init=False, repr=False, default_factory=lambda: np.empty((0, 3)))
+    _grip: Array = field(init=False, repr=False, default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        """Check the coefficient."""
+        if not (math.isfinite(self.friction) and self.friction >= 0.0):
+            raise InputError("friction on an obstacle", expected="a number from 0", found=self.friction)
+
+    def begin(self, positions: Array) -> None:
+        """Begin a step at positions (n, 3) [r]: what presses there resists to slip from there on."""
+        if self.friction == 0.0:
+            return
+        gap, normal = self.distance(positions * self.energy.radius)
+        depth = np.maximum(1.0 - gap / self.energy.radius, 0.0)
+        self._began, self._normal = positions.copy(), np.array(normal)
+        self._grip = self.friction * self.stiffness * depth**2
 
     def at(self, positions: Array) -> tuple[float, Array, Array]:
         """Energy, gradient (n, 3) and Hessian (n, 3, 3) at positions (n, 3) [r]."""
@@ -139,4 +162,18 @@ class Pushes:
         value = float((depth**3).sum()) * self.stiffness / 3.0
         gradient = -self.stiffness * depth[:, None] ** 2 * normal
         hessian = (2.0 * self.stiffness * depth)[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        rubbed = np.flatnonzero(self._grip)
+        if len(rubbed):
+            value += self._rub(positions, rubbed, gradient, hessian)
         return value, gradient, hessian
+
+    def _rub(self, positions: Array, rubbed: NDArray[np.int64], gradient: Array, hessian: Array) -> float:
+        """Add μ N (√(|u|² + h²) − h), u the slip along the surface, of vertices ``rubbed``; its value."""
+        slip, normal, grip = positions[rubbed] - self._began[rubbed], self._normal[rubbed], self._grip[rubbed]
+        slip = slip - np.einsum("ni,ni->n", slip, normal)[:, None] * normal
+        size = np.sqrt(np.einsum("ni,ni->n", slip, slip) + self.slip**2)
+        gradient[rubbed] += (grip / size)[:, None] * slip
+        along = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+        unit = slip / size[:, None]
+        hessian[rubbed] += (grip / size)[:, None, None] * (along - unit[:, :, None] * unit[:, None, :])
+        return float((grip * (size - self.slip)).sum())

@@ -36,9 +36,9 @@ class SheetScene:
     pulled: NDArray[np.bool_] | None = None
     axis: int = 0
 
-    def obstacles(self, energy: FabricEnergy) -> tuple[Pushes, ...]:
-        """The ball, as the simulation meets it."""
-        return () if self.ball is None else (Pushes(energy, sphere(*self.ball)),)
+    def obstacles(self, energy: FabricEnergy, *, friction: float = 0.0) -> tuple[Pushes, ...]:
+        """The ball, as the simulation meets it; friction: coefficient of yarns on it."""
+        return () if self.ball is None else (Pushes(energy, sphere(*self.ball), friction=friction),)
 
     def force(self, energy: FabricEnergy, x: Array, time: float) -> float:
         """Force on the second grip along its way [N]; NaN where none is pulled."""
