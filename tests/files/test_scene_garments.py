@@ -64,6 +64,7 @@ def test_a_cut_of_ones_own_on_the_mannequin(folder: Path) -> None:
 shape = "tshirt"
 spacing = 0.04
 sleeve = 0.25
+rest_angle = {side = 30}
 [[obstacles]]
 shape = "mannequin"
 spacing = 0.03
@@ -72,6 +73,7 @@ poses = [{time = 0, depth = 0.15}, {time = 0.5, lowered = 40, turned = 90}]
         + SCHEDULE,
     )
     assert scene.start.positions[:, 0].max() > 0.4
+    assert set(np.unique(scene.cloth.mesh.rest_angles)) == {0.0, math.radians(30)}
     body = scene.cloth.obstacles[0]
     assert isinstance(body, MovingMannequin) and body.poses[1].turned == pytest.approx(0.5 * math.pi)
     # Turned by a quarter, the arms lie along y.
@@ -92,6 +94,7 @@ def test_a_garment_from_files_with_bodies_that_move(folder: Path) -> None:
 file = "a-w.obj"
 material_file = "a-m.obj"
 grain = 90
+rest_angle = -20
 tilt = 90
 position = [0, 0, 1]
 [[handles]]
@@ -121,6 +124,9 @@ ease = false
         + SCHEDULE,
     )
     np.testing.assert_allclose(scene.cloth.mesh.areas.sum(), mesh.areas.sum(), rtol=1e-6)
+    seams = scene.cloth.mesh.seams
+    np.testing.assert_allclose(scene.cloth.mesh.rest_angles[seams], math.radians(-20))
+    assert seams.any() and not scene.cloth.mesh.rest_angles[~seams].any()
     np.testing.assert_allclose(scene.start.positions[:, 2], scene.cloth.mesh.assembled[:, 1] + 1)
     held = scene.cloth.handles[0]
     assert (scene.start.positions[held.vertices, 2] >= 1.02).all()
@@ -141,6 +147,7 @@ ease = false
         ('[mesh]\nshape = "sweater"\nwidth = -1', r"\[mesh\] width of the cut; expected a positive length"),
         ('[mesh]\nshape = "sweater"\nradius = 1', "unknown key 'mesh.radius'"),
         ('[mesh]\nfile = "none.obj"', "none.obj: file does not exist"),
+        ('[mesh]\nshape = "sweater"\nrest_angle = {hem = 3}', "unknown key 'mesh.rest_angle.hem'"),
         ('[mesh]\nfile = "none.obj"\nscale = 0', "field 'mesh.scale'; expected a positive number"),
         (
             '[[obstacles]]\nshape = "mesh"\nframes = "body.obj"\nframe_rate = 1',

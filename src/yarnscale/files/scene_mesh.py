@@ -9,7 +9,7 @@ import numpy as np
 
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.scene_section import Section
-from yarnscale.shell.garments.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
+from yarnscale.shell.garments.wardrobe import SEAMS, SWEATER, T_SHIRT, ShirtCut, shirt
 from yarnscale.shell.mesh import TriangleMesh, disk, rectangle
 from yarnscale.shell.state import ClothState
 
@@ -25,10 +25,13 @@ def read_mesh(section: Section) -> TriangleMesh:
         return _from_file(section)
     shape = section.choice_or("shape", "rectangle", ("rectangle", "disk", *CUTS))
     if shape in CUTS:
-        section.known("shape", "spacing", *_SIZES, *_PLACE)
+        section.known("shape", "spacing", "rest_angle", *_SIZES, *_PLACE)
         sizes = {name: section.number(name) for name in _SIZES if name in section.content}
         cut = section.build(lambda: replace(CUTS[shape], **sizes))
-        return section.build(lambda: shirt(shape, cut, section.number_or("spacing", 0.02)).mesh)
+        angles = _seam_angles(section)
+        return section.build(
+            lambda: shirt(shape, cut, section.number_or("spacing", 0.02), rest_angles=angles).mesh
+        )
     grain = math.radians(section.number_or("grain", 0.0))
     if shape == "disk":
         section.known("shape", "radius", "spacing", "grain", *_PLACE)
@@ -61,8 +64,16 @@ def read_start(section: Section, mesh: TriangleMesh) -> ClothState:
     return ClothState(positions, np.zeros_like(positions))
 
 
+def _seam_angles(section: Section) -> dict[str, float]:
+    """Folds of the seams of a shirt at rest [rad], by kind: one number of degrees for all, or a table."""
+    if not isinstance(section.content.get("rest_angle"), dict):
+        return dict.fromkeys(SEAMS, math.radians(section.number_or("rest_angle", 0.0)))
+    table = section.section("rest_angle").known(*SEAMS)
+    return {kind: math.radians(table.number(kind)) for kind in table.content}
+
+
 def _from_file(section: Section) -> TriangleMesh:
-    section.known("file", "material_file", "scale", "material_scale", "grain", "weld", *_PLACE)
+    section.known("file", "material_file", "scale", "material_scale", "grain", "weld", "rest_angle", *_PLACE)
     flat = section.beside(section.text("material_file")) if "material_file" in section.content else None
     for key in ("scale", "material_scale"):
         if key in section.content:
@@ -75,5 +86,5 @@ def _from_file(section: Section) -> TriangleMesh:
             material_scale=section.number_or("material_scale", 1.0),
             grain=math.radians(section.number_or("grain", 0.0)),
             weld=section.number_or("weld", 0.0),
-        )
+        ).with_seam_angle(math.radians(section.number_or("rest_angle", 0.0)))
     )

@@ -33,6 +33,8 @@ class TriangleMesh:
     point of its own number. On a seam a vertex has several: neighbours in space, apart in the fabric.
     assembled: positions of the vertices [m], shape (nv, 3), with the panels sewn but nothing acting on them; empty:
     the panel as cut in the plane z = 0.
+    rest_angles: fold [rad] over edges v0v1, v1v2, v2v0 of every triangle that the cloth has at rest, shape (nt, 3),
+    positive where the right side is on the outside; empty: flat everywhere.
 
     Derived: ``stencils`` (nt, 6) = (v0, v1, v2, then the vertices opposite to edges v0v1, v1v2, v2v0 in the
     neighbouring triangles, across seams too); ``has_neighbour`` (nt, 3). Where there is no neighbour the stencil
@@ -48,6 +50,7 @@ class TriangleMesh:
     grain: float | Floats = 0.0
     corners: Integers = field(default_factory=lambda: np.zeros((0, 3), np.int64))
     assembled: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    rest_angles: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     stencils: Integers = field(init=False, repr=False)
     has_neighbour: NDArray[np.bool_] = field(init=False, repr=False)
     inverse_rest: Floats = field(init=False, repr=False)
@@ -64,12 +67,14 @@ class TriangleMesh:
         panel = _turned(material, grain)
         assembled = _checked_positions(self.assembled, panel, point_vertices)
         stencils, has_neighbour = _stencils(triangles, len(assembled))
+        rest_angles = _checked_angles(self.rest_angles, len(triangles))
         derived = {
             "material": material,
             "triangles": triangles,
             "grain": grain,
             "corners": corners,
             "assembled": assembled,
+            "rest_angles": rest_angles,
             "stencils": stencils,
             "has_neighbour": has_neighbour,
             "inverse_rest": np.linalg.inv(edges),
@@ -151,7 +156,12 @@ class TriangleMesh:
     def with_grain(self, angle: float) -> TriangleMesh:
         """The same panels cut from fabric whose course direction lies at ``angle`` [rad] to the panel's x."""
         material = _turned(self.panel, -angle)
-        return TriangleMesh(material, self.triangles, angle, self.corners, self.assembled)
+        return TriangleMesh(material, self.triangles, angle, self.corners, self.assembled, self.rest_angles)
+
+    def with_seam_angle(self, angle: float) -> TriangleMesh:
+        """The same mesh with all seams folded by an angle [rad] at rest; see ``rest_angles``."""
+        angles = np.where(self.seams, angle, 0.0)
+        return TriangleMesh(self.material, self.triangles, self.grain, self.corners, self.assembled, angles)
 
 
 def rectangle(
@@ -346,6 +356,18 @@ def _checked_positions(assembled: ArrayLike, panel: Floats, point_vertices: Inte
     if positions.shape != (count, 3) or not np.isfinite(positions).all():
         raise InputError("assembled positions", expected=f"finite, shape ({count}, 3)", found=positions.shape)
     return positions
+
+
+def _checked_angles(angles: ArrayLike, count: int) -> Floats:
+    """Fold angles at rest, (nt, 3), zero where none are given."""
+    array = np.ascontiguousarray(angles, dtype=np.float64)
+    if len(array) == 0:
+        return np.zeros((count, 3))
+    if array.shape != (count, 3) or not (np.abs(array) < math.pi).all():
+        raise InputError(
+            "fold angles at rest", expected=f"between -pi and pi, shape ({count}, 3)", found=array.shape
+        )
+    return array
 
 
 def _twins(triangles: Integers, vertex_count: int) -> Integers:

@@ -79,7 +79,7 @@ def test_turning_the_cloth_over_changes_the_sign_of_curvature() -> None:
 
 
 def random_state(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (18, 8) and geometry (15, 8) of crumpled stencils, with references, flags and both kinds of I."""
+    """Positions (18, 8) and geometry (18, 8) of crumpled stencils with all that geometry may hold."""
     rng = np.random.default_rng(seed)
     flat = np.array(
         [[0, 0, 0], [1, 0, 0], [0.5, 0.9, 0], [0.5, -0.9, 0], [1.5, 0.8, 0], [-0.5, 0.8, 0]], float
@@ -91,7 +91,7 @@ def random_state(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     geometry[8, ::2] = 1.0
     geometry[9:12] = 1.0
     geometry[10, 3] = geometry[9, 5] = 0.0
-    geometry[12:15] = rng.uniform(-1, 1, (3, 8))
+    geometry[12:18] = rng.uniform(-1, 1, (6, 8))
     return positions, geometry
 
 

@@ -50,6 +50,26 @@ def test_a_panel_fills_its_outline_with_good_triangles() -> None:
     assert ears.max() == 1
 
 
+def test_seams_of_a_shirt_have_the_angles_they_are_given() -> None:
+    angles = {"side": 0.4, "under": -0.3}
+    garment = shirt("shirt", T_SHIRT, 0.04, rest_angles=angles)
+    mesh, plain = garment.mesh, shirt("shirt", T_SHIRT, 0.04).mesh
+    assert (plain.rest_angles == 0).all()
+    assert (mesh.rest_angles[~mesh.seams] == 0).all()
+    for edge, angle in (
+        ("front.right side", 0.4),
+        ("right sleeve.first under", -0.3),
+        ("front.left armhole", 0.0),
+    ):
+        chain = garment.edges[edge]
+        tails, heads = mesh.triangles, np.roll(mesh.triangles, -1, axis=1)
+        on_it = np.isin(tails, chain) & np.isin(heads, chain) & mesh.seams
+        assert on_it.sum() == 2 * (len(chain) - 1)
+        np.testing.assert_allclose(mesh.rest_angles[on_it], angle)
+    with pytest.raises(InputError, match="seam of a shirt; expected side or shoulder"):
+        shirt("shirt", T_SHIRT, 0.04, rest_angles={"hem": 0.1})
+
+
 def test_edges_are_divided_as_told_and_grain_turns_the_fabric() -> None:
     panel = cut_panel("square", SQUARE, 0.02, segments={"left": 7}, grain=0.3)
     assert len(panel.edge("left")) == 8 and len(panel.edge("right")) == 6

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.shell.dynamics.cloth import Cloth
+from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions, simulate
 from yarnscale.shell.elastic.elements import shell_elements
 from yarnscale.shell.elastic.energy import ShellEnergy
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
+from yarnscale.shell.state import ClothState
 
 CLOTH = OrthotropicMaterial(
     stretch_weft=60.0,
@@ -131,6 +134,57 @@ def test_a_tube_sewn_shut_has_the_curvature_of_its_cylinder_everywhere() -> None
     np.testing.assert_allclose(forms[4:, real], 0.0, atol=0.05 / 0.05)
 
 
+def folded(mesh: TriangleMesh, angle: float) -> np.ndarray:
+    """The flat mesh bent down along x = 0 by an angle, the right side outside."""
+    x, y, _ = mesh.assembled.T
+    return np.column_stack([x * math.cos(0.5 * angle), y, -np.abs(x) * math.sin(0.5 * angle)])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, -1.2])
+def test_a_seam_is_at_rest_at_its_angle_and_bends_from_there_as_the_fabric_does(angle: float) -> None:
+    sewn = cut(even_rectangle())
+    energy = ShellEnergy(sewn.with_seam_angle(angle), CLOTH)
+    at_rest = folded(sewn, angle)
+    energy.follow(at_rest)
+    linear = energy.linearise(at_rest)
+    assert abs(linear.value) < 1e-20 and np.abs(linear.gradient).max() < 1e-9
+    # Beyond its rest it has the energy of a flat seam folded by the difference.
+    flat = ShellEnergy(sewn, CLOTH)
+    for more in (0.3, -0.5):
+        energy.follow(folded(sewn, angle + more))
+        found = energy.value(folded(sewn, angle + more))
+        assert found == pytest.approx(flat.value(folded(sewn, more)), rel=1e-9)
+        assert found > 0
+
+
+def test_a_folded_seam_bends_with_the_stiffness_of_the_fabric() -> None:
+    """A fold θ over an edge of length l counts as curvature θ l/(2A) across it on the triangles of both sides."""
+    sewn, angle = cut(even_rectangle()), 0.4
+    energy = ShellEnergy(sewn, CLOTH, free_edges="zero").value(folded(sewn, angle))
+    rows = sewn.seams.any(axis=1)
+    edge = sewn.material[sewn.sewn_edges[:, 1]] - sewn.material[sewn.sewn_edges[:, 0]]
+    np.testing.assert_allclose(edge[:, 0], 0.0, atol=1e-15)
+    lengths, areas = np.abs(edge[:, 1]), sewn.areas[rows]
+    expected = areas * CLOTH.bend_weft * (angle * lengths / (2 * areas)) ** 2
+    assert energy == pytest.approx(float(expected.sum()), rel=1e-9)
+
+
+def test_a_seam_springs_back_to_its_angle() -> None:
+    mesh, angle = cut(even_rectangle()).with_seam_angle(0.8), 0.8
+    cloth = Cloth(mesh, CLOTH, gravity=(0.0, 0.0, 0.0), damping=20.0)
+    solver = ClothSolver(cloth, SolverOptions(tolerance=1e-5))
+    run = simulate(solver, ClothState.flat(mesh), Schedule(0.5, 0.02))
+    assert run.converged
+    x, y, _ = mesh.assembled.T
+    inside = np.abs(y) < 0.02
+    normals = []
+    for side in (-1.0, 1.0):
+        own = run.state.positions[inside & (side * x > 0)]
+        normals.append(np.linalg.svd(own - own.mean(axis=0))[2][2])
+    turned = math.acos(min(1.0, abs(float(normals[0] @ normals[1]))))
+    assert turned == pytest.approx(angle, abs=0.01)
+
+
 def test_panels_are_counted() -> None:
     assert rectangle(0.04, 0.04, 0.02).panel_numbers.max() == 0
     sewn = cut(even_rectangle())
@@ -146,6 +200,7 @@ def test_panels_are_counted() -> None:
         ({"triangles": tube().triangles[:4]}, "corners; expected one per corner"),
         ({"triangles": tube().triangles[:, [1, 2, 0]]}, "material point .*expected one vertex in space"),
         ({"grain": np.zeros(3)}, "grain; expected a finite angle"),
+        ({"rest_angles": np.full((192, 3), 4.0)}, "fold angles at rest; expected between -pi and pi"),
     ],
 )
 def test_broken_seams_are_refused(change: dict, message: str) -> None:

@@ -22,7 +22,7 @@ def forms_of_blocks(
 ) -> None:
     """Forms (nb, 6, B) and, if ``jacobian`` (nb, 108, B) is not empty, their derivatives at positions (nv, 3).
 
-    address: kernel (corners, geometry) → forms[, jacobian]; stencils: (nb, B, 6); geometry: (nb, 15, B).
+    address: kernel (corners, geometry) → forms[, jacobian]; stencils: (nb, B, 6); geometry: (nb, 18, B).
     """
     lanes = stencils.shape[1]
     corners = np.empty((18, lanes))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.numerics.kernel import BLOCK
 from yarnscale.shell.elastic.element_loops import forms_of_blocks
-from yarnscale.shell.elastic.strain import FLAGS, GEOMETRY, REFERENCE, follow_angles, form_kernels
+from yarnscale.shell.elastic.strain import FLAGS, GEOMETRY, REFERENCE, REST, follow_angles, form_kernels
 from yarnscale.shell.mesh import TriangleMesh
 
 FreeEdges = Literal["extrapolate", "zero"]
@@ -29,7 +29,7 @@ FreeEdges = Literal["extrapolate", "zero"]
 class ShellElements:
     """Elements in the order of the mesh, in blocks, padded with elements of no area.
 
-    stencils: (blocks, BLOCK, 6); present: whether a stencil vertex matters, likewise; geometry: (blocks, 15,
+    stencils: (blocks, BLOCK, 6); present: whether a stencil vertex matters, likewise; geometry: (blocks, 18,
     BLOCK), see ``strain.GEOMETRY`` (its reference angles change as the cloth moves); areas: (blocks, BLOCK)
     [m²];
     triangles: the triangle of I, (blocks, BLOCK).
@@ -101,7 +101,7 @@ def vertex_mean(
 
 
 _Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-"""Stencils (n, 6), geometry (n, 15), areas (n,), triangles (n,)."""
+"""Stencils (n, 6), geometry (n, 18), areas (n,), triangles (n,)."""
 
 
 def _own(mesh: TriangleMesh, which: NDArray[np.int64], share: float) -> _Rows:
@@ -110,6 +110,7 @@ def _own(mesh: TriangleMesh, which: NDArray[np.int64], share: float) -> _Rows:
     columns = mesh.inverse_rest[which].transpose(0, 2, 1).reshape(-1, 4)
     geometry[:, 0:4] = geometry[:, 4:8] = columns
     geometry[:, FLAGS] = mesh.has_neighbour[which]
+    geometry[:, REST] = mesh.rest_angles[which]
     return mesh.stencils[which], geometry, share * mesh.areas[which], which
 
 
@@ -152,4 +153,5 @@ def _borrowing(
     geometry[4:8] = np.linalg.inv(np.column_stack([own[1] - own[0], apex - own[0]])).T.ravel()
     geometry[8] = 1.0
     geometry[FLAGS] = 1.0
+    geometry[REST] = mesh.rest_angles[lender, turn]
     return stencil, geometry, share * float(mesh.areas[row]), row

@@ -5,7 +5,8 @@ With F = (x1 − x0, x2 − x0) Dm⁻¹ and the dihedral angles θ_k over the th
     I = FᵀF,   Λ = Σ_k θ_k / (2 A l_k) t_k ⊗ t_k,   II = Fᵀ Λ F,
 
 t_k perpendicular to edge k in the triangle's plane, |t_k| = l_k, everything but Dm in world space. Signs:
-z = +x²/2 with normal +z has II11 = +1.
+z = +x²/2 with normal +z has II11 = +1. θ_k is what an edge is folded by beyond its angle at rest, which is zero
+but for seams that say otherwise.
 
 Two liberties. The angle is measured from a reference angle that follows the motion, so that it neither jumps
 at ±π nor loses a turn. And the triangle that gives I need not be the one that gives II (``shell.elements``).
@@ -24,16 +25,18 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.kernel import Kernel, compile_kernel
 
-GEOMETRY = 15
+GEOMETRY = 18
 """Numbers per element: inverse rest matrix of the triangle of II (4, by columns), of that of I (4, by
 columns),
-choice of the triangle of I (0: v0 v1 v2, 1: v0 v1 v3), neighbour flags (3), reference angles (3)."""
+choice of the triangle of I (0: v0 v1 v2, 1: v0 v1 v3), neighbour flags (3), reference angles (3), fold angles
+at rest (3)."""
 FLAGS = slice(9, 12)
 REFERENCE = slice(12, 15)
+REST = slice(15, 18)
 
 
 def fundamental_forms() -> ca.Function:
-    """Symbolic (x0..x5 [m] (18,), geometry (15,)) → (I11, I12, I22 [-], II11, II12, II22 [1/m])."""
+    """Symbolic (x0..x5 [m] (18,), geometry (18,)) → (I11, I12, I22 [-], II11, II12, II22 [1/m])."""
     positions, geometry = ca.SX.sym("positions", 18), ca.SX.sym("geometry", GEOMETRY)
     return ca.Function(
         "fundamental_forms",
@@ -56,14 +59,14 @@ def _forms(positions: ca.SX, geometry: ca.SX) -> ca.SX:
     second = [ca.SX(0), ca.SX(0), ca.SX(0)]
     for k in range(3):
         tail, head, own = x[k], x[(k + 1) % 3], x[(k + 2) % 3]
-        flag, reference = geometry[9 + k], geometry[12 + k]
+        flag, reference, rest = geometry[9 + k], geometry[12 + k], geometry[15 + k]
         # A missing neighbour is replaced by the triangle's own corner: harmless, and cancelled by the flag.
         across = own + flag * (x[3 + k] - own)
         edge = head - tail
         length = ca.norm_2(edge)
         angle = _dihedral(normal, ca.cross(across - tail, edge), edge / length, reference)
         perpendicular = ca.cross(edge, normal)
-        weight = -flag * angle / (double_area * length)
+        weight = -flag * (angle - rest) / (double_area * length)
         u, v = ca.dot(bent_x, perpendicular), ca.dot(bent_y, perpendicular)
         second = [second[0] + weight * u * u, second[1] + weight * u * v, second[2] + weight * v * v]
     first = [ca.dot(first_x, first_x), ca.dot(first_x, first_y), ca.dot(first_y, first_y)]
@@ -122,7 +125,7 @@ def form_kernels() -> FormKernels:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def follow_angles(positions: NDArray, stencils: NDArray, geometry: NDArray) -> float:
-    """Move the reference angles of ``geometry`` (nb, 15, B) to the present fold angles; the largest |angle|
+    """Move the reference angles of ``geometry`` (nb, 18, B) to the present fold angles; the largest |angle|
     [rad].
 
     positions: (nv, 3) [m]; stencils: (nb, B, 6). The angle taken is the one nearest to the old reference.

@@ -24,10 +24,12 @@ class Seam:
     """Two edges sewn together: (panel, edge) and (panel, edge), of equal division.
 
     Seen from the right side one edge runs forwards and the other backwards, so that both panels show the same side.
+    rest_angle: fold that the seam has at rest [rad], positive where the right side is on the outside.
     """
 
     first: tuple[str, str]
     second: tuple[str, str]
+    rest_angle: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,11 @@ def sew(
     assembled = np.column_stack([np.bincount(vertices, places[:, k]) / count for k in range(3)])
     corners = np.concatenate([p.triangles + s for p, s in zip(panels, starts, strict=False)])
     grain = np.concatenate([np.full(len(panel.points), panel.grain) for panel in panels])
-    mesh = TriangleMesh(_laid_out(panels), vertices[corners], grain, corners, assembled)
+    folds = _folds(
+        vertices[corners],
+        [(vertices[pair[:, 0]], seam.rest_angle) for seam, pair in zip(seams, pairs[1:], strict=True)],
+    )
+    mesh = TriangleMesh(_laid_out(panels), vertices[corners], grain, corners, assembled, folds)
     edges = {
         f"{panel.name}.{edge}": vertices[points + start]
         for panel, start in zip(panels, starts, strict=False)
@@ -104,6 +110,17 @@ def _joined(pairs: Integers, count: int) -> Integers:
         if (joined == smallest).all():
             return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
         smallest = joined
+
+
+def _folds(triangles: Integers, seams: Sequence[tuple[Integers, float]]) -> Floats:
+    """Angles at rest of all edges of triangles (nt, 3), from vertices along seams and the angles of these."""
+    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
+    keys = ends[..., 0] * (int(triangles.max()) + 1) + ends[..., 1]
+    folds = np.zeros(triangles.shape)
+    for chain, angle in seams:
+        sides = np.sort(np.stack([chain[:-1], chain[1:]], axis=-1), axis=-1)
+        folds[np.isin(keys, sides[:, 0] * (int(triangles.max()) + 1) + sides[:, 1])] = angle
+    return folds
 
 
 def _laid_out(panels: Sequence[Panel]) -> Floats:

@@ -9,6 +9,7 @@ Coordinates as those of the ``mannequin``: x across, y to the back, z up.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,8 +56,21 @@ SWEATER = ShirtCut()
 T_SHIRT = ShirtCut(width=0.50, sleeve=0.16, cuff=0.18, armhole=0.21, neck=0.105, front_neck=0.10)
 
 
-def shirt(name: str, cut: ShirtCut, spacing: float) -> Garment:
-    """Front, back and two sleeves of a cut, sewn and lying flat. Raises InputError."""
+SEAMS = ("side", "shoulder", "armhole", "under")
+"""Kinds of seams of a shirt; "under" closes a sleeve."""
+
+
+def shirt(
+    name: str, cut: ShirtCut, spacing: float, *, rest_angles: Mapping[str, float] | None = None
+) -> Garment:
+    """Front, back and two sleeves of a cut, sewn and lying flat.
+
+    rest_angles: folds of the seams at rest [rad] by their kind, one of ``SEAMS``; default: flat. Raises InputError.
+    """
+    angles = dict(rest_angles or {})
+    for kind in angles:
+        if kind not in SEAMS:
+            raise InputError("seam of a shirt", expected=" or ".join(SEAMS), found=kind)
     rows = max(3, round(cut.armhole / spacing))
     side = max(3, round((cut.length - cut.armhole) / spacing))
     top = max(2, round((0.5 * cut.width - cut.neck) / spacing))
@@ -73,7 +87,7 @@ def shirt(name: str, cut: ShirtCut, spacing: float) -> Garment:
         cut_panel(f"{s} sleeve", _sleeve_outline(cut), spacing, segments=arm) for s in ("right", "left")
     ]
     positions = {panel.name: _flat_places(cut, panel) for panel in panels}
-    return sew(name, panels, _shirt_seams(), positions)
+    return sew(name, panels, _shirt_seams(angles), positions)
 
 
 def _body_outline(cut: ShirtCut, neck_depth: float) -> dict[str, ArrayLike]:
@@ -106,20 +120,29 @@ def _sleeve_outline(cut: ShirtCut) -> dict[str, ArrayLike]:
     }
 
 
-def _shirt_seams() -> list[Seam]:
+def _shirt_seams(angles: Mapping[str, float]) -> list[Seam]:
     # Seen from the front the front's right edge is at +x; the back is seen from behind, its left edge is there.
-    return [
-        Seam(("front", "right side"), ("back", "left side")),
-        Seam(("front", "left side"), ("back", "right side")),
-        Seam(("front", "right shoulder"), ("back", "left shoulder")),
-        Seam(("front", "left shoulder"), ("back", "right shoulder")),
-        Seam(("front", "right armhole"), ("right sleeve", "second cap")),
-        Seam(("back", "left armhole"), ("right sleeve", "first cap")),
-        Seam(("front", "left armhole"), ("left sleeve", "first cap")),
-        Seam(("back", "right armhole"), ("left sleeve", "second cap")),
-        Seam(("right sleeve", "first under"), ("right sleeve", "second under")),
-        Seam(("left sleeve", "first under"), ("left sleeve", "second under")),
-    ]
+    pairs = {
+        "side": [
+            (("front", "right side"), ("back", "left side")),
+            (("front", "left side"), ("back", "right side")),
+        ],
+        "shoulder": [
+            (("front", "right shoulder"), ("back", "left shoulder")),
+            (("front", "left shoulder"), ("back", "right shoulder")),
+        ],
+        "armhole": [
+            (("front", "right armhole"), ("right sleeve", "second cap")),
+            (("back", "left armhole"), ("right sleeve", "first cap")),
+            (("front", "left armhole"), ("left sleeve", "first cap")),
+            (("back", "right armhole"), ("left sleeve", "second cap")),
+        ],
+        "under": [
+            (("right sleeve", "first under"), ("right sleeve", "second under")),
+            (("left sleeve", "first under"), ("left sleeve", "second under")),
+        ],
+    }
+    return [Seam(*pair, angles.get(kind, 0.0)) for kind in SEAMS for pair in pairs[kind]]
 
 
 def _flat_places(cut: ShirtCut, panel: Panel) -> Floats:
