@@ -35,15 +35,24 @@ def test_straight_yarn_draws_a_rib_in_to_where_it_has_no_stress(cell):
     np.testing.assert_array_equal(end.cell.pattern.rest_length, cell.pattern.rest_length)
 
 
-def test_the_way_in_is_measured_by_the_periods_and_its_shape_is_the_rest_shape(cell):
+def test_the_way_in_is_measured_by_the_periods(cell):
     end, half = drawn_in(cell, 1.0), drawn_in(cell, 0.5)
     np.testing.assert_allclose(half.change, 0.5 * end.change, rtol=1e-9)
     np.testing.assert_allclose(half.cell.pattern.period, cell.pattern.period * (1.0 + half.change), rtol=1e-9)
-    again = set_as_drawn(half.cell.pattern, lengths=False)
-    np.testing.assert_allclose(again.rest_curvature, half.cell.pattern.rest_curvature, rtol=0, atol=1e-9)
     # A rib folds as it narrows, which no affine motion of the drawing does.
     depths = [np.ptp(found.pattern.vertices[:, 2]) for found in (cell, half.cell, end.cell)]
     assert depths[0] < 0.7 * depths[1] < depths[2]
+
+
+def test_yarn_forgets_the_drawing_as_it_draws_in(cell):
+    end = drawn_in(cell, 1.0).cell.pattern
+    again = set_as_drawn(end, lengths=False)
+    np.testing.assert_allclose(again.rest_curvature, end.rest_curvature, rtol=0, atol=1e-9)
+    none = drawn_in(cell, 0.0).cell
+    np.testing.assert_array_equal(none.pattern.rest_curvature, cell.pattern.rest_curvature)
+    # Not drawn in at all, the drawing at equilibrium comes to rest as the drawing does.
+    without, begun = at_rest(cell, RestRule()), at_rest(cell, RestRule(), draw_in=0.0)
+    np.testing.assert_allclose(without.change, begun.change, atol=1e-3)
 
 
 def test_periods_at_rest_are_smooth_in_how_far_it_draws_in(cell):

@@ -1,7 +1,7 @@
 """Searches on a problem with a known answer, twins of a real cell, remembered evaluations."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -10,11 +10,12 @@ from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations, Residuals
 from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
 from yarnscale.estimate.measurements import Direction
-from yarnscale.estimate.objective import YarnObjective, coarser
+from yarnscale.estimate.objective import ErrorWeights, YarnObjective, coarser
 from yarnscale.estimate.swarm import cobyla, swarm
-from yarnscale.estimate.uniform_data import UniformCurve, UniformData
+from yarnscale.estimate.uniform_data import UniformBend, UniformCurve, UniformData
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread
 from yarnscale.estimate.yarn_model import yarn_model
+from yarnscale.estimate.yarn_rest import RestRule
 from yarnscale.yarn.library import build
 
 
@@ -108,6 +109,9 @@ def test_spread_tells_what_data_do_not_see():
     spread = ParameterSpread.of(("seen", "hidden"), slopes)
     assert spread.shift[0] == pytest.approx(0.01 / np.sqrt(2.0))
     assert spread.shift[1] == 1.0
+    fewer = ParameterSpread.of(("one", "other"), np.array([[1.0, 1.0]]))
+    np.testing.assert_allclose(fewer.singular, [np.sqrt(2.0), 0.0])
+    np.testing.assert_array_equal(fewer.shift, [1.0, 1.0])
 
 
 def test_a_yarn_reproduces_its_own_data_and_is_found_again():
@@ -130,6 +134,48 @@ def test_a_yarn_reproduces_its_own_data_and_is_found_again():
     found = gauss_newton(evaluations, truth + np.array([0.0, 0.0, 0.05, -0.04, 0.05]), iterations=8)
     assert evaluations.many([found])[0].objective < 1e-5
     np.testing.assert_allclose(model.values(found)[[2, 3, 4]], model.values(truth)[[2, 3, 4]], rtol=0.05)
+
+
+def test_held_derivatives_are_all_where_nothing_is_reset():
+    """With a rest shape that does not follow the parameters, exact sensitivities are the whole derivative."""
+    model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
+    stretch = np.array([0.05, 0.1])
+    data = UniformData("line", (UniformCurve(Direction.WEFT, stretch, 9 * stretch, 200 * stretch, 0.1),))
+    evaluations = Evaluations(YarnObjective(model, data, RestRule(rounds=0, release=False)))
+    here = np.array([0.8, 0.3, 0.4, 0.6, 0.6])
+    whole, held = jacobian(evaluations, here), jacobian(evaluations, here, held=True)
+    np.testing.assert_allclose(held, whole, rtol=0.02, atol=0.005 * np.abs(whole).max())
+    assert np.abs(whole[:, 2:]).max(axis=0).min() > 0.05
+
+
+def test_pear_loops_fix_the_bending_that_forces_leave_open():
+    """Two readings of force for five unknowns: many yarns have them, one of those bends as the loops did."""
+    model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
+    truth, stretch = np.array([0.35, 0.5, 0.4, 0.6, 0.6]), np.array([0.05, 0.1])
+    forces = ErrorWeights(contraction=0.0)
+    bends = tuple(UniformBend(d, 1.0, 100.0) for d in (Direction.WEFT, Direction.WARP))
+    blank = UniformData("twin", (UniformCurve(Direction.WEFT, stretch, stretch, stretch, 0.1),), bends)
+    twin = YarnObjective(model, blank, weights=replace(forces, bending=0.01)).evaluate(truth)
+    curve = replace(blank.curves[0], stress=twin.curves[0].stress)
+    loops = tuple(replace(b, stiffness=float(k)) for b, k in zip(bends, twin.bending, strict=True))
+    data = UniformData("twin", (curve,), loops)
+    start, found, shifts = truth + np.array([0.0, 0.0, 0.08, 0.0, 0.0]), [], []
+    for weight in (0.0, 0.1):
+        evaluations = Evaluations(YarnObjective(model, data, weights=replace(forces, bending=weight)))
+        assert evaluations.many([truth])[0].objective < 1e-12
+        end = gauss_newton(evaluations, start, iterations=3)
+        assert np.abs(evaluations.residuals(end)[:2]).max() < 0.01
+        found.append(model.values(end)[2] / model.values(truth)[2])
+        shifts.append(ParameterSpread.of(model.names, jacobian(evaluations, truth)).shift[2])
+    assert abs(found[0] - 1.0) > 0.2 and abs(found[1] - 1.0) < 0.05, found
+    assert shifts[0] > 0.2 and shifts[1] < 0.02, shifts
+
+
+def test_refuses_a_weight_of_bending_without_loops():
+    curve = UniformCurve(Direction.WEFT, np.array([0.1]), np.array([0.1]), np.array([1.0]), 0.1)
+    model = yarn_model(build("stockinette"), 60.0)
+    with pytest.raises(InputError, match="pear loops"):
+        YarnObjective(model, UniformData("line", (curve,)), weights=ErrorWeights(bending=1.0))
 
 
 def test_coarser_data_keep_the_end_of_the_comfort_range():

@@ -14,10 +14,11 @@ from yarnscale.cli.console import ProgressLine, print_json, writable_folder
 from yarnscale.cli.materials import worker_count
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
-from yarnscale.estimate.objective import YarnObjective
+from yarnscale.estimate.objective import ErrorWeights, YarnObjective
 from yarnscale.estimate.yarn_estimate import (
     UNKNOWN_STIFFNESS,
     FabricEstimate,
+    check_bending,
     estimate_yarn,
     fitted_directions,
 )
@@ -41,11 +42,14 @@ def estimate(options: argparse.Namespace) -> int:
     measurements = read_measurements(options.measurements, sample=options.sample)
     model = _model(options, measurements)
     settings = FitOptions(
-        options.solver, options.seed, options.starts, options.refined, iterations=options.iterations
-    )
+        options.solver, options.seed, options.starts, options.refined, iterations=options.iterations,
+        held=options.held,
+    )  # fmt: skip
+    weights = ErrorWeights(bending=options.bending_weight)
     chosen = None if options.directions is None else [Direction(name) for name in options.directions]
     holdout = None if options.holdout is None else Direction(options.holdout)
     fitted_directions(measurements, chosen, holdout)
+    check_bending(measurements, weights)
     if options.resume:
         check_resumable(options.out / EVALUATIONS)
     with ExitStack() as stack:
@@ -57,7 +61,8 @@ def estimate(options: argparse.Namespace) -> int:
         folder = writable_folder(options.out)
         found = estimate_yarn(
             measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=settings,
-            executor=executor, store=lambda objective: _store(folder, objective, resume=options.resume),
+            weights=weights, executor=executor,
+            store=lambda objective: _store(folder, objective, resume=options.resume),
             told=_progress(measurements.name, work_ahead(settings, len(model.names))),
         )  # fmt: skip
     _report(folder, found, as_json=options.json)

@@ -29,6 +29,10 @@ def _length(text: str) -> float:
     return value
 
 
+def _weight(text: str) -> float:
+    return 0.0 if text in ("0", "0.0") else _length(text)
+
+
 def _count(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a positive whole number; found {text!r}")
@@ -83,6 +87,14 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--iterations", type=_count, default=20, metavar="N", help="of Gauss-Newton, at most (20)"
     )
+    command.add_argument(
+        "--bending-weight", type=_weight, default=0.0, metavar="W",
+        help="of the bending stiffness measured with pear loops, beside 1 of stress and 1 of contraction (0)",
+    )  # fmt: skip
+    command.add_argument(
+        "--held", action="store_true",
+        help="derivatives with the rest shape held, exact but incomplete, instead of differences (for comparison)",
+    )  # fmt: skip
     command.add_argument("--workers", type=_count, metavar="N", help="processes (default: one per core)")
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
     command.add_argument("--resume", action="store_true", help="go on with the evaluations in DIR")

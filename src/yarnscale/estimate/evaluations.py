@@ -17,6 +17,8 @@ from yarnscale.numerics.threads import on_one_thread
 
 Array = NDArray[np.float64]
 
+_FEW = 2
+"""Evaluations of so few points at once are those of a descent, whose states serve the next derivatives."""
 _WATCH = 1.0
 """How often workers that are silent are looked after [s]."""
 
@@ -77,6 +79,8 @@ class Evaluations:
         start = self.whole(near) if near is not None and fresh else None
         for place, evaluation in self._run(fresh, start):
             self._keep(fresh[place], near, evaluation)
+            if near is None and len(fresh) <= _FEW:
+                self._whole[fresh[place].tobytes()] = evaluation
         found = [self._find(point, near) for point in points]
         return [entry for entry in found if entry is not None]
 

@@ -24,17 +24,30 @@ _SMALLEST_GAIN = 1e-3
 """Relative decrease of the objective, twice in a row, at which the search ends."""
 
 
-def jacobian(evaluations: Evaluations, unknowns: Array, *, step: float = DIFFERENCE) -> Array:
-    """d(residuals)/d(unknowns) (m, n), inwards where a bound is near."""
-    signs = np.where(unknowns + step > 1.0, -1.0, 1.0)
-    points = [unknowns + sign * step * axis for sign, axis in zip(signs, np.eye(len(unknowns)), strict=True)]
+def jacobian(
+    evaluations: Evaluations, unknowns: Array, *, step: float = DIFFERENCE, held: bool = False
+) -> Array:
+    """d(residuals)/d(unknowns) (m, n), by differences that turn inwards where a bound is near.
+
+    held: columns of the yarn's parameters by exact sensitivities instead, which leave out what the parameters do to the
+    rest shape.
+    """
+    exact = np.empty((0, 0))
+    if held:
+        exact = evaluations.objective.held_jacobian(evaluations.whole(unknowns))
+    axes = np.eye(len(unknowns))[exact.shape[1] :]
+    signs = np.where(unknowns + step > 1.0, -1.0, 1.0)[exact.shape[1] :]
+    points = [unknowns + sign * step * axis for sign, axis in zip(signs, axes, strict=True)]
     base = evaluations.residuals(unknowns)
     found = evaluations.many(points, near=unknowns)
-    return np.column_stack([(f.residuals - base) / (s * step) for f, s in zip(found, signs, strict=True)])
+    columns = [(f.residuals - base) / (s * step) for f, s in zip(found, signs, strict=True)]
+    return np.column_stack([*exact.T, *columns])
 
 
-def gauss_newton(evaluations: Evaluations, start: Array, *, iterations: int = 20) -> Array:
-    """A local minimum of the mean square from a start, unknowns within [0, 1].
+def gauss_newton(
+    evaluations: Evaluations, start: Array, *, iterations: int = 20, held: bool = False
+) -> Array:
+    """A local minimum of the mean square from a start, unknowns within [0, 1]; ``held`` as for ``jacobian``.
 
     Levenberg's damping: the step is that of a linear least-squares problem with bounds; several dampings are tried
     side by side, and the best counts.
@@ -45,7 +58,7 @@ def gauss_newton(evaluations: Evaluations, start: Array, *, iterations: int = 20
     value = evaluations.many([here])[0].objective
     damping, slow = 1e-2, 0
     for _ in range(iterations):
-        slopes, residuals = jacobian(evaluations, here), evaluations.residuals(here)
+        slopes, residuals = jacobian(evaluations, here, held=held), evaluations.residuals(here)
         scale = max(float(np.linalg.norm(slopes, ord=2)), 1e-12)
         best, moved = value, None
         for _ in range(4):

@@ -2,6 +2,7 @@
 
 Residuals are the roots of the weighted terms of eq. 11: errors of σ/(1 + s) and of c over the largest target of the
 comfort range, times the decaying weights, over the root of the number of samples; so the objective is a mean square.
+Bending, which EST22 leaves out, may be added: logarithms of the ratios of the stiffness to that of the pear loops.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData, UniformErrors
-from yarnscale.estimate.yarn_model import YarnModel
+from yarnscale.estimate.yarn_bending import bending_stiffness
+from yarnscale.estimate.yarn_model import PARAMETERS, YarnModel
 from yarnscale.estimate.yarn_rest import RestedCell, RestRule, at_rest
 from yarnscale.estimate.yarn_states import YarnCurve, differentiated, pulled
 
@@ -26,10 +28,11 @@ FAILED = 3.0
 
 @dataclass(frozen=True)
 class ErrorWeights:
-    """How much errors of stress and of contraction weigh; zero leaves them out."""
+    """How much errors of stress, of contraction and of bending weigh; zero leaves them out."""
 
     stress: float = 1.0
     contraction: float = 1.0
+    bending: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,7 @@ class Evaluation:
     """What a yarn with some parameters does.
 
     unknowns: (n,) in [0, 1]. residuals: (m,). curves: in the order of the data. periods: of the cell at rest [m].
+    bending: stiffness along the directions of the data's loops (k,) [J], none where it has no weight.
     errors: of EST22 §8. solves: equilibria it took; seconds: of the processor. failed: states that are not at rest.
     """
 
@@ -47,6 +51,7 @@ class Evaluation:
     errors: UniformErrors
     solves: int
     seconds: float
+    bending: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def objective(self) -> float:
@@ -68,6 +73,10 @@ class YarnObjective:
     rule: RestRule = field(default_factory=RestRule)
     weights: ErrorWeights = field(default_factory=ErrorWeights)
 
+    def __post_init__(self) -> None:
+        if self.weights.bending > 0 and not self.data.bending:
+            raise InputError(f"bending of '{self.data.name}'", expected="pear loops", found="none measured")
+
     def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
         """Rest shape and states of a yarn; ``near`` gives the states to start from, of almost the same yarn."""
         began, unknowns = time.process_time(), np.array(unknowns, np.float64)
@@ -81,27 +90,45 @@ class YarnObjective:
             else:
                 curves.append(_none(target))
         solves = rested.solves + sum(curve.solves for curve in curves)
-        residuals = np.concatenate(
-            [self._residuals(target, curve) for target, curve in zip(self.data.curves, curves, strict=True)]
-        )
+        bending = self._bending(rested)
+        pairs = zip(self.data.curves, curves, strict=True)
+        residuals = np.concatenate([*(self._residuals(*pair) for pair in pairs), self._bent(bending)])
         errors = self.data.errors(
             [np.where(c.converged, c.stress, np.nan) for c in curves],
             [np.where(c.converged, c.contraction, np.nan) for c in curves],
         )
         return Evaluation(
-            unknowns, residuals, tuple(curves), rested, errors, solves, time.process_time() - began
+            unknowns, residuals, tuple(curves), rested, errors, solves, time.process_time() - began, bending
         )
 
     def held_jacobian(self, evaluation: Evaluation) -> Array:
-        """d(residuals)/d(unknowns of the yarn) (m, 5) by exact sensitivities, the rest shape held."""
+        """d(residuals)/d(unknowns of the yarn) (m, 5) by exact sensitivities, the rest shape held; zero for bending."""
         rows = []
-        slopes = self.model.slopes(evaluation.unknowns)[:5]
+        slopes = self.model.slopes(evaluation.unknowns)[: len(PARAMETERS)]
         for target, curve in zip(self.data.curves, evaluation.curves, strict=True):
             derivatives = differentiated(evaluation.rested.cell, curve)
             stress = self.model.by_parameter(derivatives.stress) * slopes
             contraction = self.model.by_parameter(derivatives.contraction) * slopes
             rows.append(self._scaled(target, stress / (1.0 + target.stretch)[:, None], contraction))
+        rows.append(np.zeros((len(evaluation.bending), len(PARAMETERS))))
         return np.nan_to_num(np.vstack(rows))
+
+    def _bending(self, rested: RestedCell) -> Array:
+        if self.weights.bending <= 0:
+            return np.empty(0)
+        directions = [bend.direction for bend in self.data.bending]
+        return (
+            bending_stiffness(rested.cell, directions) if rested.relaxed else np.full(len(directions), np.nan)
+        )
+
+    def _bent(self, stiffness: Array) -> Array:
+        """ln(k/k̂): k_b ranges over decades, and by ratios stiff yarns count no more than soft ones, (k,)."""
+        if not len(stiffness):
+            return stiffness
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.log(stiffness / [bend.stiffness for bend in self.data.bending])
+        ratio = np.clip(np.nan_to_num(ratio, nan=FAILED, neginf=FAILED), -FAILED, FAILED)
+        return np.sqrt(self.weights.bending / len(ratio)) * ratio
 
     def _residuals(self, target: UniformCurve, curve: YarnCurve) -> Array:
         stress = curve.stress / (1.0 + target.stretch) - target.second_stress

@@ -14,8 +14,9 @@ from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
 from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
-from yarnscale.estimate.objective import Evaluation, YarnObjective
+from yarnscale.estimate.objective import ErrorWeights, Evaluation, YarnObjective
 from yarnscale.estimate.uniform_data import UniformBend, UniformData
+from yarnscale.estimate.yarn_bending import bending_stiffness
 from yarnscale.estimate.yarn_fit import FitOptions, YarnFit, fit_yarn
 from yarnscale.estimate.yarn_model import YarnModel
 from yarnscale.estimate.yarn_rest import RestRule
@@ -81,6 +82,7 @@ def estimate_yarn(
     follow: Literal["shell", "measured"] = "shell",
     options: FitOptions | None = None,
     rule: RestRule | None = None,
+    weights: ErrorWeights | None = None,
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
     told: Callable[[Evaluations], None] | None = None,
@@ -88,12 +90,16 @@ def estimate_yarn(
     """Fit the shell, translate to uniform data, fit the yarn, and predict the direction that was held out.
 
     directions: those to fit, all measured ones by default, but for ``holdout``. follow: what the yarn follows, see
-    ``FabricShell.uniform_data``. Raises InputError for directions that were not measured.
+    ``FabricShell.uniform_data``. Raises InputError for directions that were not measured, and for a weight of bending
+    where no loops were.
     """
     fitted = fitted_directions(measurements, directions, holdout)
+    check_bending(measurements, weights)
     shell = fit_shell(measurements.only(*fitted))
     data = shell.uniform_data(follow=follow)
-    fit = fit_yarn(model, data, options=options, rule=rule, executor=executor, store=store, told=told)
+    fit = fit_yarn(
+        model, data, options=options, rule=rule, weights=weights, executor=executor, store=store, told=told
+    )
     held_out, prediction = None, None
     if holdout is not None:
         held_out = fit_shell(measurements).uniform_data(follow=follow).only(holdout)
@@ -121,15 +127,21 @@ def fitted_directions(
     return left
 
 
+def check_bending(measurements: SwatchMeasurements, weights: ErrorWeights | None) -> None:
+    """InputError where bending is to weigh but no pear loops were measured."""
+    if weights is not None and weights.bending > 0 and not measurements.bend:
+        raise InputError(
+            "weight of bending", where=measurements.name, expected="measured pear loops", found="none"
+        )
+
+
 def _bending(fit: YarnFit, measured: Sequence[UniformBend]) -> dict[Direction, float]:
-    """|stiffness of the cell / measured − 1| by direction; the energy density is k κ², its second derivative 2 k."""
+    """|stiffness of the cell / measured − 1| by direction."""
     if not measured or not fit.evaluation.rested.relaxed:
         return {}
-    cell = fit.evaluation.rested.cell
-    moduli = cell.moduli(cell.relax())
-    errors = {}
-    for bend in measured:
-        along = np.array([np.cos(bend.direction.angle), np.sin(bend.direction.angle)])
-        curved = np.array([0, 0, 0, along[0] ** 2, along[0] * along[1], along[1] ** 2])
-        errors[bend.direction] = abs(float(curved @ moduli @ curved) / (2.0 * bend.stiffness) - 1.0)
-    return errors
+    stiffness = bending_stiffness(fit.evaluation.rested.cell, [bend.direction for bend in measured])
+    return {
+        bend.direction: abs(float(k) / bend.stiffness - 1.0)
+        for bend, k in zip(measured, stiffness, strict=True)
+        if np.isfinite(k)
+    }

@@ -34,8 +34,9 @@ STARTS, REFINED = 128, 3
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How the parameters are sought; starts and refined belong to the solver ``sobol``; iterations: of
-    Gauss–Newton at most."""
+    """How the parameters are sought; starts and refined belong to the solver ``sobol``; iterations: of Gauss–Newton
+    at most. held: whether its derivatives by the yarn's parameters are exact, with the rest shape held (an ablation),
+    instead of differences over the whole chain."""
 
     solver: Solver = "sobol"
     seed: int = 0
@@ -43,6 +44,7 @@ class FitOptions:
     refined: int = REFINED
     samples: int = SEARCHED
     iterations: int = 20
+    held: bool = False
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
@@ -67,8 +69,10 @@ class ParameterSpread:
 
     @classmethod
     def of(cls, names: tuple[str, ...], slopes: Array) -> ParameterSpread:
-        """From a Jacobian (m, n)."""
-        _, singular, vectors = np.linalg.svd(slopes, full_matrices=False)
+        """From a Jacobian (m, n); where m < n, directions that no residual feels have singular values of zero."""
+        _, felt, vectors = np.linalg.svd(slopes, full_matrices=True)
+        singular = np.zeros(len(names))
+        singular[: len(felt)] = felt
         inverse = vectors.T @ np.diag(1.0 / np.maximum(singular, 1e-9) ** 2) @ vectors
         return cls(names, singular, vectors, np.minimum(0.01 * np.sqrt(np.diag(inverse)), 1.0))
 
@@ -136,10 +140,14 @@ def search(evaluations: Evaluations, options: FitOptions) -> Array:
     """The best unknowns that a solver finds."""
     if options.solver == "paper":
         return cobyla(evaluations, swarm(evaluations, seed=options.seed))
+
+    def refined(start: Array) -> Array:
+        return gauss_newton(evaluations, start, iterations=options.iterations, held=options.held)
+
     if options.solver == "local":
-        return gauss_newton(evaluations, middle(evaluations.objective.model), iterations=options.iterations)
+        return refined(middle(evaluations.objective.model))
     starts = sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
-    ends = [gauss_newton(evaluations, start, iterations=options.iterations) for start in starts]
+    ends = [refined(start) for start in starts]
     values = [found.objective for found in evaluations.many(ends)]
     return ends[int(np.argmin(values))]
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.pattern import YarnPattern
 
 Array = NDArray[np.float64]
 
@@ -96,28 +97,34 @@ def at_rest(cell: PeriodicCell, rule: RestRule, *, draw_in: float | None = None)
 def drawn_in(cell: PeriodicCell, share: float) -> RestedCell:
     """A cell drawn anew on its way, 0 to 1, to the periods at which straight yarn would be free of coarse stress.
 
-    The rest curvatures and twists of the outcome are those of its shape, its rest lengths those of the cell.
+    What its yarns have gone of the way they forget of the drawing: rest curvatures and twists of the outcome are that
+    share those of its shape, the rest those of the drawing. Rest lengths stay. share 0: the drawing at equilibrium.
     """
-    nothing = np.zeros_like(cell.pattern.rest_twist)
-    bare = replace(
-        cell.pattern, rest_curvature=np.zeros_like(cell.pattern.rest_curvature), rest_twist=nothing
-    )
-    straight = replace(cell, pattern=bare)
-    change, solves, state = np.zeros(2), 0, None
+    drawn, change, solves, state = cell.pattern, np.zeros(2), 0, None
     if share > 0.0:
-        end = _released(straight)
+        end = _released(replace(cell, pattern=_set(drawn, 0.0)))
         change, solves = share * end.change, end.solves
         if not end.relaxed:
             return RestedCell(cell, change, solves, False)
+    loose = replace(cell, pattern=_set(drawn, 1.0 - share))
     # From the drawing, not back from the end: yarns that have folded over each other would stay so.
     for part in np.arange(1, _DRAWING + 1) / _DRAWING:
-        state = straight.relax(_flat(part * change), start=state)
+        state = loose.relax(_flat(part * change), start=state)
+        solves += 1
         if not state.converged:
             return RestedCell(cell, change, solves, False)
-        solves += 1
     assert state is not None
+    arrived = rebased(loose.pattern, state)
+    arrived = replace(arrived, rest_curvature=drawn.rest_curvature, rest_twist=drawn.rest_twist)
     return RestedCell(
-        replace(cell, pattern=set_as_drawn(rebased(bare, state), lengths=False)), change, solves, True
+        replace(cell, pattern=set_as_drawn(arrived, share=share, lengths=False)), change, solves, True
+    )
+
+
+def _set(pattern: YarnPattern, share: float) -> YarnPattern:
+    """The pattern whose yarns have a share of their rest curvature and twist."""
+    return replace(
+        pattern, rest_curvature=share * pattern.rest_curvature, rest_twist=share * pattern.rest_twist
     )
 
 
