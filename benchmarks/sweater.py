@@ -21,23 +21,10 @@ from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.material_json import read_material
 from yarnscale.shell.dynamics.simulate import ClothSolver, Progress, simulate
 from yarnscale.shell.elastic.energy import ElementMaterial
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.body_scenes import FRAME, sweater
 from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.state import ClothState
-
-JERSEY = OrthotropicMaterial(
-    stretch_weft=60.0,
-    stretch_coupling=10.0,
-    stretch_warp=90.0,
-    shear=20.0,
-    area=2.0,
-    log_area=2.0,
-    bend_weft=2e-6,
-    bend_bias=3e-6,
-    bend_warp=5e-6,
-    density=0.2,
-)
 
 
 def main() -> None:

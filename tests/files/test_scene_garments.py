@@ -16,27 +16,15 @@ from yarnscale.files.scene_toml import read_scene
 from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Sphere
 from yarnscale.shell.garments.mannequin import MovingMannequin
 from yarnscale.shell.garments.wardrobe import T_SHIRT, shirt
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 
-CLOTH = OrthotropicMaterial(
-    stretch_weft=60.0,
-    stretch_coupling=10.0,
-    stretch_warp=90.0,
-    shear=20.0,
-    area=2.0,
-    log_area=2.0,
-    bend_weft=2e-6,
-    bend_bias=3e-6,
-    bend_warp=5e-6,
-    density=0.2,
-)
 HEAD = 'material = "cloth.json"\n'
 SCHEDULE = "[schedule]\nduration = 0.02\n"
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    write_material(tmp_path / "cloth.json", CLOTH)
+    write_material(tmp_path / "cloth.json", JERSEY)
     return tmp_path
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,22 +14,11 @@ from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.state import ClothState
 
-SOFT = OrthotropicMaterial(
-    stretch_weft=40.0,
-    stretch_coupling=5.0,
-    stretch_warp=40.0,
-    shear=15.0,
-    area=1.0,
-    log_area=1.0,
-    bend_weft=1e-6,
-    bend_bias=1e-6,
-    bend_warp=1e-6,
-    density=0.2,
-)
+SOFT = replace(JERSEY, bend_weft=1e-6, bend_bias=1e-6, bend_warp=1e-6)
 NEAR = ContactSettings(thickness=2e-3, friction=0.3)
 
 

@@ -13,23 +13,11 @@ from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sph
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.simulate import Schedule, simulate
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.motion import STILL, Motion
 from yarnscale.shell.state import ClothState
 
-SHEET = OrthotropicMaterial(
-    stretch_weft=40.0,
-    stretch_coupling=5.0,
-    stretch_warp=40.0,
-    shear=15.0,
-    area=1.0,
-    log_area=1.0,
-    bend_weft=1e-6,
-    bend_bias=1e-6,
-    bend_warp=1e-6,
-    density=0.2,
-)
 GRAVITY = 9.81
 
 
@@ -64,7 +52,7 @@ def moved(obstacle: Obstacle, friction: float, down: np.ndarray, duration: float
     mesh = rectangle(0.04, 0.04, 0.01)
     settings = ContactSettings(thickness=2e-3, friction=friction, self_contact=False)
     solver = ClothSolver(
-        Cloth(mesh, SHEET, contact=settings, obstacles=(obstacle,)), SolverOptions(tolerance=1e-5)
+        Cloth(mesh, JERSEY, contact=settings, obstacles=(obstacle,)), SolverOptions(tolerance=1e-5)
     )
     start = laid(solver, mesh, down)
     run = simulate(solver, start, Schedule(duration, 0.01, to_rest=False))
@@ -135,7 +123,7 @@ def test_a_strip_pulled_round_a_drum_follows_the_rope_law(friction: float) -> No
         )
     settings = ContactSettings(friction=friction, self_contact=False)
     cloth = Cloth(
-        mesh, SHEET, tuple(ends), (0.0, 0.0, 0.0), settings, (MeshObstacle(corners, faces),), damping=20.0
+        mesh, JERSEY, tuple(ends), (0.0, 0.0, 0.0), settings, (MeshObstacle(corners, faces),), damping=20.0
     )
     solver = ClothSolver(cloth)
     run = simulate(

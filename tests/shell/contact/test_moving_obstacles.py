@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,23 +14,12 @@ from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Obstac
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.simulate import Run, Schedule, simulate
 from yarnscale.shell.dynamics.solver import ClothSolver
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.motion import Motion, rotation_matrix
 from yarnscale.shell.state import Attachment, ClothState
 
-SHEET = OrthotropicMaterial(
-    stretch_weft=40.0,
-    stretch_coupling=5.0,
-    stretch_warp=40.0,
-    shear=15.0,
-    area=1.0,
-    log_area=1.0,
-    bend_weft=1e-6,
-    bend_bias=1e-6,
-    bend_warp=1e-6,
-    density=0.2,
-)
+SOFT = replace(JERSEY, bend_weft=1e-6, bend_bias=1e-6, bend_warp=1e-6)
 STEP = 1.0 / 60.0
 
 
@@ -176,7 +166,7 @@ def test_a_body_that_rises_lifts_the_cloth(kind: str) -> None:
         body = AnimatedMesh(np.array([0.0, 0.1, 0.2]), poses, faces)
     cloth = Cloth(
         mesh,
-        SHEET,
+        SOFT,
         (holding(mesh, corners, start, Motion()),),
         contact=ContactSettings(friction=0.3),
         obstacles=(body,),
@@ -195,7 +185,7 @@ def test_cloth_drapes_over_sharp_corners() -> None:
     mesh = rectangle(0.16, 0.16, 0.016)
     cloth = Cloth(
         mesh,
-        SHEET,
+        SOFT,
         contact=ContactSettings(friction=0.3),
         obstacles=(MeshObstacle(*box(0.07, 0.0)),),
         damping=2.0,
@@ -217,7 +207,7 @@ def test_three_layers_rest_on_each_other() -> None:
     )
     triangles = np.concatenate([one.triangles + k * count for k in range(3)])
     mesh = TriangleMesh(panel, triangles, assembled=assembled)
-    cloth = Cloth(mesh, SHEET, contact=ContactSettings(friction=0.2), obstacles=(Plane(),), damping=5.0)
+    cloth = Cloth(mesh, SOFT, contact=ContactSettings(friction=0.2), obstacles=(Plane(),), damping=5.0)
     _, outcome = run(cloth, ClothState.flat(mesh), 0.15)
     layers = outcome.state.positions[:, 2].reshape(3, count)
     means = layers.mean(axis=1)
@@ -232,7 +222,7 @@ def test_cloth_is_pulled_through_a_ring() -> None:
     pulled = holding(mesh, middle, start, Motion((0.0, 0.0, -0.15), 0.0, 0.25))
     cloth = Cloth(
         mesh,
-        SHEET,
+        SOFT,
         (pulled,),
         contact=ContactSettings(friction=0.1),
         obstacles=(ring(0.032, 0.008),),
@@ -251,7 +241,7 @@ def test_cloth_is_pulled_between_two_balls_that_close() -> None:
         Sphere((0.0, 0.1, -radius - 4e-4), radius),
     )
     pulled = holding(mesh, mesh.panel[:, 1] > 0.07, start, Motion((0.0, 0.15, 0.0), 0.1, 0.2))
-    cloth = Cloth(mesh, SHEET, (pulled,), contact=ContactSettings(friction=0.2), obstacles=balls, damping=1.0)
+    cloth = Cloth(mesh, SOFT, (pulled,), contact=ContactSettings(friction=0.2), obstacles=balls, damping=1.0)
     solver, outcome = run(cloth, start, 0.32)
     # The balls leave 0.7 mm, in which the cloth stays in the middle of the gap.
     assert outcome.state.positions[:, 1].max() > 0.1
@@ -273,7 +263,7 @@ def test_bodies_that_would_meet_in_the_cloth_give_way(kind: str) -> None:
         above = MeshObstacle(points * [1, 1, -1], faces[:, ::-1], motions[0])
         bodies = (above, MeshObstacle(points, faces, motions[1]))
     settings = ContactSettings(pressure=1e3, friction=0.2)
-    cloth = Cloth(mesh, SHEET, contact=settings, obstacles=bodies, damping=1.0)
+    cloth = Cloth(mesh, SOFT, contact=settings, obstacles=bodies, damping=1.0)
     solver, outcome = run(cloth, ClothState.flat(mesh), 4 * STEP)
     assert outcome.state.obstacles is not None
     # Springs that do not give way press them ten times closer.
@@ -325,7 +315,7 @@ def test_a_ball_cannot_poke_through_a_coarse_triangle() -> None:
 def test_the_check_of_frames_sees_crossings() -> None:
     mesh = rectangle(0.04, 0.04, 0.01)
     body = MeshObstacle(*box(0.02, 5e-3), Motion((0.0, 0.0, -0.01), 0.0, 1.0))
-    solver = ClothSolver(Cloth(mesh, SHEET, contact=ContactSettings(), obstacles=(body,)))
+    solver = ClothSolver(Cloth(mesh, SOFT, contact=ContactSettings(), obstacles=(body,)))
     flat = ClothState.flat(mesh)
     assert solver.intersects(flat)
     assert not solver.intersects(ClothState(flat.positions, flat.velocities, 1.0))

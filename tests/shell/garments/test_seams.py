@@ -13,22 +13,9 @@ from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions, simulate
 from yarnscale.shell.elastic.elements import shell_elements
 from yarnscale.shell.elastic.energy import ShellEnergy
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.state import ClothState
-
-CLOTH = OrthotropicMaterial(
-    stretch_weft=60.0,
-    stretch_coupling=10.0,
-    stretch_warp=90.0,
-    shear=20.0,
-    area=2.0,
-    log_area=2.0,
-    bend_weft=2e-6,
-    bend_bias=3e-6,
-    bend_warp=5e-6,
-    density=0.2,
-)
 
 
 def cut(mesh: TriangleMesh, *, shift: float = 0.5) -> TriangleMesh:
@@ -67,7 +54,7 @@ def test_a_seam_of_equal_fabric_is_invisible(free_edges) -> None:
     np.testing.assert_array_equal(sewn.stencils, whole.stencils)
     np.testing.assert_allclose(sewn.vertex_areas, whole.vertex_areas)
     positions = random_positions(whole)
-    one, two = (ShellEnergy(m, CLOTH, free_edges=free_edges).linearise(positions) for m in (whole, sewn))
+    one, two = (ShellEnergy(m, JERSEY, free_edges=free_edges).linearise(positions) for m in (whole, sewn))
     if free_edges == "zero":
         assert two.value == pytest.approx(one.value, rel=1e-12)
         np.testing.assert_allclose(two.gradient, one.gradient, atol=1e-12)
@@ -86,19 +73,19 @@ def test_panels_keep_their_own_direction_of_the_fabric() -> None:
     np.testing.assert_allclose(mixed.panel, sewn.panel, atol=1e-15)
     positions = whole.assembled * [1.1, 1.0, 1.0]
     strain = 0.5 * (1.1**2 - 1)
-    densities = ShellEnergy(mixed, CLOTH).densities(positions).ravel()
+    densities = ShellEnergy(mixed, JERSEY).densities(positions).ravel()
     elements = shell_elements(mixed)
     right = mixed.material[mixed.corners][elements.triangles.ravel()]
     is_turned = turned[mixed.corners[elements.triangles.ravel(), 0]]
     assert right.shape[1:] == (3, 2)
-    common = 0.5 * CLOTH.area * 0.1**2 + 0.5 * CLOTH.log_area * math.log(1.1) ** 2
-    for half, stiffness in ((~is_turned, CLOTH.stretch_weft), (is_turned, CLOTH.stretch_warp)):
+    common = 0.5 * JERSEY.area * 0.1**2 + 0.5 * JERSEY.log_area * math.log(1.1) ** 2
+    for half, stiffness in ((~is_turned, JERSEY.stretch_weft), (is_turned, JERSEY.stretch_warp)):
         pulled = 0.5 * stiffness * strain**2
         # The area terms are written with their own factors; the difference of the halves is that of the stiffness.
         np.testing.assert_allclose(densities[half] - pulled, densities[half][0] - pulled, rtol=1e-9)
         assert densities[half][0] == pytest.approx(pulled + common, rel=0.5)
     difference = densities[is_turned][0] - densities[~is_turned][0]
-    assert difference == pytest.approx(0.5 * (CLOTH.stretch_warp - CLOTH.stretch_weft) * strain**2)
+    assert difference == pytest.approx(0.5 * (JERSEY.stretch_warp - JERSEY.stretch_weft) * strain**2)
 
 
 def tube(columns: int = 12, rows: int = 8, radius: float = 0.05) -> TriangleMesh:
@@ -143,13 +130,13 @@ def folded(mesh: TriangleMesh, angle: float) -> np.ndarray:
 @pytest.mark.parametrize("angle", [0.0, 0.7, -1.2])
 def test_a_seam_is_at_rest_at_its_angle_and_bends_from_there_as_the_fabric_does(angle: float) -> None:
     sewn = cut(even_rectangle())
-    energy = ShellEnergy(sewn.with_seam_angle(angle), CLOTH)
+    energy = ShellEnergy(sewn.with_seam_angle(angle), JERSEY)
     at_rest = folded(sewn, angle)
     energy.follow(at_rest)
     linear = energy.linearise(at_rest)
     assert abs(linear.value) < 1e-20 and np.abs(linear.gradient).max() < 1e-9
     # Beyond its rest it has the energy of a flat seam folded by the difference.
-    flat = ShellEnergy(sewn, CLOTH)
+    flat = ShellEnergy(sewn, JERSEY)
     for more in (0.3, -0.5):
         energy.follow(folded(sewn, angle + more))
         found = energy.value(folded(sewn, angle + more))
@@ -160,18 +147,18 @@ def test_a_seam_is_at_rest_at_its_angle_and_bends_from_there_as_the_fabric_does(
 def test_a_folded_seam_bends_with_the_stiffness_of_the_fabric() -> None:
     """A fold θ over an edge of length l counts as curvature θ l/(2A) across it on the triangles of both sides."""
     sewn, angle = cut(even_rectangle()), 0.4
-    energy = ShellEnergy(sewn, CLOTH, free_edges="zero").value(folded(sewn, angle))
+    energy = ShellEnergy(sewn, JERSEY, free_edges="zero").value(folded(sewn, angle))
     rows = sewn.seams.any(axis=1)
     edge = sewn.material[sewn.sewn_edges[:, 1]] - sewn.material[sewn.sewn_edges[:, 0]]
     np.testing.assert_allclose(edge[:, 0], 0.0, atol=1e-15)
     lengths, areas = np.abs(edge[:, 1]), sewn.areas[rows]
-    expected = areas * CLOTH.bend_weft * (angle * lengths / (2 * areas)) ** 2
+    expected = areas * JERSEY.bend_weft * (angle * lengths / (2 * areas)) ** 2
     assert energy == pytest.approx(float(expected.sum()), rel=1e-9)
 
 
 def test_a_seam_springs_back_to_its_angle() -> None:
     mesh, angle = cut(even_rectangle()).with_seam_angle(0.8), 0.8
-    cloth = Cloth(mesh, CLOTH, gravity=(0.0, 0.0, 0.0), damping=20.0)
+    cloth = Cloth(mesh, JERSEY, gravity=(0.0, 0.0, 0.0), damping=20.0)
     solver = ClothSolver(cloth, SolverOptions(tolerance=1e-5))
     run = simulate(solver, ClothState.flat(mesh), Schedule(0.5, 0.02))
     assert run.converged

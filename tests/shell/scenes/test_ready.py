@@ -11,24 +11,11 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.shell.dynamics.simulate import ClothSolver, simulate
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.body_scenes import scarf, sweater
 from yarnscale.shell.scenes.ready import READY, ready_scene
 from yarnscale.shell.scenes.scene import run_scene
 from yarnscale.shell.scenes.sheet_scenes import pull_through, torus, twist
-
-CLOTH = OrthotropicMaterial(
-    stretch_weft=60.0,
-    stretch_coupling=10.0,
-    stretch_warp=90.0,
-    shear=20.0,
-    area=2.0,
-    log_area=2.0,
-    bend_weft=2e-6,
-    bend_bias=3e-6,
-    bend_warp=5e-6,
-    density=0.2,
-)
 
 QUICK = MovingMannequin(mannequin(0.03), (Pose(0.0, depth=0.15), Pose(0.25)))
 """A body that grows fast, to see it at work within a few steps."""
@@ -36,7 +23,7 @@ QUICK = MovingMannequin(mannequin(0.03), (Pose(0.0, depth=0.15), Pose(0.25)))
 
 @pytest.mark.parametrize("name", READY)
 def test_ready_scenes_start_clear_of_everything(name: str) -> None:
-    scene = ready_scene(name, CLOTH, spacing=0.03)
+    scene = ready_scene(name, JERSEY, spacing=0.03)
     solver = ClothSolver(scene.cloth, scene.options)
     assert not solver.intersects(scene.start)
     assert scene.schedule.frame_interval is not None
@@ -45,7 +32,7 @@ def test_ready_scenes_start_clear_of_everything(name: str) -> None:
 
 
 def test_the_sweater_is_put_on_without_crossing_anything() -> None:
-    scene = sweater(CLOTH, spacing=0.05, duration=2 / 15)
+    scene = sweater(JERSEY, spacing=0.05, duration=2 / 15)
     scene = replace(scene, cloth=replace(scene.cloth, obstacles=(QUICK,)))
     solver = ClothSolver(scene.cloth, scene.options)
     crossings = []
@@ -63,7 +50,7 @@ def test_the_sweater_is_put_on_without_crossing_anything() -> None:
 
 
 def test_twisting_bars_turn_the_strip() -> None:
-    scene = twist(CLOTH, spacing=0.025, turns=0.5, duration=0.8)
+    scene = twist(JERSEY, spacing=0.025, turns=0.5, duration=0.8)
     result = run_scene(scene)
     assert result.converged and result.measures["closest"] > 0
     left, right = scene.cloth.handles
@@ -95,11 +82,11 @@ def test_the_ring_is_closed_and_faces_outwards() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: ready_scene("ballgown", CLOTH), "ready scene; expected stretch-course or"),
-        (lambda: ready_scene("sweater", CLOTH, spacing=-1.0), "spacing of panel 'front'"),
-        (lambda: scarf(CLOTH, length=0.1), "length of the scarf"),
-        (lambda: twist(CLOTH, turns=math.inf), "turns; expected up to 5"),
-        (lambda: pull_through(CLOTH, opening=0.0), "opening of the ring"),
+        (lambda: ready_scene("ballgown", JERSEY), "ready scene; expected stretch-course or"),
+        (lambda: ready_scene("sweater", JERSEY, spacing=-1.0), "spacing of panel 'front'"),
+        (lambda: scarf(JERSEY, length=0.1), "length of the scarf"),
+        (lambda: twist(JERSEY, turns=math.inf), "turns; expected up to 5"),
+        (lambda: pull_through(JERSEY, opening=0.0), "opening of the ring"),
     ],
 )
 def test_ready_scenes_name_the_bad_number(call, message: str) -> None:

@@ -173,3 +173,18 @@ def orthotropic_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
 @cache
 def _kernels() -> MaterialKernels:
     return compile_material(orthotropic_energy, PARAMETER_COUNT, "orthotropic_material")
+
+
+JERSEY = OrthotropicMaterial(
+    stretch_weft=60.0,
+    stretch_coupling=10.0,
+    stretch_warp=90.0,
+    shear=20.0,
+    area=2.0,
+    log_area=2.0,
+    bend_weft=2e-6,
+    bend_bias=3e-6,
+    bend_warp=5e-6,
+    density=0.2,
+)
+"""Something like a light jersey, made up, where no measured material is at hand."""
