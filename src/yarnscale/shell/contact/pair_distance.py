@@ -34,14 +34,7 @@ def separation(x, c, r):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _of_corner(x, c):
-    aa = ab = bb = ra = rb = 0.0
-    for k in range(3):
-        a, b, r = x[2, k] - x[1, k], x[3, k] - x[1, k], x[0, k] - x[1, k]
-        aa += a * a
-        ab += a * b
-        bb += b * b
-        ra += r * a
-        rb += r * b
+    aa, ab, bb, ra, rb = _products(x, 1, 2, 1, 3, 0)
     area = aa * bb - ab * ab
     c[0] = 1.0
     if area > _FLAT * aa * bb:
@@ -61,14 +54,7 @@ def _of_corner(x, c):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _of_edges(x, c):
-    aa = ab = bb = ra = rb = 0.0
-    for k in range(3):
-        a, b, r = x[1, k] - x[0, k], x[3, k] - x[2, k], x[0, k] - x[2, k]
-        aa += a * a
-        ab += a * b
-        bb += b * b
-        ra += r * a
-        rb += r * b
+    aa, ab, bb, ra, rb = _products(x, 0, 1, 2, 3, 0)
     area = aa * bb - ab * ab
     if area > _FLAT * aa * bb:
         s, t = (ab * rb - bb * ra) / area, (aa * rb - ab * ra) / area
@@ -86,6 +72,20 @@ def _of_edges(x, c):
     else:
         c[end], c[0], c[1] = -1.0, 1.0 - share, share
     return best
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _products(x, i, j, p, q, o):
+    """Products a·a, a·b, b·b, r·a, r·b of a = x[j] − x[i], b = x[q] − x[p] and r = x[o] − x[p]."""
+    aa = ab = bb = ra = rb = 0.0
+    for k in range(3):
+        a, b, r = x[j, k] - x[i, k], x[q, k] - x[p, k], x[o, k] - x[p, k]
+        aa += a * a
+        ab += a * b
+        bb += b * b
+        ra += r * a
+        rb += r * b
+    return aa, ab, bb, ra, rb
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

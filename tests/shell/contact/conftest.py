@@ -1,0 +1,44 @@
+"""What every test of contact's derivatives checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from yarnscale.shell.contact.cloth_contact import ClothContact
+
+Derivatives = Callable[[ClothContact, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+@pytest.fixture
+def derivatives() -> Derivatives:
+    """Gradient (n, 3), model of the Hessian and the Hessian by differences, each (3n, 3n), at positions (n, 3).
+
+    Checked: the gradient against differences of the energy, the model's keys, and that it is positive semi-definite.
+    """
+
+    def checked(contact: ClothContact, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        value, gradient = contact.gradient(positions)
+        assert value == pytest.approx(contact.value(positions), rel=1e-12)
+        step, size = 1e-9, positions.size
+        numeric, rows = np.zeros(size), np.zeros((size, size))
+        for i in range(size):
+            change = np.zeros(size)
+            change[i] = step
+            change = change.reshape(positions.shape)
+            up, down = contact.gradient(positions + change), contact.gradient(positions - change)
+            numeric[i] = (up[0] - down[0]) / (2 * step)
+            rows[i] = (up[1] - down[1]).ravel() / (2 * step)
+        np.testing.assert_allclose(gradient.ravel(), numeric, atol=2e-5 * np.abs(gradient).max())
+        keys, entries = contact.hessian(positions)
+        assert (np.diff(keys) > 0).all()
+        column, row = np.divmod(keys, size)
+        assert (row >= column).all()
+        model = np.zeros((size, size))
+        model[row, column] = model[column, row] = entries
+        assert np.linalg.eigvalsh(model)[0] > -1e-9 * np.abs(model).max()
+        return gradient, model, rows
+
+    return checked
