@@ -1,14 +1,22 @@
-"""Time and memory of the direct simulation: Hessian, factor, one implicit and one explicit step, by size of the fabric.
+"""Seconds per 1/30 s frame of whole fabrics, every yarn, against their homogenized cloth (HYLC20 Table 2).
 
-python benchmarks/direct_fabric.py [pattern] [sizes in m, such as 0.05,0.1,0.3]
+python benchmarks/direct_fabric.py [PATTERN ...] --size 0.3 --frames 3 [--scene drape] [--materials DIR]
+
+Times the parts of an implicit step, runs some frames of a scene with implicit steps, and one explicit step. DIR has
+NAME/material.json or NAME.json for every pattern, as ``yarnscale homogenize`` and benchmarks/validation.py write them;
+the cloth runs the same frames. Each pattern has a process of its own, so that memory is that of the pattern.
 """
 
 from __future__ import annotations
 
+import argparse
 import resource
-import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
 from typing import TypeVar
 
 from yarnscale.cell import PeriodicCell
@@ -16,14 +24,22 @@ from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
+from yarnscale.fabric.direct_run import run_fabric
+from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.sheet_scene import drape
+from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
+from yarnscale.files.material_json import read_material
 from yarnscale.numerics.factor import factorisation
+from yarnscale.shell.dynamics.simulate import Schedule
+from yarnscale.shell.scenes import scene as cloth_scene
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
-STEP = 1 / 120
+PATTERNS = ("stockinette", "cartridge-belt-rib", "honeycomb", "basket-2x2", "satin-5")
 FRAME = 1 / 30
+AMOUNT, PULL = 0.2, 0.4
+"""Stretch along the courses, and seconds that it takes."""
+DAMPING = 5.0
 T = TypeVar("T")
 
 
@@ -33,43 +49,94 @@ def timed(function: Callable[[], T]) -> tuple[float, T]:
     return time.perf_counter() - begin, result
 
 
-def measure(name: str, size: float) -> None:
+def sheet_of(name: str, size: float) -> FabricEnergy:
     pattern, material = library.build(name), YarnMaterial.preset(library.structure(name).material)
     cell = PeriodicCell(pattern, material)
     state = cell.relax()
     sheet = YarnSheet.filling(pattern, size, size)
     sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
-    energy = FabricEnergy(sheet, material, springs=glue(sheet, material))
+    return FabricEnergy(sheet, material, springs=glue(sheet, material))
+
+
+def scene_of(sheet: YarnSheet, name: str) -> SheetScene:
+    # The grips of the scene go for seven tenths of its time.
+    return drape(sheet) if name == "drape" else stretch(sheet, amount=AMOUNT, duration=PULL / 0.7)
+
+
+def cloth_seconds(name: str, options: argparse.Namespace) -> float:
+    """Seconds a frame of the homogenized cloth; NaN without a material."""
+    if options.materials is None:
+        return float("nan")
+    paths = (options.materials / name / "material.json", options.materials / f"{name}.json")
+    path = next((path for path in paths if path.exists()), None)
+    if path is None:
+        return float("nan")
+    material = read_material(path)
+    if options.scene == "drape":
+        made = cloth_scene.drape(material)
+    else:
+        made = cloth_scene.stretch(material, amount=AMOUNT, duration=PULL, size=options.size)
+    for duration in (1e-3, options.frames * FRAME):  # the first time kernels are compiled
+        schedule = Schedule(duration, FRAME, to_rest=False)
+        result = cloth_scene.run_scene(replace(made, schedule=schedule))
+    return result.seconds / (result.simulated_seconds / FRAME)
+
+
+def parts(energy: FabricEnergy) -> tuple[float, float, float]:
+    """Seconds of a Hessian, of the analysis of its pattern, and of a factor."""
     x = energy.start()
     energy.hessian(x)
-    gradient, _ = timed(lambda: energy.gradient(x))
     hessian, (_, _, _, block, entries) = timed(lambda: energy.hessian(x))
-    entries = entries + 1e-3 * energy.ties(x)
+    entries = entries + 1e-2 * energy.ties(x)
     entries[block.pattern.diagonal] += 1e-2 * abs(entries[block.pattern.diagonal]).mean()
     analysis, factor = timed(lambda: factorisation(block.pattern))
-    seconds, done = timed(lambda: factor.factor(entries))
-    scene = drape(sheet)
-    count = PassageCount(energy, x)
-    dynamics = FabricDynamics(
-        energy, MotionSettings(scene.gravity, 5.0), scene.holds, scene.obstacles(energy), count
-    )
-    implicit, step = timed(lambda: dynamics.implicit(dynamics.start(), STEP))
-    stable = dynamics.stable_step(dynamics.start())
-    explicit, _ = timed(lambda: dynamics.explicit(dynamics.start(), stable))
+    return hessian, analysis, timed(lambda: factor.factor(entries))[0]
+
+
+def measure(name: str, options: argparse.Namespace) -> str:
+    """One row of the table."""
+    energy = sheet_of(name, options.size)
+    sheet, x = energy.sheet, energy.start()
+    hessian, analysis, factor = parts(energy)
+    scene, count = scene_of(sheet, options.scene), PassageCount(energy, x)
+    settings = MotionSettings(scene.gravity, DAMPING, iterations=options.iterations)
+    dynamics = FabricDynamics(energy, settings, scene.holds, scene.obstacles(energy), count)
+    run = run_fabric(dynamics, MotionSchedule(options.frames * FRAME, options.time_step))
+    stable = dynamics.stable_step(run.motion)
+    explicit, _ = timed(lambda: dynamics.explicit(run.motion, stable))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    ended = "ok" if done else "indefinite"
-    implicit_frame, explicit_frame = implicit / STEP * FRAME, explicit / stable * FRAME
-    print(f"{name} {size:g} m: {sheet.vertex_count} vertices, {memory:.1f} GB, passages {count.passages}")
-    print(
-        f"  gradient {gradient:.3f} s, Hessian {hessian:.3f} s, analysis {analysis:.2f} s, "
-        f"factor {seconds:.2f} s ({ended})"
+    frame, cloth = run.seconds / options.frames, cloth_seconds(name, options)
+    return (
+        f"{name:18s} {sheet.vertex_count:8d} {hessian:7.2f} {analysis:8.2f} {factor:6.2f} {memory:5.1f} "
+        f"{run.seconds / run.steps:7.1f} {run.iterations / run.steps:6.1f} {run.factorisations / run.steps:6.1f} "
+        f"{run.converged_steps:4d}/{run.steps:<4d} {frame:8.1f} {explicit / stable * FRAME:8.0f} {cloth:8.2f} "
+        f"{frame / cloth:6.0f} {run.passages:5d}"
     )
-    print(f"  implicit: step {implicit:.1f} s, {step.iterations} iterations, {implicit_frame:.0f} s a frame")
-    print(f"  explicit: step {explicit:.3f} s of {stable:.1e} s, {explicit_frame:.0f} s a frame")
+
+
+HEAD = (
+    "pattern            vertices Hessian analysis factor    GB  a step Newton factors  met    s/frame explicit    cloth"
+    "  ratio passages"
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("patterns", nargs="*", default=PATTERNS)
+    parser.add_argument("--size", type=float, default=0.1, help="edge of the sheet [m]")
+    parser.add_argument("--frames", type=float, default=1.0, help="frames of 1/30 s to run")
+    parser.add_argument("--time-step", type=float, default=1 / 240, help="of implicit steps [s]")
+    parser.add_argument("--iterations", type=int, default=30, help="most Newton iterations of a step")
+    parser.add_argument("--scene", choices=("stretch", "drape"), default="stretch")
+    parser.add_argument("--materials", type=Path, help="folder of homogenized materials")
+    options = parser.parse_args()
+    print(HEAD, flush=True)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        for name in options.patterns:
+            print(pool.submit(measure, name, options).result(), flush=True)
 
 
 if __name__ == "__main__":
-    chosen = sys.argv[1] if len(sys.argv) > 1 else "stockinette"
-    sizes = sys.argv[2] if len(sys.argv) > 2 else "0.05,0.1"
-    for text in sizes.split(","):
-        measure(chosen, float(text))
+    main()
