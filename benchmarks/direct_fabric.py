@@ -22,9 +22,10 @@ from typing import TypeVar
 from yarnscale.cell import PeriodicCell
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_motion import FabricDynamics, MotionSettings
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_run import run_fabric
+from yarnscale.fabric.direct_static import equilibrium
 from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
@@ -40,6 +41,8 @@ FRAME = 1 / 30
 AMOUNT, PULL = 0.2, 0.4
 """Stretch along the courses, and seconds that it takes."""
 DAMPING = 5.0
+SETTLING = 15
+"""Newton iterations before the scene begins."""
 T = TypeVar("T")
 
 
@@ -101,7 +104,11 @@ def measure(name: str, options: argparse.Namespace) -> str:
     scene, count = scene_of(sheet, options.scene), PassageCount(energy, x)
     settings = MotionSettings(scene.gravity, DAMPING, iterations=options.iterations)
     dynamics = FabricDynamics(energy, settings, scene.holds, scene.obstacles(energy), count)
-    run = run_fabric(dynamics, MotionSchedule(options.frames * FRAME, options.time_step))
+    # Borders that were just glued snap together; that is no part of the scene.
+    rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING, count=count)
+    start = FabricMotion(rest.x, 0.0 * rest.x)
+    schedule = MotionSchedule(options.frames * FRAME, options.time_step)
+    run = run_fabric(dynamics, schedule, start=start)
     stable = dynamics.stable_step(run.motion)
     explicit, _ = timed(lambda: dynamics.explicit(run.motion, stable))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
