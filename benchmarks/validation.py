@@ -54,6 +54,8 @@ PATTERNS = ("stockinette", "rib-1x1", "honeycomb", "basket-2x2", "satin-5")
 TRAVELS = {name: BAR_TRAVEL["basket"] for name in ("basket-2x2", "satin-5", "plain", "twill-2x2")}
 """Way of a bar for a sheet of 30 cm [m]; other patterns go as far as stockinette."""
 FRAME, AFTER = 1 / 30, 0.4
+GLUED = 0.5
+"""Width of the border that is glued, weakly [radii]: wide stiff borders carry the pull and keep knits from curling."""
 DAMPING = 10.0
 """Of non-rigid motion, of yarns and of cloth [1/s]."""
 
@@ -111,7 +113,9 @@ def of_yarns(
         targets[:, axis] += side * travel * min(1.0, time / duration)
         return Holds(held, targets)
 
-    energy = FabricEnergy(sheet, cell.material, springs=glue(sheet, options.yarn))
+    energy = FabricEnergy(
+        sheet, cell.material, springs=glue(sheet, options.yarn, width=GLUED * sheet.radius, stiffness=0.05)
+    )
     friction = YarnFriction(options.friction) if options.friction else None
     dynamics = FabricDynamics(
         energy, MotionSettings((0.0, 0.0, -9.81), DAMPING, friction), holds,
@@ -134,7 +138,7 @@ def of_cloth(
     """The homogenized cloth."""
     path = folder / "material.json"
     if not path.exists():
-        write_material(path, homogenize(cell, folder).material)
+        write_material(path, homogenize(cell, folder, resume=True).material)
     direction = ("course", "wale")[axis]
     scene = stretch(
         read_material(path),
