@@ -106,7 +106,7 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
     began = time.perf_counter()
 
     def told(share: float, found: Rest) -> None:
-        inside = interior(pattern, energy, found.x, share=0.35)
+        inside = interior(pattern, energy, found.x, share=0.5)
         own = PeriodicCell(replace(pattern, rest_length=pattern.rest_length * inside.yarn), material)
         bent = own.relax(inside.strain)
         flat = replace(inside.strain, II11=0.0, II12=0.0, II22=0.0)
@@ -118,7 +118,7 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
             f"({found.residual:.1e}) {found.iterations} iterations, {time.perf_counter() - began:.0f} s, "
             f"passages {count.passages}\n"
             f"  strain {s.s_x:.4f} {s.s_y:.4f} shear {s.s_a:.4f} bend {s.II11:.2f} {s.II22:.2f} /m, "
-            f"yarn {inside.yarn:.4f}, {inside.stitches} stitches\n"
+            f"yarn {inside.yarn:.4f} (slid {inside.slid:.4f}), {inside.stitches} stitches\n"
             f"  stress {inside.stress[0]:.4f} {inside.stress[1]:.4f}; "
             f"cell bent {bent.stress[0]:.4f} {bent.stress[2]:.4f}, "
             f"flat {even.stress[0]:.4f} {even.stress[2]:.4f} N/m: {inside.stress[0] / bent.stress[0] - 1:+.1%}\n"

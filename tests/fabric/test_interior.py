@@ -55,9 +55,24 @@ def test_yarn_that_slid_along_itself_is_told_from_yarn_that_was_added() -> None:
     after = interior(PATTERN, energy, energy.vector(points, sheet.twist), share=0.5)
     np.testing.assert_allclose(after.strain.vector[:3], before.strain.vector[:3], atol=2e-3)
     assert after.yarn == pytest.approx(1.0, abs=2e-3)
+    assert abs(after.slid) < 2e-3
     # A sheet that fills the same place with less yarn at rest.
     short = FabricEnergy(replace(sheet, rest_length=0.98 * sheet.rest_length), SOFT)
     assert interior(PATTERN, short, short.start(), share=0.5).yarn == pytest.approx(0.98, rel=1e-6)
+
+
+def test_heads_that_shorten_from_course_to_course_leave_their_yarn_to_interlacings() -> None:
+    """Every course keeps its yarn, but a thousandth more of it lies in the sinkers of every further course."""
+    sheet = YarnSheet.of(PATTERN, 8, 9)
+    order = np.argsort(PATTERN.vertices[:, 1])
+    total = float(PATTERN.rest_length.sum())
+    per_row = np.zeros(len(order))
+    per_row[order[-4:]], per_row[order[:4]] = 1e-3 * total / 4, -1e-3 * total / 4
+    rest = sheet.rest_length - per_row[sheet.source] * (sheet.tile[:, 1] - 4)
+    energy = FabricEnergy(replace(sheet, rest_length=rest), SOFT)
+    found = interior(PATTERN, energy, energy.start(), share=0.6)
+    assert found.slid == pytest.approx(1e-3, rel=1e-3)
+    assert found.yarn - found.slid == pytest.approx(1.0, abs=1e-4)
 
 
 def test_a_bent_sheet_shows_its_curvature() -> None:

@@ -4,6 +4,10 @@ Yarns slide through a knit, so that a vertex tells nothing of the stitch in whic
 legs of their loops, which run up and down the wale; from the middle between the legs of one loop to that of the next is
 one stitch. Its middle is the mean of its yarn, as the middle surface of a cell; its stress the virial of the forces in
 it (what crosses a cut through it).
+
+Yarn of a stitch is counted as the cell means it, from one interlacing of two courses to the next up the wale: the head
+that a course forms there and the feet of the course above. Where heads shorten from course to course, while every
+course keeps its yarn, interlacings gain what they lose: without friction, loops pull yarn through each other so.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.loop_paths import line_crossings
 from yarnscale.yarn.pattern import YarnPattern
 
 Array = NDArray[np.float64]
@@ -31,12 +36,14 @@ class Interior:
     """Mean state of the stitches inside a fabric.
 
     strain: of the surface through their middles. stress: (2,) along course and wale, ∂ψ/∂s_x and ∂ψ/∂s_y [N/m].
-    yarn: rest length of yarn in them over that of the pattern's stitches. energy: [J/m²]. stitches: how many.
+    yarn: rest length of yarn of an interlacing over that of the pattern's. slid: the part of it that heads leave to the
+    course above them. energy: [J/m²]. stitches: how many.
     """
 
     strain: ShellStrain
     stress: Array
     yarn: float
+    slid: float
     energy: float
     stitches: int
 
@@ -68,11 +75,14 @@ def interior(pattern: YarnPattern, energy: FabricEnergy, x: Array, *, share: flo
     normal = np.cross(gradient[0], gradient[1])
     normal /= np.linalg.norm(normal)
     strain = ShellStrain.from_forms(gradient @ gradient.T, second @ normal)
+    plane = np.stack([unit.mean(axis=0)[0], np.cross(normal, unit.mean(axis=0)[0])], axis=1)
+    slid = _slid(sheet, positions @ plane, head, share, len(chain)) / float(pattern.rest_length.sum())
     pull = np.einsum("nai,nij,naj->na", unit, _between(virials, first, last), unit).mean(axis=0)
     return Interior(
         strain,
         pull / pattern.area / (1.0 + np.array([strain.s_x, strain.s_y])),
-        float(length.mean() / pattern.rest_length.sum()),
+        float(length.mean() / pattern.rest_length.sum()) + slid,
+        slid,
         float(_between(energies, first, last).mean() / pattern.area),
         len(first),
     )
@@ -109,6 +119,37 @@ def _stitches(
             last.append(ends[1])
             tile.append((a, b))
     return np.array(first), np.array(last), np.array(tile, np.int64).reshape(-1, 2)
+
+
+def _slid(sheet: YarnSheet, plan: Array, head: int, share: float, around: int) -> float:
+    """How much shorter heads become from one course to the next [m], from places in plan (n, 2)."""
+    size = sheet.tile.max(axis=0) + 1
+    heads = {tuple(sheet.tile[v].tolist()): int(v) for v in np.flatnonzero(sheet.source == head)}
+    courses, arcs = [], []
+    for (a, b), vertex in heads.items():
+        above = heads.get((a, b + 1))
+        if above is None or (np.abs(np.array([a, b]) + 0.5 - 0.5 * size) > 0.5 * share * size + 1e-9).any():
+            continue
+        first, own = _stretch_of_yarn(sheet, vertex, around // 2)
+        _, other = _stretch_of_yarn(sheet, above, 3 * around // 2)
+        met = np.sort(line_crossings(plan[own], plan[other])[0])
+        if len(met) == 4:  # both legs, each over or under the foot and the leg that it holds
+            ends = first + 0.5 * (met[:1] + met[1:2]), first + 0.5 * (met[2:3] + met[3:])
+            courses.append(b)
+            arcs.append(float(_between(sheet.voronoi_length, *ends)[0]))
+    if len(set(courses)) < 2:
+        return 0.0
+    return -float(np.polyfit(courses, arcs, 1)[0])
+
+
+def _stretch_of_yarn(sheet: YarnSheet, vertex: int, reach: int) -> tuple[int, slice]:
+    """The vertices of a yarn within ``reach`` of one of them: the first, and all."""
+    yarn = sheet.yarn_of_vertex[vertex]
+    low, high = (
+        max(vertex - reach, int(sheet.offsets[yarn])),
+        min(vertex + reach + 1, int(sheet.offsets[yarn + 1])),
+    )
+    return low, slice(low, high)
 
 
 def _loop(height: Array) -> float | None:
