@@ -116,3 +116,17 @@ def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[s
     assert "stretch" in capsys.readouterr().err
     assert main(["fabric", "jersey", "--rows", "4", "--columns", "4", "--scene", "drape", "--count"]) == 2
     assert "--scene" in capsys.readouterr().err
+
+
+def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The same scene with few unknowns; yarns stay between the control points' hulls, and grips pull harder."""
+    run = ("--scene", "stretch", "--stretch", "0.02", "--duration", "0.0666", "--time-step", "0.0333")
+    whole = _numbers(capsys, *run, "--out", str(tmp_path / "whole"))
+    within = ("--method", "volume", "--volume", "4,4,2")
+    assert _numbers(capsys, *within, "--count")["reduced_unknowns"] == 96
+    held = _numbers(capsys, *run, *within, "--out", str(tmp_path / "held"))
+    assert held["steps"] == held["converged_steps"] == 2 and held["passages"] == 0
+    assert float(str(held["force"])) > float(str(whole["force"])) > 0
+    for refused in ("--explicit", "--adaptive"):
+        assert main([*SMALL, *run, *within, refused, "--out", str(tmp_path / "none")]) == 2
+        assert refused in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The command ``fabric --method direct``: every yarn of a sheet of any pattern, as an elastic rod."""
+"""The command ``fabric`` for yarns that are elastic rods: every one by itself, or all of them in a bounding volume."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_run import DirectRun, run_fabric
 from yarnscale.fabric.direct_static import settled
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
+from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
@@ -96,15 +97,19 @@ def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], boo
         "unknowns": sheet.unknowns,
         "constraints": 0,
     }
+    if options.method == "volume":
+        counts["reduced_unknowns"] = 6 * options.volume[0] * options.volume[1]
     if options.count:
         return counts, True
     energy = FabricEnergy(sheet, material, springs=borders)
     scene = _scene(options, sheet)
     friction = YarnFriction(options.friction) if options.friction else None
-    dynamics = FabricDynamics(
+    parts = (
         energy, MotionSettings(scene.gravity, options.damping, friction), scene.holds,
         scene.obstacles(energy, friction=options.ball_friction), PassageCount(energy, energy.start()),
     )  # fmt: skip
+    within = RodVolume(energy, options.volume) if options.method == "volume" else None
+    dynamics = FabricDynamics(*parts) if within is None else VolumeDynamics(*parts, volume=within)
     method = "explicit" if options.explicit else "implicit"
     run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)
     return {**counts, **_summary(energy, scene, run)}, run.status.name == "CONVERGED"

@@ -33,10 +33,10 @@ def fabric(options: argparse.Namespace) -> int:
         for name in ("rows", "columns"):
             if getattr(options, name) is None:
                 raise InputError(f"--{name}", expected="a whole number from 2 to 1000", found="none")
-    if options.method == "direct":
+    if options.method == "direct" or _rods_in_a_volume(options):
         return _direct(options)
     if options.scene != "hang":
-        raise InputError("--scene", expected="hang, or --method direct", found=options.scene)
+        raise InputError("--scene", expected="hang, or --method direct or volume", found=options.scene)
     for name, plain in (("border", "glued"), ("on", None), ("tube", False)):
         if getattr(options, name) != plain:
             raise InputError(f"--{name}", expected="--method direct", found=options.method)
@@ -65,6 +65,20 @@ def fabric(options: argparse.Namespace) -> int:
     _convert(options)
     _tell(_summary(run), options)
     return 0 if run.status.name == "CONVERGED" else 1
+
+
+def _rods_in_a_volume(options: argparse.Namespace) -> bool:
+    """Whether what the volume holds are elastic rods: anything but hanging jersey, which has yarns of splines."""
+    # jersey is the name of spline yarns alone, the others name patterns too.
+    splines = options.pattern == JERSEYS[0] or (options.pattern in JERSEYS and options.scene == "hang")
+    if options.method != "volume" or splines:
+        return False
+    for name in ("adaptive", "explicit"):
+        if getattr(options, name):
+            raise InputError(
+                f"--{name}", expected="hanging jersey, or --method direct", found="rods in a volume"
+            )
+    return True
 
 
 def _direct(options: argparse.Namespace) -> int:

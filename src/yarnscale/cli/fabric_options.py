@@ -29,7 +29,7 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "pattern",
         metavar="PATTERN",
-        help="direct: a built-in pattern or a pattern file; splines and volume: jersey",
+        help="a built-in pattern or a pattern file; splines: jersey",
     )
     command.add_argument(
         "--rows",
@@ -45,8 +45,8 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--method", choices=METHODS, default="volume",
-        help="splines: every yarn, with contacts between stitches; volume: yarns in a bounding volume; direct: every "
-        "yarn as an elastic rod that touches the others (volume)",
+        help="splines: every yarn, with contacts between stitches; direct: every yarn as an elastic rod that touches "
+        "others; volume: yarns in a bounding volume, splines for hanging jersey and else rods (volume)",
     )  # fmt: skip
     command.add_argument(
         "--volume",
@@ -62,7 +62,7 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         "--scene",
         choices=SCENES,
         default="hang",
-        help="hang: held along the last row; direct only: stretch between two grips, drape over a ball (hang)",
+        help="hang: held along the last row; not of splines: stretch between two grips, drape over a ball (hang)",
     )
     command.add_argument(
         "--on", type=Path, metavar="MESH.obj",
