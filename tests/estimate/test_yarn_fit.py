@@ -107,11 +107,11 @@ def test_an_executor_changes_nothing():
 def test_spread_tells_what_data_do_not_see():
     slopes = np.array([[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
     spread = ParameterSpread.of(("seen", "hidden"), slopes)
-    assert spread.shift[0] == pytest.approx(0.01 / np.sqrt(2.0))
-    assert spread.shift[1] == 1.0
+    assert spread.shift[0] == pytest.approx(0.01 / np.sqrt(2.0), rel=1e-4)
+    assert spread.shift[1] == pytest.approx(1.0)
     fewer = ParameterSpread.of(("one", "other"), np.array([[1.0, 1.0]]))
     np.testing.assert_allclose(fewer.singular, [np.sqrt(2.0), 0.0])
-    np.testing.assert_array_equal(fewer.shift, [1.0, 1.0])
+    np.testing.assert_allclose(fewer.shift, np.sqrt(0.5), rtol=1e-4)
 
 
 def test_a_yarn_reproduces_its_own_data_and_is_found_again():
@@ -168,7 +168,7 @@ def test_pear_loops_fix_the_bending_that_forces_leave_open():
         found.append(model.values(end)[2] / model.values(truth)[2])
         shifts.append(ParameterSpread.of(model.names, jacobian(evaluations, truth)).shift[2])
     assert abs(found[0] - 1.0) > 0.2 and abs(found[1] - 1.0) < 0.05, found
-    assert shifts[0] > 0.2 and shifts[1] < 0.02, shifts
+    assert shifts[0] > 0.1 and shifts[1] < 0.02, shifts
 
 
 def test_refuses_a_weight_of_bending_without_loops():

@@ -31,6 +31,9 @@ SEARCHED = 7
 STARTS, REFINED = 128, 3
 """Scattered points, and how many of the best are refined."""
 
+_GROWN = 0.01
+"""Growth of the root of the objective that tells how far unknowns can move."""
+
 
 @dataclass(frozen=True)
 class FitOptions:
@@ -59,7 +62,7 @@ class ParameterSpread:
     """How well data fix the unknowns: J = U S Vᵀ of the residuals by the unknowns, which are shares of their ranges.
 
     singular: S (n,), largest first. vectors: rows of Vᵀ (n, n). shift: how far each unknown must go along its range
-    until the root of the objective grows by 0.01 with all others following, at most 1, (n,).
+    until the root of the objective grows by 0.01 with all others following as far as their ranges go, (n,).
     """
 
     names: tuple[str, ...]
@@ -73,8 +76,9 @@ class ParameterSpread:
         _, felt, vectors = np.linalg.svd(slopes, full_matrices=True)
         singular = np.zeros(len(names))
         singular[: len(felt)] = felt
-        inverse = vectors.T @ np.diag(1.0 / np.maximum(singular, 1e-9) ** 2) @ vectors
-        return cls(names, singular, vectors, np.minimum(0.01 * np.sqrt(np.diag(inverse)), 1.0))
+        # Ranges hold as a residual of 0.01 would: an unknown that nothing feels moves by 1, and draws no other further.
+        inverse = vectors.T @ np.diag(1.0 / (singular**2 + _GROWN**2)) @ vectors
+        return cls(names, singular, vectors, _GROWN * np.sqrt(np.diag(inverse)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,9 @@ from yarnscale.estimate.uniform_data import UniformCurve
 from yarnscale.estimate.yarn_estimate import FabricEstimate
 from yarnscale.estimate.yarn_model import UNITS
 from yarnscale.estimate.yarn_states import YarnCurve
+from yarnscale.kinematics import ShellStrain
 from yarnscale.show import theme
+from yarnscale.show.canvas import Camera
 from yarnscale.show.curves import periodic_curves, rings_for
 from yarnscale.show.plots import written_figure
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
@@ -24,6 +26,16 @@ from yarnscale.show.tubes import yarn_picture
 
 Array = NDArray[np.float64]
 
+_MEANINGS = {
+    "k_s1": "stretch stiffness up to the knee",
+    "knee": "strain where the stiff phase begins",
+    "k_b": "bending stiffness",
+    "R_1": "outer contact radius",
+    "k_c1": "outer contact stiffness",
+    "aspect": "width over height, over the drawing's",
+    "shortening": "yarn shorter at rest than drawn by",
+    "draw_in": "share of the way that straight yarn would draw in",
+}
 _YARN, _SHELL, _MEASURED = theme.YARNS[1], theme.YARNS[0], theme.INK
 
 
@@ -42,13 +54,13 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
             "Parameters",
             [
                 "How far a parameter can move: the share of its range after which the root of the objective has grown "
-                "by 0.01 while all others follow. A parameter that can move through its whole range is not known."
+                "by 0.01 while all others follow within theirs. What can move through its whole range is not known."
             ],
             [_parameters(estimate)],
             [
                 Picture(
                     folder / "spread.png",
-                    "Singular values of the sensitivity of the residuals, and their directions",
+                    "Singular values of the sensitivity of the residuals, and which unknowns move in their directions",
                 )
             ],
         ),
@@ -143,7 +155,10 @@ def _contraction_panel(axes: Axes, test: StretchTest, target: UniformCurve, curv
         axes.plot(100 * measured.stretch, 100 * measured.contraction, color=_MEASURED, linewidth=1.2)
     axes.plot(*_from_rest(target.stretch, 100 * target.contraction), color=_SHELL, linestyle="--")
     _yarn_line(axes, target, curve, curve.contraction, 100.0)
-    axes.axvline(100 * target.comfort_stretch, color=theme.YARNS[3], linewidth=1.0)
+    axes.axvspan(0, 100 * target.comfort_stretch, color=theme.YARNS[3], alpha=0.10, linewidth=0)
+    axes.axvspan(
+        100 * target.comfort_stretch, 100 * target.stretch[-1], color=theme.YARNS[2], alpha=0.10, linewidth=0
+    )
     axes.set_xlabel("stretch [%]")
 
 
@@ -166,14 +181,14 @@ def spread_plot(path: Path, estimate: FabricEstimate) -> None:
         left.bar(numbers, np.maximum(spread.singular, 1e-6), color=theme.SAMPLE)
         left.set_yscale("log")
         left.set_xticks(numbers)
-        left.set_xlabel("direction")
+        left.set_xlabel("singular direction")
         left.set_ylabel("singular value")
         right.grid(False)
         image = right.imshow(spread.vectors.T**2, cmap="Blues", vmin=0, vmax=1, aspect="auto")
         right.set_yticks(range(len(spread.names)), spread.names)
         right.set_xticks(range(len(numbers)), [str(n) for n in numbers])
-        right.set_xlabel("direction")
-        figure.colorbar(image, ax=right, label="share")
+        right.set_xlabel("singular direction")
+        figure.colorbar(image, ax=right, label="share of the unknown")
 
 
 def _errors(estimate: FabricEstimate) -> Table:
@@ -208,8 +223,9 @@ def _parameters(estimate: FabricEstimate) -> Table:
     for k, name in enumerate(fit.model.names):
         where = "at the end of its range" if name in fit.at_bounds else ""
         values: list[Cell] = [float(fit.values[k]), float(low[k]), float(high[k])]
-        rows.append([name, UNITS.get(name, "–"), *values, _percent(float(fit.spread.shift[k])), where])
-    columns = ["parameter", "unit", "value", "least", "largest", "can move by", ""]
+        meaning, unit = _MEANINGS[name], UNITS.get(name, "–")
+        rows.append([name, meaning, unit, *values, _percent(float(fit.spread.shift[k])), where])
+    columns = ["parameter", "what", "unit", "value", "least", "largest", "can move by", ""]
     return Table(columns, rows)
 
 
@@ -234,29 +250,41 @@ def _shape(estimate: FabricEstimate) -> list[str]:
     px, py = 1e3 * pattern.period
     return [
         f"Period at rest {px:.3g} × {py:.3g} mm, R_est {1e3 * pattern.radius:.3g} mm. Coming to rest changed the drawn "
-        f"periods by {100 * change[0]:.1f} % and {100 * change[1]:.1f} %. Yarns are drawn with R_1 / 2 to 1 R_est."
+        f"periods by {100 * change[0]:.1f} % and {100 * change[1]:.1f} %. Yarns are drawn as thick as they can be "
+        "without running through each other, up to R_est; all pictures have one scale."
     ]
 
 
 def _cells(folder: Path, estimate: FabricEstimate) -> list[Picture]:
-    """The cell at rest and at the largest stretch of every fitted direction, on one scale."""
-    evaluation = estimate.fit.evaluation
-    cell, shown = evaluation.rested.cell, []
-    shown.append(("at rest", None))
-    for curve in evaluation.curves:
-        good = np.flatnonzero(curve.converged)
-        if len(good):
-            k = int(good[-1])
-            shown.append(
-                (f"{curve.direction.value}, stretched by {100 * curve.stretch[k]:.0f} %", curve.states[k])
-            )
-    rings = rings_for(cell.pattern.period, cell.pattern.radius)
-    pieces = [periodic_curves(cell.pattern.edges, cell.placement(state), rings=rings) for _, state in shown]
+    """The cell at rest, from two sides, and at the largest stretch of every direction, on one scale."""
+    cell = estimate.fit.evaluation.rested.cell
+    shown: list[tuple[str, Equilibrium | None, Camera]] = [
+        ("at rest", None, "top"),
+        ("at rest, seen along the wales", None, "side"),
+    ]
+    evaluations = [("", estimate.fit.evaluation)]
+    if estimate.prediction is not None:
+        evaluations.append((", held out", estimate.prediction))
+    for held, evaluation in evaluations:
+        for curve in evaluation.curves:
+            good = np.flatnonzero(curve.converged)
+            if len(good):
+                k = int(good[-1])
+                words = f"{curve.direction.value}{held}, stretched by {100 * curve.stretch[k]:.0f} %"
+                shown.append((words, curve.states[k], "top"))
+    strains = [ShellStrain() if state is None else state.strain for _, state, _ in shown]
+    periods = [cell.pattern.period * [1.0 + strain.s_x, 1.0 + strain.s_y] for strain in strains]
+    # As much fabric in every picture, so that what is at rest is no stamp beside what is stretched to thrice its width.
+    side = max(3.0 * float(np.max(periods)), 32.0 * cell.pattern.radius)
+    pieces = [
+        periodic_curves(cell.pattern.edges, cell.placement(state), rings=rings_for(period, side / 32.0))
+        for (_, state, _), period in zip(shown, periods, strict=True)
+    ]
     room = np.max([np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for piece in pieces], axis=0)
-    radius, pictures = _drawn_radius(cell, [state for _, state in shown]), []
-    for number, ((caption, _), piece) in enumerate(zip(shown, pieces, strict=True)):
+    radius, pictures = _drawn_radius(cell, [state for _, state, _ in shown]), []
+    for number, ((caption, _, camera), piece) in enumerate(zip(shown, pieces, strict=True)):
         path = folder / f"cell-{number}.png"
-        yarn_picture(path, piece, radius, camera="top", size=(720, 720), room=room + 2 * radius)
+        yarn_picture(path, piece, radius, camera=camera, size=(720, 720), room=room + 2 * radius)
         pictures.append(Picture(path, caption))
     return pictures
 
