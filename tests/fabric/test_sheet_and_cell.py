@@ -1,0 +1,64 @@
+"""Fabric yarn by yarn does what its periodic cell says: stretched between grips, and curling at free edges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.fabric.boundary import glue
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_moves import PassageCount, safe_way
+from yarnscale.fabric.direct_static import Holds, equilibrium
+from yarnscale.fabric.interior import interior
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.yarn_friction import YarnFriction
+from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn import library
+from yarnscale.yarn.material import YarnMaterial
+
+PATTERN = library.build("stockinette")
+SOFT = YarnMaterial.preset("hylc2020-stockinette")
+CELL = PeriodicCell(PATTERN, SOFT)
+
+
+def test_stretched_between_grips_its_inside_is_as_the_cell() -> None:
+    """At the strain and with the yarn of its stitches; rows at the free edges are glued, the grips let it narrow."""
+    rest = CELL.relax()
+    sheet = YarnSheet.of(PATTERN, 8, 11)
+    sheet = sheet.moved(CELL.placement(rest)(sheet.source, sheet.tile), twist=rest.twist[sheet.source])
+    edge = np.isin(sheet.tile[:, 1], (0, 10))
+    energy = FabricEnergy(sheet, SOFT, springs=glue(sheet, SOFT, borders=edge, stiffness=0.05))
+    count = PassageCount(energy, energy.start())
+    state = CELL.relax(ShellStrain(s_x=0.15, s_y=-0.1))
+    goal = energy.vector(CELL.placement(state)(sheet.source, sheet.tile), state.twist[sheet.source])
+    x = safe_way(energy, energy.start(), goal, count)
+    grips = np.flatnonzero((sheet.tile[:, 0] == 0) | (sheet.tile[:, 0] == 7))
+    holds = Holds(grips, energy.positions(x)[grips] * sheet.radius, (True, False, True))
+    energy.rub(x, YarnFriction(0.2))
+    found = equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=60, count=count)
+    inside = interior(PATTERN, energy, found.x, share=0.5)
+    own = PeriodicCell(replace(PATTERN, rest_length=PATTERN.rest_length * inside.yarn), SOFT)
+    cell = own.relax(replace(inside.strain, II11=0.0, II12=0.0, II22=0.0))
+    assert count.passages == 0
+    assert inside.energy == pytest.approx(cell.energy_density, rel=0.05)
+    assert inside.stress[0] == pytest.approx(cell.stress[0], rel=0.1)
+
+
+def test_free_edges_of_stockinette_curl_as_the_moments_of_the_cell_say() -> None:
+    """First and last rows to the right side (+z); a little friction keeps the cut yarns from drawing back."""
+    rest = CELL.relax()
+    assert rest.stress[5] < 0  # a cell that may bend lowers its energy with II22 > 0, ends towards +z
+    sheet = YarnSheet.of(PATTERN, 4, 9)
+    sheet = sheet.moved(CELL.placement(rest)(sheet.source, sheet.tile), twist=rest.twist[sheet.source])
+    energy = FabricEnergy(sheet, SOFT, springs=glue(sheet, SOFT, width=0.003, stiffness=0.02))
+    x, middle = energy.start(), np.flatnonzero((sheet.tile == (2, 4)).all(axis=1))[:3]
+    for _ in range(6):
+        energy.rub(x, YarnFriction(0.05))
+        x = equilibrium(energy, x, Holds(middle, sheet.vertices[middle]), tolerance=1e-3, max_iterations=25).x
+    height = energy.positions(x)[:, 2] - energy.positions(energy.start())[:, 2]
+    inner = height[np.isin(sheet.tile[:, 1], (4,))].mean()
+    ends = [height[sheet.tile[:, 1] == row].mean() - inner for row in (0, 8)]
+    assert min(ends) > 0.3
