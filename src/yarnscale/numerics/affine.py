@@ -8,6 +8,7 @@ stencil (``assembly``).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol, cast
 
 import numba
@@ -47,6 +48,13 @@ class NodeMap:
         return _NodePull(self.weights, inner)
 
 
+@lru_cache(maxsize=4)
+def _full_pattern(size: int) -> SymmetricPattern:
+    """Every entry of a matrix; one object for one size, so that it is analysed once."""
+    column, row = np.triu_indices(size)
+    return SymmetricPattern.from_keys(size, column * size + row)
+
+
 class _NodePull:
     """(W ⊗ 1₃)ᵀ H (W ⊗ 1₃) by its six different blocks Wᵀ H_kl W; every pair of nodes is taken to meet."""
 
@@ -54,9 +62,8 @@ class _NodePull:
         self._weights = weights
         _, count = cast("tuple[int, int]", weights.shape)
         self._count, size, nodes = count, 3 * count, inner.size // 3
-        column, row = np.triu_indices(size)
-        self.pattern = SymmetricPattern.from_keys(size, column * size + row)
-        self._row, self._column = row, column
+        self._column, self._row = np.triu_indices(size)
+        self.pattern = _full_pattern(size)
         columns = np.repeat(np.arange(inner.size), np.diff(inner.starts))
         self._blocks = []
         for k in range(3):
