@@ -34,7 +34,7 @@ DANCE = (
     Pose(2.0, lowered=0.85, turned=-0.3),
 )
 """Dressed after 0.4 s, arms lowered, turned, arms lifted half way and back: 60 frames."""
-PRESSURE = 1e3
+PRESSURE = 2e3
 """Of contact at half its thickness [Pa]: clothes hang from little area."""
 _WAIT = (
     Pose(0.0, lowered=0.9),
