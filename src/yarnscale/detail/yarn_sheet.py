@@ -51,7 +51,7 @@ def sheet_on_mesh(
             "yarns on the mesh", expected=f"at most {LARGEST_SHEET} vertices", found=flat.vertex_count
         )
     positions = mesh.assembled if positions is None else np.asarray(positions, np.float64)
-    detail = YarnDetail.of(_one_state(pattern, state), mesh)
+    detail = YarnDetail.of(_one_state(pattern, state), mesh, seams="cut")
     layout, vertex = detail.layout, detail.layout.vertex
     places = detail.curves(positions)
     tile = np.round((layout.material - pattern.vertices[vertex, :2]) / pattern.period).astype(np.int64)
