@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, safe_way
+from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.fabric.yarn_friction import YarnFriction
@@ -29,8 +29,6 @@ _PATCH = 5.0
 """Side of the patches whose motion is taken for rigid, in stitches of about eight radii."""
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-5, 1e-2
 """A step starts with the regularisation of the one before, within these bounds."""
-_PRESSED, _AHEAD = 1.5, (1.0, 0.5, 0.25, 0.125)
-"""How much elastic energy may grow by a first guess, and shares of the way ahead that are tried."""
 _STABLE_SHARE = 0.6
 """Explicit steps over the longest stable one."""
 
@@ -121,24 +119,12 @@ class FabricDynamics:
             energy, Wells(inertia, ahead).with_(holds), self.load, self.obstacles,
             force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
-        solution = self._minimised(objective, self._first_guess(objective, motion.x, ahead))
+        # From where the fabric is: the way ahead may press yarns into each other, and Newton's method knows inertia.
+        solution = self._minimised(objective, motion.x)
         velocity = (solution.x - motion.x) / duration
         moved = FabricMotion(solution.x, velocity, motion.time + duration)
         moved = replace(moved, velocity=self._damped(moved, duration))
         return FabricStep(moved, solution.status, solution.iterations, solution.factorisations)
-
-    def _first_guess(self, objective: FabricObjective, start: Array, ahead: Array) -> Array:
-        """As far on the way ahead as yarns are not pressed much more: from there Newton's method finds back slowly.
-
-        Fabric in free motion goes on, fabric that is held comes to rest: the lower energy tells.
-        """
-        energy = self.energy
-        most, still = _PRESSED * energy.value(start) + self.weight, objective.value(start)
-        for share in _AHEAD:
-            goal = start + share * (ahead - start)
-            if energy.value(goal) <= most and objective.value(goal) <= still:
-                return safe_way(energy, start, goal, self.count)
-        return start
 
     def _arrive(self, x: Array) -> None:
         self.energy.anchor(x)
