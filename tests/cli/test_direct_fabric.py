@@ -112,10 +112,29 @@ def test_yarns_on_a_mesh_and_in_a_tube(capsys: pytest.CaptureFixture[str], tmp_p
 def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main([*SMALL, "--scene", "hang"]) == 2
     assert "--out" in capsys.readouterr().err
-    assert main([*SMALL, "--scene", "stretch", "--stretch", "nan", "--out", str(tmp_path)]) == 2
+    assert main([*SMALL, "--scene", "stretch", "--stretch", "9", "--out", str(tmp_path)]) == 2
     assert "stretch" in capsys.readouterr().err
     assert main(["fabric", "jersey", "--rows", "4", "--columns", "4", "--scene", "drape", "--count"]) == 2
     assert "--scene" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--friction", "-1"),
+        ("--duration", "nan"),
+        ("--time-step", "0"),
+        ("--damping", "inf"),
+        ("--stretch", "much"),
+    ],
+)
+def test_numbers_out_of_range_are_told_before_anything_runs(
+    capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*SMALL, "--scene", "hang", option, value])
+    assert ended.value.code == 2
+    assert option in capsys.readouterr().err
 
 
 def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

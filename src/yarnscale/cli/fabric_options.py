@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from yarnscale.cli.shared_options import add_json
+from yarnscale.cli.values import not_negative, number, positive
+
 METHODS = ("splines", "volume", "direct")
 SCENES = ("hang", "stretch", "drape")
 BORDERS = ("glued", "knitted")
@@ -78,31 +81,35 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         "--material", metavar="MATERIAL", help="preset or TOML file (wool; direct: what suits the pattern)"
     )
     command.add_argument(
-        "--radius", type=float, metavar="METRES", help="of the yarn (0.001, or the pattern's)"
+        "--radius", type=positive, metavar="METRES", help="of the yarn (0.001, or the pattern's)"
     )
     command.add_argument(
-        "--stretch", type=float, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)"
+        "--stretch", type=number, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)"
     )
     command.add_argument(
         "--direction", choices=("course", "wale"), default="course", help="of the scene stretch (course)"
     )
     command.add_argument(
-        "--friction", type=float, default=0.0, metavar="MU", help="of yarns on each other, direct only (0)"
+        "--friction",
+        type=not_negative,
+        default=0.0,
+        metavar="MU",
+        help="of yarns on each other, direct only (0)",
     )
     command.add_argument(
         "--ball-friction",
-        type=float,
+        type=not_negative,
         default=0.0,
         metavar="MU",
         help="of yarns on the ball of drape, direct only (0)",
     )
-    command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="to simulate (3)")
+    command.add_argument("--duration", type=positive, default=3.0, metavar="SECONDS", help="to simulate (3)")
     command.add_argument(
-        "--time-step", type=float, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)"
+        "--time-step", type=positive, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)"
     )
     command.add_argument("--explicit", action="store_true", help="explicit steps, as long as they are stable")
     command.add_argument(
-        "--damping", type=float, default=1.0, metavar="RATE", help="of free motion [1/s] (1)"
+        "--damping", type=not_negative, default=1.0, metavar="RATE", help="of free motion [1/s] (1)"
     )
     command.add_argument(
         "--count", action="store_true", help="print the numbers of unknowns and simulate nothing"
@@ -112,4 +119,4 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         "--format", action="append", choices=FORMATS, default=[],
         help="convert the frames at the end; may be given several times",
     )  # fmt: skip
-    command.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(command)

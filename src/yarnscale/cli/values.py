@@ -64,3 +64,11 @@ def positive(text: str) -> float:
     if value <= 0:
         raise argparse.ArgumentTypeError(f"expected a positive number; found {text!r}")
     return value
+
+
+def not_negative(text: str) -> float:
+    """A finite number from 0."""
+    value = number(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"expected zero or a positive number; found {text!r}")
+    return value
