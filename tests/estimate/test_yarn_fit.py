@@ -13,7 +13,7 @@ from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective, coarser
 from yarnscale.estimate.swarm import cobyla, swarm
 from yarnscale.estimate.uniform_data import UniformBend, UniformCurve, UniformData
-from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread
+from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, usual_starts, work_ahead
 from yarnscale.estimate.yarn_model import yarn_model
 from yarnscale.estimate.yarn_rest import RestRule
 from yarnscale.yarn.library import build
@@ -184,6 +184,14 @@ def test_coarser_data_keep_the_end_of_the_comfort_range():
     found = coarser(UniformData("line", (curve,)), 7).curves[0]
     assert len(found.stretch) == 7 and 0.13 in found.stretch and found.stretch[-1] == pytest.approx(0.4)
     np.testing.assert_allclose(found.stress, 100 * found.stretch, rtol=1e-9)
+
+
+def test_a_drawn_in_yarn_is_refined_where_the_shape_is_free():
+    free = yarn_model(build("rib-1x1"), 60.0, free_shape=True)
+    (start,) = usual_starts(free)
+    assert free.draw_in(free.values(start)) == pytest.approx(0.75)
+    assert usual_starts(yarn_model(build("rib-1x1"), 60.0)) == []
+    assert work_ahead(FitOptions(), 8) > FitOptions().starts + 4 * 12 * 8
 
 
 def test_refuses_an_unknown_solver():
