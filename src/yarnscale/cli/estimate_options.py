@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
+
+from yarnscale.cli.shared_options import add_json
+from yarnscale.cli.values import not_negative, positive, positive_integer
 
 SOLVERS = ("sobol", "local", "paper")
 DIRECTIONS = ("weft", "bias", "warp")
@@ -17,26 +19,6 @@ def _directions(text: str) -> tuple[str, ...]:
     if not set(names) <= set(DIRECTIONS):
         raise argparse.ArgumentTypeError(f"expected some of {', '.join(DIRECTIONS)}; found {text!r}")
     return names
-
-
-def _length(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"expected a positive number; found {text!r}")
-    return value
-
-
-def _weight(text: str) -> float:
-    return 0.0 if text in ("0", "0.0") else _length(text)
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a positive whole number; found {text!r}")
-    return int(text)
 
 
 def add_estimate_options(command: argparse.ArgumentParser) -> None:
@@ -73,29 +55,37 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
         "estimated too (free for built-in patterns and charts, drawn for files of yarn geometry)",
     )  # fmt: skip
     command.add_argument(
-        "--yarn-length", type=_length, metavar="METRES",
+        "--yarn-length", type=positive, metavar="METRES",
         help="yarn in one period of the pattern (default: of the pattern as drawn, 0.4 mm yarn for built-in patterns)",
     )  # fmt: skip
     command.add_argument(
-        "--stiffness", type=_length, metavar="NEWTON",
+        "--stiffness", type=positive, metavar="NEWTON",
         help="of the stiffest yarn, k_s2 (default: from the measurements, else an estimate of 60 N)",
     )  # fmt: skip
-    command.add_argument("--starts", type=_count, default=128, metavar="N", help="scattered yarns (128)")
     command.add_argument(
-        "--refined", type=_count, default=3, metavar="N", help="how many of the best are refined (3)"
+        "--starts", type=positive_integer, default=128, metavar="N", help="scattered yarns (128)"
     )
     command.add_argument(
-        "--iterations", type=_count, default=20, metavar="N", help="of Gauss-Newton, at most (20)"
+        "--refined",
+        type=positive_integer,
+        default=3,
+        metavar="N",
+        help="how many of the best are refined (3)",
     )
     command.add_argument(
-        "--bending-weight", type=_weight, default=0.0, metavar="W",
+        "--iterations", type=positive_integer, default=20, metavar="N", help="of Gauss-Newton, at most (20)"
+    )
+    command.add_argument(
+        "--bending-weight", type=not_negative, default=0.0, metavar="W",
         help="of the bending stiffness measured with pear loops, beside 1 of stress and 1 of contraction (0)",
     )  # fmt: skip
     command.add_argument(
         "--held", action="store_true",
         help="derivatives with the rest shape held, exact but incomplete, instead of differences (for comparison)",
     )  # fmt: skip
-    command.add_argument("--workers", type=_count, metavar="N", help="processes (default: one per core)")
+    command.add_argument(
+        "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
+    )
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
     command.add_argument("--resume", action="store_true", help="go on with the evaluations in DIR")
-    command.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(command)
