@@ -96,6 +96,7 @@ def fitted(data: SampledStates, density: float, *, stresses: bool, full: bool = 
         data.energies,
         data.stresses if stresses else None,
         density=density,
+        moduli=data.moduli if stresses and full else None,
         valid=data.converged,
         options=FitOptions(in_plane="full" if full else "pairwise"),
     )

@@ -48,7 +48,10 @@ def sampled(states: np.ndarray) -> SampledStates:
     for k in range(5):
         step = np.eye(5)[k] * 1e-5 * REACH[k]
         slopes.append((energy(states + step) - energy(states - step)) / (2e-5 * REACH[k]))
-    return SampledStates(states, energy(states), np.stack(slopes, axis=1), np.ones(len(states), bool))
+    unknown = np.full((len(states), 6, 6), np.nan)
+    return SampledStates(
+        states, energy(states), np.stack(slopes, axis=1), np.ones(len(states), bool), unknown
+    )
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +153,7 @@ def test_a_store_grows_whole_or_not_at_all(cell: PeriodicCell, tmp_path: Path) -
     record = {
         "energy_density": 1.5,
         "stress": np.arange(6.0),
+        "moduli": np.eye(6),
         "iterations": 3,
         "seconds": 0.1,
         "residual": 0.0,

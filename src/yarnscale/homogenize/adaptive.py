@@ -65,7 +65,7 @@ def cross_validation(states: SampledStates, *, density: float, options: FitOptio
     for k in range(FOLDS):
         seen = good.chosen(fold != k)
         material = fit_spline_material(
-            seen.strains, seen.energies, seen.stresses, density=density, options=plain
+            seen.strains, seen.energies, seen.stresses, density=density, moduli=seen.moduli, options=plain
         )
         unseen = good.chosen(fold == k)
         truth = np.column_stack([unseen.energies, unseen.stresses])

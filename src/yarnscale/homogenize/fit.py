@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from yarnscale.errors import InputError
 from yarnscale.homogenize.axis_fit import AxisTerm, fit_axis
 from yarnscale.homogenize.inside_fit import InsideFit
+from yarnscale.homogenize.moduli_fit import known_moduli
 from yarnscale.homogenize.observations import (
     IN_STRESS,
     SHEAR,
@@ -50,6 +51,8 @@ __all__ = ["FitOptions", "FitReport", "fit_spline_material", "strains_of", "vali
 
 Array = NDArray[np.float64]
 
+SMOOTHING_WITH_MODULI = 1e-2
+"""Share of the smoothing that is left where moduli are known: they keep splines from ringing between samples."""
 _COUPLING_SLACK = 0.1
 """How far the coupling may put a state below the samples, as a fraction of the largest energy of bending from rest."""
 _STRETCH_LIMITS, _SHEAR_LIMITS = (-0.95, np.inf), (-0.97, 0.97)
@@ -61,6 +64,7 @@ def fit_spline_material(
     stresses: ArrayLike | None = None,
     *,
     density: float,
+    moduli: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     valid: ArrayLike | None = None,
     options: FitOptions | None = None,
@@ -69,12 +73,15 @@ def fit_spline_material(
     """Spline material of sampled states on the axes and planes of (s_x, s_a, s_y, λ_x, λ_y).
 
     strains (n, 5) [-, 1/m]; energies (n,) [J/m²]; stresses (n, 5) = dψ/d(s_x, s_a, s_y, II11, II22), NaN where
-    unknown; weights (n,) and valid (n,) mask; density [kg/m²]. The undeformed state must be among them. States off
-    the planes are used lightly. Terms of strains that were not sampled are zero. Raises InputError on
-    arrays that do not match or where the undeformed state is missing. Source: HYLC20 §6.2.
+    unknown; moduli (n, 6, 6) = d²ψ/dz² by z = (s_x, s_a, s_y, II11, II12, II22), NaN where unknown; weights (n,) and
+    valid (n,) mask; density [kg/m²]. The undeformed state must be among them. States off the planes are used lightly.
+    Terms of strains that were not sampled are zero. Raises InputError on arrays that do not match or where the
+    undeformed state is missing. Source: HYLC20 §6.2.
     """
-    options = options or FitOptions()
-    data = observations(strains, energies, stresses, weights=weights, valid=valid)
+    options = chosen = options or FitOptions()
+    data = observations(strains, energies, stresses, moduli=moduli, weights=weights, valid=valid)
+    if len(known_moduli(data)):
+        options = replace(options, smoothing=SMOOTHING_WITH_MODULI * options.smoothing)
     if not np.any(data.resting):
         raise InputError("samples", expected="the undeformed state among them", found="none with zero strain")
     constant = float(np.average(data.energies[data.resting], weights=data.weights[data.resting]))
@@ -95,7 +102,7 @@ def fit_spline_material(
             inside=planes.inside() if isinstance(planes, InsideFit) else None,
         )
 
-    record: dict[str, object] = {"states": len(data.energies), "options": asdict(options)}
+    record: dict[str, object] = {"states": len(data.energies), "options": asdict(chosen)}
     if options.floor and planes.bases:
         record["floor"] = _lift(planes, material, axes)
     return material(record)

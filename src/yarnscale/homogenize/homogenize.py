@@ -56,6 +56,7 @@ def fit(store: SampleStore, *, options: FitOptions | None = None) -> SplineMater
         states.energies,
         states.stresses,
         density=float(provenance["area_density"]),
+        moduli=states.moduli,
         valid=states.converged,
         options=options or FitOptions(in_plane="full"),
         provenance=provenance,

@@ -62,6 +62,7 @@ class InsideFit(PlaneFit):
             matrix[where, where] += _STIFFNESS / self._unit(t) ** 2 * np.eye(len(self.chosen[t]))
         self.matrix, self.rough, self.right = matrix, rough, right
         self._add_states_inside()
+        super()._add_moduli()
         self.matrix[np.diag_indices(size)] += 1e-13 * np.trace(self.matrix) / size
 
     def _basis(self, axis: int, inside: Mask, limit: int | None = None) -> LineBasis:
@@ -70,6 +71,9 @@ class InsideFit(PlaneFit):
 
     def _add_states_off_planes(self) -> None:
         """They are added with the terms that can follow them."""
+
+    def _add_moduli(self) -> None:
+        """They too."""
 
     def _line(self, axis: int) -> LineBasis:
         even = axis == SHEAR and self.options.symmetric_shear
@@ -112,11 +116,7 @@ class InsideFit(PlaneFit):
 
     def inside_rows(self, strains: Array, orders: Orders = (0, 0, 0, 0, 0)) -> Array:
         """Derivatives of the terms of three strains at states (n, 5) by their unknowns."""
-        factors = []
-        for k, line in enumerate(self.lines):
-            constant = np.full((len(strains), 1), 1.0 if orders[k] == 0 else 0.0)
-            factors.append(np.concatenate([constant, line.design(strains[:, k], orders[k])], axis=1))
-        solid = np.einsum("np,nq,nr->npqr", *factors, optimize=True).reshape(len(strains), -1)
+        solid = self._solid(strains, orders[:3])
         parts = [solid[:, self.chosen[0]] * (orders[3] == orders[4] == 0)]
         for family in range(2):
             for m, shape in enumerate(self.shapes[family]):
@@ -126,16 +126,29 @@ class InsideFit(PlaneFit):
         parts.append(factor[:, None] * solid[:, self.chosen[COUPLING]])
         return np.concatenate(parts, axis=1)
 
+    def _solid(self, strains: Array, orders: tuple[int, int, int]) -> Array:
+        """Derivatives of the tensor product of (1, basis) along each in-plane strain, (n, columns)."""
+        factors = []
+        for k, line in enumerate(self.lines):
+            constant = np.full((len(strains), 1), 1.0 if orders[k] == 0 else 0.0)
+            factors.append(np.concatenate([constant, line.design(strains[:, k], orders[k])], axis=1))
+        return np.einsum("np,nq,nr->npqr", *factors, optimize=True).reshape(len(strains), -1)
+
     def rows(self, strains: Array, orders: Orders = (0, 0, 0, 0, 0)) -> Array:
         """Derivatives of all terms of stage 2 at states (n, 5) by the unknowns, (n, unknowns)."""
-        result = np.zeros((len(strains), len(self.unknowns)))
-        for (i, j), where in self.slices.items():
-            if sum(orders) == orders[i] + orders[j]:
-                first, second = self.bases[i, j]
-                left, right = first.design(strains[:, i], orders[i]), second.design(strains[:, j], orders[j])
-                result[:, where] = np.einsum("np,nq->npq", left, right).reshape(len(strains), -1)
+        result = super().rows(strains, orders)
         result[:, self.old :] = self.inside_rows(strains, orders)
         return result
+
+    def twist_rows(self, strains: Array) -> tuple[Array, Array]:
+        """∂²ψ/∂II12² at states (n, 5) of diagonal second forms: rows (n, unknowns), and what the f_i add (n,)."""
+        rows, part = super().twist_rows(strains)
+        where = slice(self.old + self.ends[COUPLING], self.old + self.ends[COUPLING + 1])
+        x, y = strains[:, 3:].T / self.curvature
+        size = 1 + x * x + y * y
+        factor = 2 * (size - 2 * x * y) / size**2 / self.curvature**2
+        rows[:, where] = factor[:, None] * self._solid(strains, (0, 0, 0))[:, self.chosen[COUPLING]]
+        return rows, part
 
     def _add_states_inside(self) -> None:
         """Energies and stresses of states off the planes, bending stresses of all flat states."""
@@ -180,13 +193,18 @@ class InsideFit(PlaneFit):
 
 
 def _coupling(bends: Array, orders: tuple[int, ...]) -> Array:
-    """χ of diagonal second forms (n, 2) in units of κ, or its first derivative by one of the two."""
-    x, y = bends.T
+    """χ of diagonal second forms (n, 2) in units of κ, or a first or second derivative by the two."""
+    x, y = bends.T if orders[0] >= orders[1] else bends.T[::-1]
     size = 1 + x * x + y * y
-    if orders == (0, 0):
-        return x * y / size
-    first, other = (x, y) if orders == (1, 0) else (y, x)
-    return other / size - 2 * first * first * other / size**2
+    match max(orders), sum(orders):
+        case 0, 0:
+            return x * y / size
+        case 1, 1:
+            return y / size - 2 * x * x * y / size**2
+        case 1, 2:
+            return 1 / size - 2 * (x * x + y * y) / size**2 + 8 * x * x * y * y / size**3
+        case _:
+            return -6 * x * y / size**2 + 8 * x**3 * y / size**3
 
 
 def _shapes(curvatures: Array) -> tuple[CubicSpline, ...]:

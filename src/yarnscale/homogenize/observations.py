@@ -20,6 +20,8 @@ SHEAR = 1
 """Index of s_a."""
 IN_STRESS = [0, 1, 2, 3, 5]
 """Components of stress that belong to s_x, s_a, s_y, λ_x and λ_y."""
+TWIST = 4
+"""Component of stress that belongs to II12."""
 _ON_AXIS = 1e-9
 """Strains below this fraction of the sampled range count as zero."""
 
@@ -30,7 +32,7 @@ class FitOptions:
 
     axis_knots, plane_knots: most knots an axis has in one- and two-dimensional terms.
     smoothing: weight of squared third differences of coefficients beside squared relative residuals; little of it
-    lets splines that meet both energies and slopes ring between samples.
+    lets splines that meet both energies and slopes ring between samples. Where moduli are known, a hundredth of it.
     small: energy, as a fraction of the largest along the same side of an axis, below which residuals stop being
     relative. noise: fraction of its energy to which a sampled state is believed.
     reach: distance, as a fraction of the range, over which an error in stress counts as one in energy.
@@ -56,12 +58,13 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class Observations:
-    """Samples: strains (n, 5), energies (n,), stresses (n, 5) with NaN where unknown, weights (n,)."""
+    """Samples: strains (n, 5), energies (n,), stresses (n, 5), weights (n,), moduli (n, 6, 6); NaN where unknown."""
 
     strains: Array
     energies: Array
     stresses: Array
     weights: Array
+    moduli: Array
 
     @cached_property
     def acting(self) -> Mask:
@@ -98,6 +101,7 @@ def observations(
     energies: ArrayLike,
     stresses: ArrayLike | None = None,
     *,
+    moduli: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     valid: ArrayLike | None = None,
 ) -> Observations:
@@ -107,11 +111,13 @@ def observations(
         raise InputError("strains", expected=f"shape (n, 5), {', '.join(AXES)}", found=strain.shape)
     n = len(strain)
     stress = np.full((n, 5), np.nan) if stresses is None else np.asarray(stresses, dtype=np.float64)
+    modulus = np.full((n, 6, 6), np.nan) if moduli is None else np.asarray(moduli, dtype=np.float64)
     weight = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     keep = np.ones(n, dtype=bool) if valid is None else np.asarray(valid, dtype=bool)
     for name, array, shape in (
         ("energies", energy, (n,)),
         ("stresses", stress, (n, 5)),
+        ("moduli", modulus, (n, 6, 6)),
         ("weights", weight, (n,)),
         ("valid", keep, (n,)),
     ):
@@ -120,7 +126,7 @@ def observations(
     keep = keep & np.all(np.isfinite(strain), axis=1) & np.isfinite(energy) & (weight > 0)
     if not np.any(keep):
         raise InputError("samples", expected="at least one valid state", found="none")
-    return Observations(strain[keep], energy[keep], stress[keep], weight[keep])
+    return Observations(strain[keep], energy[keep], stress[keep], weight[keep], modulus[keep])
 
 
 def strains_of(states: ArrayLike) -> Array:

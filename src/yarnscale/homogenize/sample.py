@@ -335,7 +335,8 @@ def _exclude(store: SampleStore, index: int) -> None:
     store.write(
         index,
         {
-            "energy_density": nan, "stress": np.full(6, nan), "iterations": 0, "seconds": 0.0, "residual": nan,
+            "energy_density": nan, "stress": np.full(6, nan), "moduli": np.full((6, 6), nan),
+            "iterations": 0, "seconds": 0.0, "residual": nan,
             "min_distance_over_diameter": nan, "fluctuation": np.full((vertices, 3), nan),
             "twist": np.full(vertices, nan), "positions": np.full((vertices, 3), nan), "status": CODE_OF["excluded"],
         },

@@ -38,7 +38,7 @@ class _Field:
     dims: tuple[str, ...] = ()
 
 
-def _fields(vertices: int, positions: bool) -> dict[str, tuple[_Field, tuple[int, ...]]]:
+def _fields(vertices: int, positions: bool, moduli: bool = True) -> dict[str, tuple[_Field, tuple[int, ...]]]:
     nan = float("nan")
     scalar = {
         "energy_density": _Field("<f8", nan, "J/m^2", "energy per reference area"),
@@ -50,6 +50,10 @@ def _fields(vertices: int, positions: bool) -> dict[str, tuple[_Field, tuple[int
     fields: dict[str, tuple[_Field, tuple[int, ...]]] = {name: (entry, ()) for name, entry in scalar.items()}
     about = "derivative of energy_density by s_x, s_a, s_y [J/m^2], II11, II12, II22 [J/m]"
     fields["stress"] = _Field("<f8", nan, "J/m^2, J/m", about, ("component",)), (6,)
+    if moduli:
+        about = "second derivative of energy_density by the components of stress, NaN where the cell has none"
+        dims = ("component", "component_2")
+        fields["moduli"] = _Field("<f8", nan, "J/m^2, J/m, J", about, dims), (6, 6)
     about = "co-rotated fluctuation of the primary tile's vertices"
     fields["fluctuation"] = _Field("<f8", nan, "m", about, ("vertex", "axis")), (vertices, 3)
     fields["twist"] = _Field("<f8", nan, "rad", "twist of every edge", ("vertex",)), (vertices,)
@@ -102,7 +106,8 @@ class SampleStore:
         axes = {name: np.asarray(group[name][...]) for name in STRAINS}  # type: ignore[index]
         self.states = _states(self.dims, axes)
         self.has_positions = "positions" in group
-        self._fields = _fields(int(self.attributes["vertices"]), self.has_positions)
+        self.has_moduli = "moduli" in group  # stores of earlier versions have none
+        self._fields = _fields(int(self.attributes["vertices"]), self.has_positions, self.has_moduli)
 
     @classmethod
     def create(

@@ -40,11 +40,22 @@ def strain_of(state: Array) -> ShellStrain:
     return ShellStrain(state[0], state[1], state[2], state[3], 0.0, state[4])
 
 
-def record(state: Equilibrium) -> dict[str, object]:
+def moduli_of(cell: PeriodicCell, state: Equilibrium) -> Array:
+    """Moduli of an equilibrium (6, 6); NaN where it is none, or on the verge of buckling."""
+    if state.outcome == "converged":
+        try:
+            return cell.moduli(state)
+        except ArithmeticError:
+            pass
+    return np.full((6, 6), np.nan)
+
+
+def record(state: Equilibrium, moduli: Array) -> dict[str, object]:
     """What a store keeps of an equilibrium."""
     return {
         "energy_density": state.energy_density,
         "stress": state.stress,
+        "moduli": moduli,
         "iterations": state.iterations,
         "seconds": state.seconds,
         "residual": state.residual,
@@ -84,7 +95,8 @@ class Start:
 def solve(cell: PeriodicCell, state: Array, start: Start | None) -> tuple[dict[str, object], float]:
     """One solve, run by a worker: its record and the worker's peak memory [MB]."""
     seed = None if start is None else (strain_of(start.state), start.fluctuation, start.twist)
-    return record(cell.relax_from(strain_of(state), seed)), _peak_megabytes()
+    equilibrium = cell.relax_from(strain_of(state), seed)
+    return record(equilibrium, moduli_of(cell, equilibrium)), _peak_megabytes()
 
 
 def _peak_megabytes() -> float:
