@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import qmc
 
 from yarnscale.estimate.evaluations import Evaluations, Residuals
 from yarnscale.estimate.fabric_shell import fit_shell
@@ -187,13 +188,7 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
     evaluations = PartEvaluations(
         shared, tuple(Evaluations(part, executor, _store(options)(part)) for part in parts)
     )
-    joined = shared.joined(starts)
-    # From the middle of the yarns, and from each of them in all fabrics.
-    tries = [joined] + [np.concatenate([start[:5], joined[5:]]) for start in starts]
-    found = evaluations.many(tries)
-    for name, entry in zip(["middle", *options.samples], found, strict=True):
-        _tell(options, {"yarn of": name, "objective": entry.objective})
-    first = tries[int(np.argmin([entry.objective for entry in found]))]
+    first = _first_yarn(options, evaluations, starts)
     end = gauss_newton(evaluations, first, iterations=options.iterations)  # pyright: ignore[reportArgumentType]
     rows: list[dict] = [{"parameters": models[0].values(shared.split(end)[0])[:5].tolist(), "unknowns": end.tolist(),
                          "objective": evaluations.many([end])[0].objective, "solves": evaluations.solves,
@@ -206,6 +201,27 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
     for row in rows:
         _tell(options, row)
     return rows
+
+
+def _first_yarn(
+    options: argparse.Namespace, evaluations: PartEvaluations, starts: list[np.ndarray]
+) -> np.ndarray:
+    """Where to begin: the middle of the yarns or one of them in all fabrics, each in the best of some shapes."""
+    joined = evaluations.objective.joined(starts)
+    found = []
+    for name, yarn in zip(["middle", *options.samples], [joined, *starts], strict=True):
+        shaped, objectives = [], []
+        for own, part in zip(starts, evaluations.parts, strict=True):
+            shapes = qmc.Sobol(len(own) - 5, rng=options.seed).random(options.shapes)
+            points = [np.concatenate([yarn[:5], shape]) for shape in [own[5:], *shapes]]
+            values = [entry.objective for entry in part.many(points)]
+            shaped.append(points[int(np.argmin(values))])
+            objectives.append(min(values))
+        found.append(
+            (float(np.mean(objectives)), np.concatenate([yarn[:5], *(point[5:] for point in shaped)]))
+        )
+        _tell(options, {"yarn of": name, "objective": found[-1][0], "objectives": objectives})
+    return min(found, key=lambda pair: pair[0])[1]
 
 
 @dataclass(eq=False)
@@ -293,6 +309,9 @@ if __name__ == "__main__":
     arguments.add_argument("--starts", type=int, default=128)
     arguments.add_argument("--refined", type=int, default=3)
     arguments.add_argument("--iterations", type=int, default=12, help="Gauss-Newton with one yarn in all")
+    arguments.add_argument(
+        "--shapes", type=int, default=16, help="tried for each fabric with each first yarn"
+    )
     arguments.add_argument("--seed", type=int, default=0)
     arguments.add_argument("--workers", type=int, default=2)
     arguments.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES), help="of the ablations")
