@@ -53,9 +53,9 @@ def default_pattern() -> str:
     return str(path) if path.is_file() else "stockinette"
 
 
-def solved(cell: PeriodicCell, states: Array, folder: Path) -> SampledStates:
-    """Energies and stresses of states."""
-    store = create_store(folder, cell, scattered_axes(states), scattered=True)
+def solved(cell: PeriodicCell, states: Array, folder: Path, *, moduli: bool = False) -> SampledStates:
+    """Energies, stresses and, if asked, moduli of states."""
+    store = create_store(folder, cell, scattered_axes(states), scattered=True, moduli=moduli)
     sample(cell, store, workers=1)
     return SampledStates.of(store)
 
@@ -166,12 +166,18 @@ def main() -> None:
         unseen = solved(cell, random_states(box, options.unseen, seed=options.seed), Path(folder) / "unseen")
         for count in counts:
             pairs = solved(cell, axes_and_planes(box, count), Path(folder) / f"pairs{count}")
-            inside = solved(cell, axes_planes_and_inside(box, count), Path(folder) / f"inside{count}")
+            inside = solved(
+                cell, axes_planes_and_inside(box, count), Path(folder) / f"inside{count}", moduli=True
+            )
             chosen = None
             if options.adaptive:
                 path = Path(folder) / "adaptive"
                 plan = scattered_axes(axes_planes_and_inside(box, counts[0]))
-                store = SampleStore(path) if path.exists() else create_store(path, cell, plan, scattered=True)
+                store = (
+                    SampleStore(path)
+                    if path.exists()
+                    else create_store(path, cell, plan, scattered=True, moduli=True)
+                )
                 chosen = SampledStates.of(refine(cell, store, budget=count, workers=1).store)
             for name, (states, material) in fits(pairs, inside, chosen, cell.area_density).items():
                 report = validate(

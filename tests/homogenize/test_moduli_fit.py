@@ -124,7 +124,7 @@ def test_a_store_keeps_moduli_and_they_are_derivatives_of_stress(tmp_path):
     step = 2e-4
     states = np.zeros((3, 5))
     states[1:, 0] = [step, -step]
-    store = create_store(tmp_path / "store", cell, scattered_axes(states), scattered=True)
+    store = create_store(tmp_path / "store", cell, scattered_axes(states), scattered=True, moduli=True)
     sample(cell, store, workers=1)
     found = SampledStates.of(store)
     assert found.converged.all()

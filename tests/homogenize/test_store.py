@@ -136,7 +136,7 @@ def test_status_is_the_last_to_be_written(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("yarnscale.homogenize.store.os.replace", note)
     store.write(0, result(0))
     assert order[-1] == "status"
-    assert len(order) == 11
+    assert len(order) == 10
 
 
 def test_what_a_killed_run_was_writing_is_discarded(tmp_path: Path) -> None:

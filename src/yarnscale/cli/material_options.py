@@ -63,6 +63,9 @@ def add_material_commands(add: Add) -> None:
     )
     command.add_argument("--out", type=Path, required=True, metavar="STORE", help="zarr store to write")
     command.add_argument("--positions", action="store_true", help="store the vertices of every state too")
+    command.add_argument(
+        "--moduli", action="store_true", help="store the moduli of every state too, which takes twice as long"
+    )
     add_free_sliding(command)
     command.add_argument(
         "--size", type=size, default=(1, 1), metavar="NxM", help="sample N by M tiles as one cell (1x1)"

@@ -36,8 +36,9 @@ def sample(options: argparse.Namespace) -> int:
         check_resumable(store, cell, grid.axes, positions=options.positions, tiles=options.size)
     else:
         store = create_store(
-            options.out, cell, grid.axes, scattered=False, positions=options.positions, tiles=options.size
-        )
+            options.out, cell, grid.axes, scattered=False, positions=options.positions, moduli=options.moduli,
+            tiles=options.size,
+        )  # fmt: skip
     line = ProgressLine(f"sampling {pattern.name}")
     summary = run_sample(
         cell, store, workers=worker_count(options), dask=options.dask,

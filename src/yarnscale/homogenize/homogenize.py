@@ -107,7 +107,7 @@ def homogenize(
             stores[name] = SampleStore(path)
             check_resumable(stores[name], cell, axes, more=name == "samples" and budget is not None)
         else:
-            stores[name] = create_store(path, cell, axes, scattered=True)
+            stores[name] = create_store(path, cell, axes, scattered=True, moduli=name == "samples")
         if name == "samples" and budget is not None:
             refined = refine(
                 cell, stores[name], budget=budget, target_error=target_error, workers=workers,

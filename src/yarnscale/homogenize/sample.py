@@ -88,11 +88,13 @@ def create_store(
     *,
     scattered: bool,
     positions: bool = False,
+    moduli: bool = False,
     tiles: tuple[int, int] = (1, 1),
 ) -> SampleStore:
     """A new store for this cell; its states that bend about both axes are marked ``excluded``.
 
-    tiles: how many tiles of a smaller pattern the cell holds; only told to readers of the store.
+    moduli: keep those of every equilibrium too, which takes about as long as finding it. tiles: how many tiles of a
+    smaller pattern the cell holds; only told to readers of the store.
     """
     return SampleStore.create(
         path,
@@ -100,6 +102,7 @@ def create_store(
         scattered=scattered,
         vertices=len(cell.pattern.edges),
         positions=positions,
+        moduli=moduli,
         provenance=provenance(cell, tiles),
     )
 
@@ -225,7 +228,9 @@ class _Run:
             start = self._start(index)
             try:
                 with _interrupts_held():
-                    future = executor.submit(solve, self.cell, self.store.states[index], start)
+                    future = executor.submit(
+                        solve, self.cell, self.store.states[index], start, moduli=self.store.has_moduli
+                    )
             except BrokenProcessPool:
                 self._lost()
                 return False

@@ -38,7 +38,7 @@ class _Field:
     dims: tuple[str, ...] = ()
 
 
-def _fields(vertices: int, positions: bool, moduli: bool = True) -> dict[str, tuple[_Field, tuple[int, ...]]]:
+def _fields(vertices: int, positions: bool, moduli: bool) -> dict[str, tuple[_Field, tuple[int, ...]]]:
     nan = float("nan")
     scalar = {
         "energy_density": _Field("<f8", nan, "J/m^2", "energy per reference area"),
@@ -106,7 +106,7 @@ class SampleStore:
         axes = {name: np.asarray(group[name][...]) for name in STRAINS}  # type: ignore[index]
         self.states = _states(self.dims, axes)
         self.has_positions = "positions" in group
-        self.has_moduli = "moduli" in group  # stores of earlier versions have none
+        self.has_moduli = "moduli" in group
         self._fields = _fields(int(self.attributes["vertices"]), self.has_positions, self.has_moduli)
 
     @classmethod
@@ -118,6 +118,7 @@ class SampleStore:
         scattered: bool,
         vertices: int,
         positions: bool = False,
+        moduli: bool = False,
         provenance: Mapping[str, object],
     ) -> SampleStore:
         """A new store for a grid (five axes) or for scattered states (five columns of equal length)."""
@@ -137,7 +138,9 @@ class SampleStore:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.rmtree(building, ignore_errors=True)
-            _write_empty(building, axes, dims, shape, _fields(vertices, positions), vertices, provenance)
+            _write_empty(
+                building, axes, dims, shape, _fields(vertices, positions, moduli), vertices, provenance
+            )
             if path.exists():
                 path.rmdir()
             os.replace(building, path)

@@ -50,12 +50,11 @@ def moduli_of(cell: PeriodicCell, state: Equilibrium) -> Array:
     return np.full((6, 6), np.nan)
 
 
-def record(state: Equilibrium, moduli: Array) -> dict[str, object]:
-    """What a store keeps of an equilibrium."""
+def record(state: Equilibrium) -> dict[str, object]:
+    """What every store keeps of an equilibrium."""
     return {
         "energy_density": state.energy_density,
         "stress": state.stress,
-        "moduli": moduli,
         "iterations": state.iterations,
         "seconds": state.seconds,
         "residual": state.residual,
@@ -92,11 +91,14 @@ class Start:
     twist: Array
 
 
-def solve(cell: PeriodicCell, state: Array, start: Start | None) -> tuple[dict[str, object], float]:
-    """One solve, run by a worker: its record and the worker's peak memory [MB]."""
+def solve(
+    cell: PeriodicCell, state: Array, start: Start | None, *, moduli: bool = False
+) -> tuple[dict[str, object], float]:
+    """One solve, run by a worker: its record, with moduli if asked, and the worker's peak memory [MB]."""
     seed = None if start is None else (strain_of(start.state), start.fluctuation, start.twist)
     equilibrium = cell.relax_from(strain_of(state), seed)
-    return record(equilibrium, moduli_of(cell, equilibrium)), _peak_megabytes()
+    extra = {"moduli": moduli_of(cell, equilibrium)} if moduli else {}
+    return record(equilibrium) | extra, _peak_megabytes()
 
 
 def _peak_megabytes() -> float:
