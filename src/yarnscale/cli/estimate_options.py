@@ -63,7 +63,7 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
         help="of the stiffest yarn, k_s2 (default: from the measurements, else an estimate of 60 N)",
     )  # fmt: skip
     command.add_argument(
-        "--starts", type=positive_integer, default=128, metavar="N", help="scattered yarns (128)"
+        "--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)"
     )
     command.add_argument(
         "--refined",

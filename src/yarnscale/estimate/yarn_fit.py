@@ -28,7 +28,7 @@ SOLVERS = ("sobol", "local", "paper")
 ``paper``: swarm, then COBYLA (EST22 §7.3.3)."""
 SEARCHED = 7
 """Stretches per direction during the search (EST22 §7.3.3)."""
-STARTS, REFINED = 128, 3
+STARTS, REFINED = 64, 3
 """Scattered points, and how many of the best are refined."""
 
 _GROWN = 0.01

@@ -40,7 +40,7 @@ INNER_RADIUS = 0.25
 LARGEST_KNEE = 0.15
 SOFTEST_CONTACT, STIFFEST_CONTACT = 1e-2, 3e3
 """Range of k_c1 [kg/s²]. EST22's ends at 1e2, where fits of thick spun yarns in tight hand knits end too and fail."""
-LARGEST_ASPECT = 1.8
+LARGEST_ASPECT = 3.0
 LARGEST_SHORTENING = 0.15
 ITERATIONS, TOLERANCE = 150, 1e-8
 """Of equilibria: loose yarns change their stress long after forces are small, which differences would feel."""
