@@ -172,6 +172,14 @@ def test_a_seam_springs_back_to_its_angle() -> None:
     assert turned == pytest.approx(angle, abs=0.01)
 
 
+def test_an_angle_of_seams_leaves_other_folds_as_they_are() -> None:
+    sewn = cut(even_rectangle())
+    creased = replace(sewn, rest_angles=np.where(sewn.seams, 0.1, 0.2)).with_seam_angle(0.5)
+    np.testing.assert_array_equal(creased.rest_angles, np.where(sewn.seams, 0.5, 0.2))
+    np.testing.assert_array_equal(creased.corners, sewn.corners)
+    np.testing.assert_array_equal(creased.with_grain(0.3).rest_angles, creased.rest_angles)
+
+
 def test_panels_are_counted() -> None:
     assert rectangle(0.04, 0.04, 0.02).panel_numbers.max() == 0
     sewn = cut(even_rectangle())
@@ -187,7 +195,11 @@ def test_panels_are_counted() -> None:
         ({"triangles": tube().triangles[:4]}, "corners; expected one per corner"),
         ({"triangles": tube().triangles[:, [1, 2, 0]]}, "material point .*expected one vertex in space"),
         ({"grain": np.zeros(3)}, "grain; expected a finite angle"),
-        ({"rest_angles": np.full((192, 3), 4.0)}, "fold angles at rest; expected between -pi and pi"),
+        (
+            {"rest_angles": np.full((192, 3), 4.0)},
+            "fold angles at rest; expected between -pi and pi .*found 4",
+        ),
+        ({"rest_angles": np.zeros((2, 3))}, r"fold angles at rest; expected shape \(192, 3\)"),
     ],
 )
 def test_broken_seams_are_refused(change: dict, message: str) -> None:
