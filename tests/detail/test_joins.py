@@ -15,7 +15,6 @@ from yarnscale.detail.tiling import Tilings, YarnLayout
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.errors import InputError
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.yarn.pattern import YarnPattern
 
 
 def grid(columns: int, rows: int, step: float) -> TriangleMesh:
@@ -203,4 +202,3 @@ def test_yarns_of_a_stretched_pattern_feel_the_stretch(made_up: FluctuationTable
     states = detail.states(mesh.assembled)
     chord = 23 * math.sin(math.pi / 23) / math.pi
     np.testing.assert_allclose(states[:, 0], chord * stretch[0] - 1.0, atol=2e-3)
-    assert isinstance(made_up.pattern, YarnPattern)

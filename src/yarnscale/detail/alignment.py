@@ -38,12 +38,13 @@ class _Shift:
 
 def aligned_tilings(period: Floats, mesh: TriangleMesh) -> Tilings:
     """Tilings of the panels of a mesh by a pattern of a period (2,) [m] that agree across seams where they can."""
-    count = int(mesh.panel_numbers.max()) + 1
+    numbers = mesh.panel_numbers
+    count = int(numbers.max()) + 1
     if not mesh.has_seams:
         return Tilings.plain(count)
     shifts = _shifts(mesh, 0.25 * float(period.min()))
     origin, stretch = np.zeros((count, 2)), np.ones((count, 2))
-    middle = np.array([mesh.material[mesh.panel_numbers == p].mean(axis=0) for p in range(count)])
+    middle = np.array([mesh.material[numbers == p].mean(axis=0) for p in range(count)])
     for axis in range(2):
         matrix, wanted = _equations(shifts, middle, period, axis, count)
         found = np.linalg.lstsq(matrix, wanted, rcond=None)[0]

@@ -6,7 +6,7 @@ surface's gradient there. Yarns keep the lengths that they have in the pattern: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,32 +45,25 @@ def sheet_on_mesh(
     positions: of the mesh's vertices (nv, 3) [m], by default as assembled. Raises InputError where no yarn fits, and
     for cloth too large for its yarns.
     """
-    flat = YarnLayout.of(pattern, mesh)
-    if flat.vertex_count > LARGEST_SHEET:
-        raise InputError(
-            "yarns on the mesh", expected=f"at most {LARGEST_SHEET} vertices", found=flat.vertex_count
-        )
-    positions = mesh.assembled if positions is None else np.asarray(positions, np.float64)
     detail = YarnDetail.of(_one_state(pattern, state), mesh, seams="cut")
     layout, vertex = detail.layout, detail.layout.vertex
+    if layout.vertex_count > LARGEST_SHEET:
+        raise InputError(
+            "yarns on the mesh", expected=f"at most {LARGEST_SHEET} vertices", found=layout.vertex_count
+        )
+    positions = mesh.assembled if positions is None else np.asarray(positions, np.float64)
     places = detail.curves(positions)
     tile = np.round((layout.material - pattern.vertices[vertex, :2]) / pattern.period).astype(np.int64)
-    assert pattern.yarn_material is not None
-    reference = pattern.vertices[vertex].copy()
-    reference[:, :2] += tile * pattern.period
-    sheet = YarnSheet(
-        vertices=reference, offsets=layout.offsets, closed=layout.closed,
-        twist=pattern.twist[vertex] if state is None else state.twist[vertex],
-        rest_length=pattern.rest_length[vertex], rest_curvature=pattern.rest_curvature[vertex],
-        rest_twist=pattern.rest_twist[vertex], reference_director=pattern.reference_director[vertex],
-        reference_twist=pattern.reference_twist[vertex], radius=pattern.radius, yarn=layout.yarn, source=vertex,
-        tile=tile, yarn_material=pattern.yarn_material[layout.yarn], area=float(mesh.areas.sum()),
+    sheet = replace(
+        YarnSheet.of_vertices(pattern, vertex, tile, layout.offsets, layout.closed),
+        area=float(mesh.areas.sum()),
         name=f"{pattern.name} on a mesh",
-    )  # fmt: skip
+    )
     rotations = _rotations(detail, positions)
     edge = pattern.edge_vectors()[vertex]
     tangents = edge / np.linalg.norm(edge, axis=1)[:, None]
-    laid = sheet.moved(places, rotations=rotations, tangents=tangents)
+    twist = None if state is None else state.twist[vertex]
+    laid = sheet.moved(places, twist=twist, rotations=rotations, tangents=tangents)
     return SheetOnMesh(laid, rotations[:, :, 2], _border_distance(mesh, layout, pattern.radius))
 
 
@@ -97,21 +90,15 @@ def _rotations(detail: YarnDetail, positions: Array) -> Array:
 def _border_distance(mesh: TriangleMesh, layout: YarnLayout, spacing: float) -> Array:
     """Distance of every yarn vertex from the nearest edge of its panel, in the fabric (n,) [m]."""
     open_edges = ~mesh.has_neighbour | mesh.seams
-    tails = np.stack([mesh.corners[:, k] for k in range(3)], axis=1)[open_edges]
-    heads = np.stack([mesh.corners[:, (k + 1) % 3] for k in range(3)], axis=1)[open_edges]
-    if len(tails) == 0:
-        return np.full(layout.vertex_count, np.inf)
-    numbers = mesh.panel_numbers
+    tails, heads = mesh.corners[open_edges], np.roll(mesh.corners, -1, axis=1)[open_edges]
+    panels = mesh.panel_numbers[tails]
     distance = np.full(layout.vertex_count, np.inf)
-    own = numbers[mesh.corners[layout.triangle, 0]]
-    for panel in range(int(numbers.max()) + 1):
-        here = numbers[tails] == panel
-        if not here.any():
-            continue
+    for panel in np.unique(panels):
+        here = panels == panel
         start, end = mesh.material[tails[here]], mesh.material[heads[here]]
         pieces = max(1, int(np.ceil(float(np.linalg.norm(end - start, axis=1).max()) / spacing)))
         along = np.linspace(0.0, 1.0, pieces + 1)[:, None, None]
         points = (start + along * (end - start)).reshape(-1, 2)
-        chosen = own == panel
+        chosen = layout.panel == panel
         distance[chosen] = KDTree(points).query(layout.material[chosen])[0]
     return distance

@@ -140,21 +140,35 @@ class YarnSheet:
                 expected="more columns or rows",
                 found=(columns, rows),
             )
+        offsets = np.concatenate([[0], np.cumsum(lengths)])
+        size = columns * float(pattern.period[0]), rows * float(pattern.period[1])
+        flat = replace(
+            cls.of_vertices(pattern, vertex, tile, offsets, closed),
+            area=size[0] * size[1], name=f"{pattern.name} {columns}×{rows}", size=size,
+        )  # fmt: skip
+        return flat._rolled(pattern) if tube else flat
+
+    @classmethod
+    def of_vertices(
+        cls,
+        pattern: YarnPattern,
+        vertex: Indices,
+        tile: Indices,
+        offsets: Indices,
+        closed: NDArray[np.bool_],
+    ) -> YarnSheet:
+        """Some vertices (n,) of a pattern in their tiles (n, 2), yarn after yarn, as they are drawn; area: 0."""
         positions = pattern.vertices[vertex].copy()
         positions[:, :2] += tile * pattern.period
-        offsets = np.concatenate([[0], np.cumsum(lengths)])
         yarn = pattern.yarn_of_vertex[vertex[offsets[:-1]]]
         assert pattern.yarn_material is not None
-        size = columns * float(pattern.period[0]), rows * float(pattern.period[1])
-        flat = cls(
+        return cls(
             vertices=positions, offsets=offsets, closed=closed, twist=pattern.twist[vertex],
             rest_length=pattern.rest_length[vertex], rest_curvature=pattern.rest_curvature[vertex],
             rest_twist=pattern.rest_twist[vertex], reference_director=pattern.reference_director[vertex],
             reference_twist=pattern.reference_twist[vertex], radius=pattern.radius, yarn=yarn, source=vertex,
-            tile=tile, yarn_material=pattern.yarn_material[yarn], area=size[0] * size[1],
-            name=f"{pattern.name} {columns}×{rows}", size=size,
+            tile=tile, yarn_material=pattern.yarn_material[yarn], area=0.0, name=pattern.name,
         )  # fmt: skip
-        return flat._rolled(pattern) if tube else flat
 
     @classmethod
     def filling(cls, pattern: YarnPattern, width: float, height: float, *, tube: bool = False) -> YarnSheet:
