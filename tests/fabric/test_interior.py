@@ -42,6 +42,10 @@ def test_a_sheet_in_a_cells_state_has_its_strain_stress_and_energy(strain: Shell
     assert found.yarn == pytest.approx(1.0, rel=1e-9)
     # Shear stress adds to the pull across a sheared stitch.
     np.testing.assert_allclose(found.stress, stress, rtol=1e-6 if strain.s_a == 0 else 5e-3)
+    # Wherever its tiles are counted from.
+    moved = FabricEnergy(replace(energy.sheet, tile=energy.sheet.tile + np.array([7, -20])), SOFT)
+    again = interior(PATTERN, moved, moved.start(), share=0.5)
+    assert (again.stitches, again.yarn, again.energy) == (found.stitches, found.yarn, found.energy)
 
 
 def test_yarn_that_slid_along_itself_is_told_from_yarn_that_was_added() -> None:

@@ -93,9 +93,8 @@ def _stitches(
 ) -> tuple[Array, Array, Indices]:
     """Where along the numbered vertices stitches begin and end (s,), with fractions; their tiles (s, 2)."""
     found: dict[tuple[int, int], float] = {}
-    size = sheet.tile.max(axis=0) + 1
-    inner = np.abs(sheet.tile + 0.5 - 0.5 * size) <= 0.5 * share * size + 1e-9
-    heads = np.flatnonzero((sheet.source == head) & inner.all(axis=1))
+    heads = np.flatnonzero(sheet.source == head)
+    heads = heads[_inner(sheet.tile[heads], share)]
     if len(heads) < FEWEST:
         raise InputError(
             "stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(heads)
@@ -121,14 +120,21 @@ def _stitches(
     return np.array(first), np.array(last), np.array(tile, np.int64).reshape(-1, 2)
 
 
+def _inner(tiles: Indices, share: float) -> NDArray[np.bool_]:
+    """Which of a fabric's tiles (n, 2) lie in its middle share, by width and by height."""
+    low, high = tiles.min(axis=0), tiles.max(axis=0)
+    return (np.abs(tiles - 0.5 * (low + high)) <= 0.5 * share * (high - low + 1) + 1e-9).all(axis=1)
+
+
 def _slid(sheet: YarnSheet, plan: Array, head: int, share: float, around: int) -> float:
     """How much shorter heads become from one course to the next [m], from places in plan (n, 2)."""
-    size = sheet.tile.max(axis=0) + 1
-    heads = {tuple(sheet.tile[v].tolist()): int(v) for v in np.flatnonzero(sheet.source == head)}
+    vertices = np.flatnonzero(sheet.source == head)
+    heads = {tuple(sheet.tile[v].tolist()): int(v) for v in vertices}
     courses, arcs = [], []
-    for (a, b), vertex in heads.items():
+    for vertex in vertices[_inner(sheet.tile[vertices], share)].tolist():
+        a, b = sheet.tile[vertex].tolist()
         above = heads.get((a, b + 1))
-        if above is None or (np.abs(np.array([a, b]) + 0.5 - 0.5 * size) > 0.5 * share * size + 1e-9).any():
+        if above is None:
             continue
         first, own = _stretch_of_yarn(sheet, vertex, around // 2)
         _, other = _stretch_of_yarn(sheet, above, 3 * around // 2)
