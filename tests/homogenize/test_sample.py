@@ -180,6 +180,8 @@ def test_only_the_same_run_resumes(cell: PeriodicCell, tmp_path: Path) -> None:
         check_resumable(store, cell, moved)
     with pytest.raises(InputError, match="no positions"):
         check_resumable(store, cell, GRID.axes, positions=True)
+    with pytest.raises(InputError, match="no moduli"):
+        check_resumable(store, cell, GRID.axes, moduli=True)
 
 
 def test_scattered_states_resume_too(cell: PeriodicCell, tmp_path: Path) -> None:

@@ -33,7 +33,9 @@ def sample(options: argparse.Namespace) -> int:
         )
     if options.resume and options.out.exists():
         store = SampleStore(options.out)
-        check_resumable(store, cell, grid.axes, positions=options.positions, tiles=options.size)
+        check_resumable(
+            store, cell, grid.axes, positions=options.positions, moduli=options.moduli, tiles=options.size
+        )
     else:
         store = create_store(
             options.out, cell, grid.axes, scattered=False, positions=options.positions, moduli=options.moduli,

@@ -125,12 +125,13 @@ def check_resumable(
     axes: Mapping[str, Array],
     *,
     positions: bool = False,
+    moduli: bool = False,
     tiles: tuple[int, int] = (1, 1),
     more: bool = False,
 ) -> None:
-    """InputError unless the store was made for this cell and these states, and for positions if they are asked.
+    """InputError unless the store was made for this cell and these states, and keeps what is asked of every state.
 
-    more: the store may hold further states behind these.
+    positions, moduli: whether they are asked. more: the store may hold further states behind these.
     """
     stored, now = store.attributes["provenance"], provenance(cell, tiles)
     for field, name in _TOLD_APART.items():
@@ -147,10 +148,14 @@ def check_resumable(
     held = store.states[: len(fresh)] if more else store.states
     if fresh.shape != held.shape or not np.allclose(fresh, held, atol=1e-12):
         raise InputError("cannot resume: other states", where=store.path, expected="the states of the store")
-    if positions and not store.has_positions:
-        raise InputError(
-            "cannot resume: the store has no positions", where=store.path, expected="no --positions"
-        )
+    for name, asked, there in (
+        ("positions", positions, store.has_positions),
+        ("moduli", moduli, store.has_moduli),
+    ):
+        if asked and not there:
+            raise InputError(
+                f"cannot resume: the store has no {name}", where=store.path, expected=f"no --{name}"
+            )
 
 
 def _plain(value: object) -> object:
