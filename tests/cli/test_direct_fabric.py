@@ -116,6 +116,10 @@ def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[s
     assert "stretch" in capsys.readouterr().err
     assert main(["fabric", "jersey", "--rows", "4", "--columns", "4", "--scene", "drape", "--count"]) == 2
     assert "--scene" in capsys.readouterr().err
+    splines = ["fabric", "jersey", "--rows", "4", "--columns", "4", "--count"]
+    for option in ("--friction", "--ball-friction"):
+        assert main([*splines, option, "0.3"]) == 2
+        assert option in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

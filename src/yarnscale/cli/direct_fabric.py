@@ -29,10 +29,14 @@ from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import read_pattern
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
 
+Laid = tuple[YarnSheet, Materials, Springs]
+"""A sheet, its materials, and what keeps its borders."""
 
-def sheet_at_rest(options: argparse.Namespace) -> tuple[YarnSheet, Materials, Springs]:
+
+def sheet_at_rest(options: argparse.Namespace) -> Laid:
     """The sheet asked for, its materials, and what keeps its borders.
 
     Loops of a cut sheet are those of the relaxed periodic cell; a knitted piece has come to ease as it was drawn.
@@ -43,38 +47,50 @@ def sheet_at_rest(options: argparse.Namespace) -> tuple[YarnSheet, Materials, Sp
     built = options.pattern in library.names() and given
     pattern = library.build(options.pattern, **given) if built else read_pattern(options.pattern)
     material = material_for(pattern, None if options.material is None else [options.material])
-    first = materials_of(pattern, material)[0]
-    if options.border == "knitted" and (options.tube or options.on is not None):
-        raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")
     if options.border == "knitted":
-        piece = knitted_sheet(pattern, options.columns, options.rows)
-        ends = woven_in(piece, first)
-        return (
-            piece if options.count else settled(FabricEnergy(piece, material, springs=ends)),
-            material,
-            ends,
-        )
-    if options.tube and options.on is not None:
-        raise InputError("--tube", expected="a sheet of --rows and --columns", found="--on")
-    if options.tube:
-        tube = YarnSheet.of(pattern, options.columns, options.rows, tube=True)
-        springs = _ring_glue(tube, first)
-        return (
-            tube if options.count else settled(FabricEnergy(tube, material, springs=springs)),
-            material,
-            springs,
-        )
-    cell = PeriodicCell(pattern, material)
+        if options.tube or options.on is not None:
+            raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")
+        return _knitted(options, pattern, material)
     if options.on is not None:
-        laid = sheet_on_mesh(pattern, read_garment(options.on), state=None if options.count else cell.relax())
-        edges = laid.border_distance < BORDER_WIDTH * pattern.radius
-        return laid.sheet, material, glue(laid.sheet, first, borders=edges, normals=laid.normals)
+        if options.tube:
+            raise InputError("--tube", expected="a sheet of --rows and --columns", found="--on")
+        return _on_mesh(options, pattern, material)
+    return _tube(options, pattern, material) if options.tube else _cut(options, pattern, material)
+
+
+def _knitted(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
+    piece = knitted_sheet(pattern, options.columns, options.rows)
+    return _at_ease(options, piece, material, woven_in(piece, materials_of(pattern, material)[0]))
+
+
+def _tube(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
+    tube = YarnSheet.of(pattern, options.columns, options.rows, tube=True)
+    return _at_ease(options, tube, material, _ring_glue(tube, materials_of(pattern, material)[0]))
+
+
+def _at_ease(options: argparse.Namespace, drawn: YarnSheet, material: Materials, borders: Springs) -> Laid:
+    """What no cell has the shape of comes to ease by itself."""
+    if options.count:
+        return drawn, material, borders
+    return settled(FabricEnergy(drawn, material, springs=borders)), material, borders
+
+
+def _on_mesh(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
+    state = None if options.count else PeriodicCell(pattern, material).relax()
+    laid = sheet_on_mesh(pattern, read_garment(options.on), state=state)
+    edges = laid.border_distance < BORDER_WIDTH * pattern.radius
+    first = materials_of(pattern, material)[0]
+    return laid.sheet, material, glue(laid.sheet, first, borders=edges, normals=laid.normals)
+
+
+def _cut(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
     sheet = YarnSheet.of(pattern, options.columns, options.rows)
     if options.count:
         return sheet, material, Springs.none()
+    cell = PeriodicCell(pattern, material)
     state = cell.relax()
     sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
-    return sheet, material, glue(sheet, first)
+    return sheet, material, glue(sheet, materials_of(pattern, material)[0])
 
 
 def _ring_glue(tube: YarnSheet, material: YarnMaterial) -> Springs:

@@ -37,9 +37,11 @@ def fabric(options: argparse.Namespace) -> int:
         return _direct(options)
     if options.scene != "hang":
         raise InputError("--scene", expected="hang, or --method direct or volume", found=options.scene)
-    for name, plain in (("border", "glued"), ("on", None), ("tube", False)):
-        if getattr(options, name) != plain:
-            raise InputError(f"--{name}", expected="--method direct", found=options.method)
+    plain = {"border": "glued", "on": None, "tube": False, "friction": 0.0, "ball_friction": 0.0}
+    for name, value in plain.items():
+        if getattr(options, name) != value:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(option, expected="--method direct", found=options.method)
     if options.pattern not in JERSEYS:
         raise InputError(
             "pattern", expected="for spline yarns one of " + ", ".join(JERSEYS), found=repr(options.pattern)

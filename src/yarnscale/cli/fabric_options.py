@@ -94,14 +94,14 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         type=not_negative,
         default=0.0,
         metavar="MU",
-        help="of yarns on each other, direct only (0)",
+        help="of yarns on each other, not of splines (0)",
     )
     command.add_argument(
         "--ball-friction",
         type=not_negative,
         default=0.0,
         metavar="MU",
-        help="of yarns on the ball of drape, direct only (0)",
+        help="of yarns on the ball of drape (0)",
     )
     command.add_argument("--duration", type=positive, default=3.0, metavar="SECONDS", help="to simulate (3)")
     command.add_argument(
