@@ -89,8 +89,9 @@ class YarnObjective:
                 curves.append(pulled(rested.cell, target.direction, target.stretch, near=start))
             else:
                 curves.append(_none(target))
-        solves = rested.solves + sum(curve.solves for curve in curves)
         bending = self._bending(rested)
+        solves = rested.solves + sum(curve.solves for curve in curves)
+        solves += int(rested.relaxed and len(bending) > 0)
         pairs = zip(self.data.curves, curves, strict=True)
         residuals = np.concatenate([*(self._residuals(*pair) for pair in pairs), self._bent(bending)])
         errors = self.data.errors(
