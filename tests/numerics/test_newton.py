@@ -300,6 +300,17 @@ def test_a_wrong_gradient_stalls() -> None:
     assert solution.value == 1.0
 
 
+def test_a_step_that_would_gain_too_little_is_the_end_but_not_after_one_that_failed() -> None:
+    """½ x² from x = 1 can gain ½; where the energy rises along every step, short steps tell nothing of the end."""
+    slope = quadratic_form(np.eye(1), np.zeros(1))
+    near = minimise(slope, np.ones(1), tolerance=1e-9, enough=0.6)
+    assert near.status is Status.CONVERGED and near.x[0] == 1.0 and near.factorisations == 1
+    far = minimise(slope, np.ones(1), tolerance=1e-9, enough=0.4)
+    assert far.status is Status.CONVERGED and far.iterations == 1 and abs(far.x[0]) < 0.02
+    wrong = Dense(1, lambda x: float(-x[0]), lambda x: x, lambda x: np.eye(1))
+    assert minimise(wrong, np.ones(1), tolerance=1e-9, enough=0.4).status is Status.STALLED
+
+
 def test_a_hessian_of_nan_stalls() -> None:
     objective = Dense(2, lambda x: float(x @ x), lambda x: 2 * x, lambda x: np.full((2, 2), np.nan))
     solution = minimise(objective, np.ones(2))

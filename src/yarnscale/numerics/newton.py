@@ -239,12 +239,14 @@ class _Minimisation:
         if residual > self.rule.hold_above:
             self.shift = self.rule.start
         before = self.shift
-        for _ in range(8):
+        for attempt in range(8):
             if not self._factorise(model):
                 return None
             failed = self.shift > before
             step = self.linear.step(-gradient, self._gap(x))
-            if 0.0 <= -0.5 * float(self._project(gradient) @ step) < self.enough and self._feasible(x):
+            gain = -0.5 * float(self._project(gradient) @ step)
+            # After a search that failed, steps are short because the model is wrong, not because the end is near.
+            if attempt == 0 and 0.0 <= gain < self.enough and self._feasible(x):
                 return x
             whole = 1.0 if self.bound is None else self.bound(x, step)
             fraction, ratio = self._search(x, value, gradient, step, whole, residual)
