@@ -306,7 +306,7 @@ if __name__ == "__main__":
     arguments.add_argument("--shared", type=Path, default=Path("../shared"))
     arguments.add_argument("--out", type=Path, default=Path("estimates"))
     arguments.add_argument("--samples", nargs="+", choices=KNITS, default=list(KNITS))
-    arguments.add_argument("--starts", type=int, default=128)
+    arguments.add_argument("--starts", type=int, default=64)
     arguments.add_argument("--refined", type=int, default=3)
     arguments.add_argument("--iterations", type=int, default=12, help="Gauss-Newton with one yarn in all")
     arguments.add_argument(

@@ -153,3 +153,10 @@ def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Pat
     for refused in ("--explicit", "--adaptive"):
         assert main([*SMALL, *run, *within, refused, "--out", str(tmp_path / "none")]) == 2
         assert refused in capsys.readouterr().err
+
+
+def test_options_that_exclude_each_other_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main([*SMALL, "--scene", "hang", "--explicit", "--friction", "0.3", "--out", str(tmp_path)]) == 2
+    assert "--friction" in capsys.readouterr().err
+    assert main([*SMALL, "--scene", "hang", "--on", "mesh.obj", "--out", str(tmp_path)]) == 2
+    assert "--rows" in capsys.readouterr().err

@@ -29,10 +29,14 @@ _FILES = {"gltf": "fabric.glb", "usd": "fabric.usdc", "mp4": "fabric.mp4"}
 
 def fabric(options: argparse.Namespace) -> int:
     """Simulate a finite fabric, or count its unknowns."""
-    if options.on is None:
-        for name in ("rows", "columns"):
-            if getattr(options, name) is None:
-                raise InputError(f"--{name}", expected="a whole number from 2 to 1000", found="none")
+    for name in ("rows", "columns"):
+        given = getattr(options, name)
+        if options.on is None and given is None:
+            raise InputError(f"--{name}", expected="a whole number from 2 to 1000", found="none")
+        if options.on is not None and given is not None:
+            raise InputError(f"--{name}", expected="none, as a mesh has its own size", found=given)
+    if options.explicit and options.friction:
+        raise InputError("--friction", expected="implicit steps", found="--explicit")
     if options.method == "direct" or _rods_in_a_volume(options):
         return _direct(options)
     if options.scene != "hang":
