@@ -124,7 +124,7 @@ def _nearest_seam(mesh: TriangleMesh, places: Floats, panel: Integers, spacing: 
 
 def _far_apart(panel: Integers, mesh: TriangleMesh) -> Floats:
     """A coordinate that keeps panels apart which lie on each other in the fabric."""
-    return 10.0 * float(np.ptp(mesh.material, axis=0).max()) * panel
+    return 10.0 * float(np.ptp(mesh.material, axis=0).max()) * panel.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
