@@ -12,6 +12,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -21,23 +22,12 @@ from yarnscale.numerics.factor import factorisation
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.dynamics.simulate import ClothSolver
 from yarnscale.shell.materials.material import ShellMaterial
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY, OrthotropicMaterial
 from yarnscale.shell.scenes.scene import drape, run_scene, stretch
 
 
 def woven() -> OrthotropicMaterial:
-    return OrthotropicMaterial(
-        stretch_weft=60.0,
-        stretch_coupling=10.0,
-        stretch_warp=90.0,
-        shear=20.0,
-        area=2.0,
-        log_area=2.0,
-        bend_weft=2e-6,
-        bend_bias=2e-6,
-        bend_warp=2e-6,
-        density=0.2,
-    )
+    return replace(JERSEY, bend_bias=2e-6, bend_warp=2e-6)
 
 
 def milliseconds(run: Callable[[], object], repeats: int = 7) -> float:

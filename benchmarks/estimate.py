@@ -9,18 +9,18 @@ import argparse
 import json
 import time
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import qmc
 
-from yarnscale.estimate.evaluations import Evaluations, Residuals
+from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.fabric_shell import fit_shell
 from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import YarnObjective, coarser
-from yarnscale.estimate.one_yarn import SharedObjective, with_one_yarn
+from yarnscale.estimate.one_yarn import SharedEvaluations, with_one_yarn
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData
 from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, estimate_yarn
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, fit_yarn
@@ -184,16 +184,18 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
         parts.append(YarnObjective(model, coarser(data, 7)))
         values = alone[sample]["parameters"]
         starts.append(model.unknowns(np.array([values[name] for name in model.names])))
-    shared = SharedObjective(tuple(parts))
-    evaluations = PartEvaluations(
-        shared, tuple(Evaluations(part, executor, _store(options)(part)) for part in parts)
+    evaluations = SharedEvaluations(
+        tuple(Evaluations(part, executor, _store(options)(part)) for part in parts)
     )
     first = _first_yarn(options, evaluations, starts)
     end = gauss_newton(evaluations, first, iterations=options.iterations)  # pyright: ignore[reportArgumentType]
-    rows: list[dict] = [{"parameters": models[0].values(shared.split(end)[0])[:5].tolist(), "unknowns": end.tolist(),
+    yarn = models[0].values(evaluations.split(end)[0])[:5]
+    rows: list[dict] = [{"parameters": yarn.tolist(), "unknowns": end.tolist(),
                          "objective": evaluations.many([end])[0].objective, "solves": evaluations.solves,
                          "cpu_seconds": evaluations.seconds}]  # fmt: skip
-    for sample, part, data, unknowns in zip(options.samples, parts, full, shared.split(end), strict=True):
+    for sample, part, data, unknowns in zip(
+        options.samples, parts, full, evaluations.split(end), strict=True
+    ):
         last = replace(part, data=data).evaluate(unknowns)
         rows.append({"sample": sample, "comfort": last.errors.comfort, "full": last.errors.full,
                      "compression": last.errors.compression, "failed": last.failed,
@@ -204,10 +206,10 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
 
 
 def _first_yarn(
-    options: argparse.Namespace, evaluations: PartEvaluations, starts: list[np.ndarray]
+    options: argparse.Namespace, evaluations: SharedEvaluations, starts: list[np.ndarray]
 ) -> np.ndarray:
     """Where to begin: the middle of the yarns or one of them in all fabrics, each in the best of some shapes."""
-    joined = evaluations.objective.joined(starts)
+    joined = evaluations.joined(starts)
     found = []
     for name, yarn in zip(["middle", *options.samples], [joined, *starts], strict=True):
         shaped, objectives = [], []
@@ -222,49 +224,6 @@ def _first_yarn(
         )
         _tell(options, {"yarn of": name, "objective": found[-1][0], "objectives": objectives})
     return min(found, key=lambda pair: pair[0])[1]
-
-
-@dataclass(eq=False)
-class PartEvaluations:
-    """Evaluations of a shared objective, fabric by fabric: one whose unknowns did not move is not evaluated again."""
-
-    objective: SharedObjective
-    parts: tuple[Evaluations, ...]
-
-    @property
-    def solves(self) -> int:
-        """Equilibria of all fabrics."""
-        return sum(part.solves for part in self.parts)
-
-    @property
-    def seconds(self) -> float:
-        """Of the processor."""
-        return sum(part.seconds for part in self.parts)
-
-    def residuals(self, unknowns: np.ndarray) -> np.ndarray:
-        """Residuals at one point."""
-        return self.many([unknowns])[0].residuals
-
-    def many(self, points: list[np.ndarray], *, near: np.ndarray | None = None) -> list[Residuals]:
-        """Residuals at points, over the root of the number of fabrics."""
-        columns = []
-        for k, part in enumerate(self.parts):
-            own = [self.objective.split(point)[k] for point in points]
-            start = None if near is None else self.objective.split(near)[k]
-            moved = [point for point in own if start is None or not np.array_equal(point, start)]
-            found = iter(part.many(moved, near=start))
-            still = [] if start is None else part.many([start])
-            columns.append(
-                [
-                    still[0] if start is not None and np.array_equal(point, start) else next(found)
-                    for point in own
-                ]
-            )
-        share = 1.0 / np.sqrt(len(self.parts))
-        return [
-            Residuals(share * np.concatenate([entry.residuals for entry in entries]), 0, 0.0)
-            for entries in zip(*columns, strict=True)
-        ]
 
 
 def _left(options: argparse.Namespace, part: str, key: str) -> dict[str, dict]:

@@ -179,8 +179,8 @@ def shell_table() -> None:
     steps: dict[str, Callable[[], object]] = {
         "energy": lambda: energy.value(x),
         "linearisation": lambda: energy.linearise(x),
-        "positive Hessian (6×6 projection)": lambda: energy.assemble(line, "positive"),
-        "exact Hessian": lambda: energy.assemble(line, "exact"),
+        "positive Hessian (6×6 projection)": lambda: energy.positive_hessian(line),
+        "exact Hessian": lambda: energy.exact_hessian(line),
     }
     line = energy.linearise(x)
     for name, run in steps.items():

@@ -34,11 +34,10 @@ from yarnscale.files.material_json import read_material, write_material
 from yarnscale.homogenize.homogenize import homogenize
 from yarnscale.shell.dynamics.simulate import Schedule
 from yarnscale.shell.scenes.scene import (
-    BAR_INSET,
-    BAR_LENGTH,
     BAR_TRAVEL,
-    BAR_WIDTH,
     SHEET,
+    bar_duration,
+    bar_points,
     run_scene,
     stretch,
 )
@@ -99,11 +98,9 @@ def of_yarns(
     sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
     flat = sheet.vertices[:, :2]
     rest = flat - 0.5 * (flat.min(axis=0) + flat.max(axis=0))
-    scale, nodes, sides = size / SHEET, [], []
+    nodes, sides = [], []
     for side in (-1.0, 1.0):
-        centre, half = np.zeros(2), np.full(2, 0.5 * scale * BAR_LENGTH)
-        centre[axis], half[axis] = side * scale * (0.5 * SHEET - BAR_INSET), 0.5 * scale * BAR_WIDTH
-        held = np.flatnonzero((np.abs(rest - centre) <= half).all(axis=1))
+        held = bar_points(rest, axis, side, size)
         nodes.append(held)
         sides.append(np.full(len(held), side))
     held, side = np.concatenate(nodes), np.concatenate(sides)
@@ -114,7 +111,9 @@ def of_yarns(
         return Holds(held, targets)
 
     energy = FabricEnergy(
-        sheet, cell.material, springs=glue(sheet, options.yarn, width=GLUED * sheet.radius, stiffness=0.05)
+        sheet,
+        cell.material,
+        springs=glue(sheet, cell.materials[0], width=GLUED * sheet.radius, stiffness=0.05),
     )
     friction = YarnFriction(options.friction) if options.friction else None
     dynamics = FabricDynamics(
@@ -181,10 +180,10 @@ def compare(name: str, options: argparse.Namespace) -> list[dict]:
     """Both simulations of a pattern, pulled along its courses and along its wales."""
     folder = options.out / name
     folder.mkdir(parents=True, exist_ok=True)
-    options.yarn = YarnMaterial.preset(library.structure(name).material)
-    cell = PeriodicCell(settled(library.build(name), options.yarn).pattern, options.yarn)
+    yarn = YarnMaterial.preset(library.structure(name).material)
+    cell = PeriodicCell(settled(library.build(name), yarn).pattern, yarn)
     travel = TRAVELS.get(name, BAR_TRAVEL["stockinette"]) * options.size / SHEET
-    duration = 0.05 + travel / 0.1
+    duration = bar_duration(travel)
     rows = []
     for axis, direction in enumerate(("course", "wale")):
         cloth, places, triangles = of_cloth(folder, cell, axis, travel, duration, options)

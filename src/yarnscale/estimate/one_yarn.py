@@ -9,63 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.objective import Evaluation, YarnObjective
+from yarnscale.estimate.evaluations import Evaluations, Residuals
 from yarnscale.estimate.yarn_model import PARAMETERS, SHAPE, YarnModel
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SharedUnknowns:
-    """Names of the unknowns of a shared yarn: its parameters, then the shape of every fabric."""
+@dataclass(eq=False)
+class SharedEvaluations:
+    """Evaluations of several fabrics of one yarn, whose models are those of ``with_one_yarn``.
 
-    names: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class SharedEvaluation:
-    """The evaluations of all fabrics with one yarn; ``residuals`` of all, over the root of the number of fabrics."""
-
-    parts: tuple[Evaluation, ...]
-
-    @property
-    def residuals(self) -> Array:
-        """(m,)."""
-        return np.concatenate([part.residuals for part in self.parts]) / np.sqrt(len(self.parts))
-
-    @property
-    def solves(self) -> int:
-        """Equilibria of all fabrics."""
-        return sum(part.solves for part in self.parts)
-
-    @property
-    def seconds(self) -> float:
-        """Of the processor, for all fabrics."""
-        return sum(part.seconds for part in self.parts)
-
-
-@dataclass(frozen=True, eq=False)
-class SharedObjective:
-    """Several fabrics of one yarn, whose models count ranges from one radius and one stiffness (``with_one_yarn``).
-
-    Stands where a ``YarnObjective`` does in ``Evaluations`` and the searches.
+    Unknowns are the parameters of the yarn, then the shape of every fabric. Stands where ``Evaluations`` does in
+    ``gauss_newton``; a fabric whose unknowns did not move is not evaluated again.
     """
 
-    parts: tuple[YarnObjective, ...]
-
-    @property
-    def model(self) -> SharedUnknowns:
-        """The unknowns."""
-        shapes = [
-            f"{name} of {part.data.name}" for part in self.parts if part.model.free_shape for name in SHAPE
-        ]
-        return SharedUnknowns((*PARAMETERS, *shapes))
+    parts: tuple[Evaluations, ...]
 
     def split(self, unknowns: Array) -> list[Array]:
         """The unknowns of every fabric."""
         place, found = len(PARAMETERS), []
         for part in self.parts:
-            own = len(SHAPE) if part.model.free_shape else 0
+            own = len(SHAPE) if part.objective.model.free_shape else 0
             found.append(np.concatenate([unknowns[: len(PARAMETERS)], unknowns[place : place + own]]))
             place += own
         return found
@@ -75,11 +39,40 @@ class SharedObjective:
         n = len(PARAMETERS)
         return np.concatenate([np.median([u[:n] for u in unknowns], axis=0), *(u[n:] for u in unknowns)])
 
-    def evaluate(self, unknowns: Array, *, near: SharedEvaluation | None = None) -> SharedEvaluation:
-        """Every fabric with the same yarn."""
-        starts = [None] * len(self.parts) if near is None else near.parts
-        own = zip(self.parts, self.split(unknowns), starts, strict=True)
-        return SharedEvaluation(tuple(part.evaluate(u, near=start) for part, u, start in own))
+    @property
+    def solves(self) -> int:
+        """Equilibria of all fabrics."""
+        return sum(part.solves for part in self.parts)
+
+    @property
+    def seconds(self) -> float:
+        """Of the processor."""
+        return sum(part.seconds for part in self.parts)
+
+    def residuals(self, unknowns: Array) -> Array:
+        """Residuals at one point."""
+        return self.many([unknowns])[0].residuals
+
+    def many(self, points: list[Array], *, near: Array | None = None) -> list[Residuals]:
+        """Residuals at points, over the root of the number of fabrics."""
+        columns = []
+        for k, part in enumerate(self.parts):
+            own = [self.split(point)[k] for point in points]
+            start = None if near is None else self.split(near)[k]
+            moved = [point for point in own if start is None or not np.array_equal(point, start)]
+            found = iter(part.many(moved, near=start))
+            still = [] if start is None else part.many([start])
+            columns.append(
+                [
+                    still[0] if start is not None and np.array_equal(point, start) else next(found)
+                    for point in own
+                ]
+            )
+        share = 1.0 / np.sqrt(len(self.parts))
+        return [
+            Residuals(share * np.concatenate([entry.residuals for entry in entries]), 0, 0.0)
+            for entries in zip(*columns, strict=True)
+        ]
 
 
 def with_one_yarn(models: Sequence[YarnModel]) -> list[YarnModel]:

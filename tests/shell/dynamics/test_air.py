@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,22 +13,11 @@ from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions, simulate
 from yarnscale.shell.elastic.energy import ShellEnergy
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
 
-CLOTH = OrthotropicMaterial(
-    stretch_weft=60.0,
-    stretch_coupling=10.0,
-    stretch_warp=90.0,
-    shear=20.0,
-    area=2.0,
-    log_area=2.0,
-    bend_weft=2e-4,
-    bend_bias=2e-4,
-    bend_warp=2e-4,
-    density=0.2,
-)
+CLOTH = replace(JERSEY, bend_weft=2e-4, bend_bias=2e-4, bend_warp=2e-4)
 MESH = rectangle(0.06, 0.06, 0.02)
 
 

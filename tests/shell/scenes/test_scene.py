@@ -15,21 +15,10 @@ from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.scene_toml import read_scene
 from yarnscale.shell.contact.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.shell.dynamics.simulate import ANIMATION_ITERATIONS
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.scene import BAR_GAP, BAR_TRAVEL, central_stretch, drape, run_scene, stretch
 
-CLOTH = OrthotropicMaterial(
-    stretch_weft=60.0,
-    stretch_coupling=10.0,
-    stretch_warp=90.0,
-    shear=20.0,
-    area=2.0,
-    log_area=2.0,
-    bend_weft=2e-6,
-    bend_bias=2e-6,
-    bend_warp=2e-6,
-    density=0.2,
-)
+CLOTH = replace(JERSEY, bend_bias=2e-6, bend_warp=2e-6)
 
 SCENE = """
 material = "cloth.json"

@@ -169,10 +169,7 @@ def stretch(
     way[axis] = travel
     bars = []
     for name, side in (("first bar", -1.0), ("second bar", 1.0)):
-        centre, half = np.zeros(2), np.full(2, 0.5 * scale * BAR_LENGTH)
-        centre[axis] = side * scale * (0.5 * SHEET - BAR_INSET)
-        half[axis] = 0.5 * scale * BAR_WIDTH
-        vertices = np.flatnonzero((np.abs(mesh.panel - centre) <= half + 1e-9).all(axis=1))
+        vertices = bar_points(mesh.panel, axis, side, size)
         displacement = side * way
         motion = Motion((displacement[0], displacement[1], displacement[2]), 0.0, duration)
         bars.append(Handle(name, vertices, start.positions[vertices], motion))
@@ -191,6 +188,18 @@ def stretch(
     # Only the rest counts; dynamics on the way to it need not be solved exactly.
     schedule = Schedule(duration, time_step, frame_interval=frame_interval, rough_iterations=30)
     return Scene(f"stretch {direction}", cloth, start, schedule, measure=measure)
+
+
+def bar_points(points: Floats, axis: int, side: float, size: float) -> NDArray[np.int64]:
+    """Which points (n, 2) of a flat sheet about 0 [m] a bar of the stretch test holds.
+
+    axis: of the pull; side: −1 or 1, on which the bar is; size: of the sheet [m], as in ``stretch``.
+    """
+    scale = size / SHEET
+    centre, half = np.zeros(2), np.full(2, 0.5 * scale * BAR_LENGTH)
+    centre[axis] = side * scale * (0.5 * SHEET - BAR_INSET)
+    half[axis] = 0.5 * scale * BAR_WIDTH
+    return np.flatnonzero((np.abs(points - centre) <= half + 1e-9).all(axis=1))
 
 
 def bar_duration(travel: float) -> float:
