@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cell.rest import settled
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
@@ -53,7 +54,9 @@ def timed(function: Callable[[], T]) -> tuple[float, T]:
 
 
 def sheet_of(name: str, size: float) -> FabricEnergy:
-    pattern, material = library.build(name), YarnMaterial.preset(library.structure(name).material)
+    """A cut sheet of fabric at rest: as drawn, weaves and ribs spring by a tenth as soon as they are let go."""
+    material = YarnMaterial.preset(library.structure(name).material)
+    pattern = settled(library.build(name), material).pattern
     cell = PeriodicCell(pattern, material)
     state = cell.relax()
     sheet = YarnSheet.filling(pattern, size, size)
