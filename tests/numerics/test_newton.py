@@ -300,15 +300,38 @@ def test_a_wrong_gradient_stalls() -> None:
     assert solution.value == 1.0
 
 
-def test_a_step_that_would_gain_too_little_is_the_end_but_not_after_one_that_failed() -> None:
+def test_a_step_that_gains_too_little_is_the_last_but_not_one_that_failed() -> None:
     """½ x² from x = 1 can gain ½; where the energy rises along every step, short steps tell nothing of the end."""
     slope = quadratic_form(np.eye(1), np.zeros(1))
-    near = minimise(slope, np.ones(1), tolerance=1e-9, enough=0.6)
-    assert near.status is Status.CONVERGED and near.x[0] == 1.0 and near.factorisations == 1
+    seen: list[float] = []
+    near = minimise(
+        slope, np.ones(1), tolerance=1e-9, enough=0.6, after_step=lambda x: seen.append(float(x[0]))
+    )
+    assert near.status is Status.CONVERGED and near.factorisations == near.iterations == 1
+    assert (
+        abs(near.x[0]) < 0.02 and seen == [near.x[0]] and near.gradient[0] == near.x[0]
+    )  # taken all the same
     far = minimise(slope, np.ones(1), tolerance=1e-9, enough=0.4)
-    assert far.status is Status.CONVERGED and far.iterations == 1 and abs(far.x[0]) < 0.02
+    assert far.status is Status.CONVERGED and far.iterations == 2 and abs(far.x[0]) < abs(near.x[0])
     wrong = Dense(1, lambda x: float(-x[0]), lambda x: x, lambda x: np.eye(1))
     assert minimise(wrong, np.ones(1), tolerance=1e-9, enough=0.4).status is Status.STALLED
+
+
+def test_a_step_that_a_large_shift_shortened_is_not_taken_for_one_that_gains_little() -> None:
+    """With a shift of 100 the first step of ½ x² gains less than a hundredth of what there is to gain."""
+    slope = quadratic_form(np.eye(1), np.zeros(1))
+    solution = minimise(slope, np.ones(1), tolerance=1e-9, enough=0.1, shift=ShiftRule(start=100.0))
+    assert solution.status is Status.CONVERGED and solution.iterations > 1
+    assert 0.5 * solution.x[0] ** 2 < 0.1
+    # A falling curvature is no end either, however little the step promises.
+    saddle = Dense(
+        1,
+        lambda x: 0.25 * float(x[0] ** 4) - 0.5 * float(x[0] ** 2),
+        lambda x: x**3 - x,
+        lambda x: np.diag(3 * x**2 - 1),
+    )
+    left = minimise(saddle, np.full(1, 0.01), tolerance=1e-9, enough=0.01)
+    assert left.status is Status.CONVERGED and left.value == pytest.approx(-0.25, abs=0.01)
 
 
 def test_a_hessian_of_nan_stalls() -> None:

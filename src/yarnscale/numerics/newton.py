@@ -133,8 +133,9 @@ def minimise(
     """Minimise ``objective`` from ``start`` (n,) under linear constraints.
 
     bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted step.
-    tolerance: on |P g| / residual_scale, P the projection on the constraints. enough: where a whole step foretells a
-    smaller decrease of the energy than this, the point counts as converged. check_minimum: accept a point below the
+    tolerance: on |P g| / residual_scale, P the projection on the constraints. enough: a step that foretells a smaller
+    decrease of the energy than this, by the Hessian without shift, is the last, and the point it leads to counts as
+    converged. check_minimum: accept a point below the
     tolerance only where the Hessian, restricted by the constraints, has no negative eigenvalue; else leave the saddle
     along it. backtracks: halvings of a step before the shift is raised instead. linear: a solver with the same
     constraints from an earlier call, whose symbolic analysis lives on while the pattern is the same.
@@ -189,12 +190,15 @@ class _Minimisation:
             elif iteration >= self.max_iterations:
                 break
             else:
-                moved = self._advance(x, value, gradient, model, residual)
+                moved, last = self._advance(x, value, gradient, model, residual)
                 if moved is None:
                     status = Status.STALLED
                     break
-                if moved is x:
+                if last:
                     status = Status.CONVERGED
+                    if moved is not x:
+                        x, iteration = moved, iteration + 1
+                        value, gradient, residual = self._arrived(x)
                     break
                 x = moved
             if self.after_step is not None:
@@ -205,6 +209,15 @@ class _Minimisation:
             x, value, gradient, residual, status, iteration, self.linear.factorisations - before, tuple(self.history),
             self.shift,
         )  # fmt: skip
+
+    def _arrived(self, x: Array) -> tuple[float, Array, float]:
+        """Energy, gradient and residual at the end of the last step."""
+        if self.after_step is not None:
+            self.after_step(x)
+        value, gradient = self.objective.gradient(x)
+        residual = self._residual(gradient)
+        self.history.append((value, residual))
+        return value, gradient, residual
 
     def _project(self, vector: Array) -> Array:
         return vector if self.constraints is None else self.constraints.project(vector)
@@ -234,20 +247,18 @@ class _Minimisation:
 
     def _advance(
         self, x: Array, value: float, gradient: Array, model: QuadraticModel, residual: float
-    ) -> Array | None:
-        """One accepted step from x, x itself where it is good enough, or None where no step lowers the energy."""
+    ) -> tuple[Array | None, bool]:
+        """One accepted step from x, None where no step lowers the energy; and whether that was enough."""
         if residual > self.rule.hold_above:
             self.shift = self.rule.start
         before = self.shift
         for attempt in range(8):
             if not self._factorise(model):
-                return None
+                return None, False
             failed = self.shift > before
             step = self.linear.step(-gradient, self._gap(x))
-            gain = -0.5 * float(self._project(gradient) @ step)
             # After a search that failed, steps are short because the model is wrong, not because the end is near.
-            if attempt == 0 and 0.0 <= gain < self.enough and self._feasible(x):
-                return x
+            last = attempt == 0 and self._feasible(x) and self._gains_little(gradient, model, step)
             whole = 1.0 if self.bound is None else self.bound(x, step)
             fraction, ratio = self._search(x, value, gradient, step, whole, residual)
             if fraction > 0:
@@ -255,11 +266,23 @@ class _Minimisation:
                     self.shift = self.rule.decayed(self.shift, 0.3 if fraction >= 1.0 else 1.0)
                 elif ratio < 0.25:
                     self.shift = self.rule.raised(self.shift)
-                return x + fraction * step
+                return x + fraction * step, last and fraction >= 1.0
+            if last:
+                return x, True
             if self.shift >= self.rule.highest:
-                return None
+                return None, False
             self.shift = before = self.rule.raised(self.rule.raised(self.shift))
-        return None
+        return None, False
+
+    def _gains_little(self, gradient: Array, model: QuadraticModel, step: Array) -> bool:
+        """Whether the way along a step promises less than ``enough``, whatever shift has shortened the step."""
+        slope = -float(self._project(gradient) @ step)
+        if not 0.0 <= slope < 2.0 * self.enough:
+            return False
+        if self.shift == 0.0 or slope == 0.0:
+            return True
+        curvature = float(step @ model.pattern.multiply(model.values(0.0), step))
+        return curvature > 0.0 and slope**2 < 2.0 * self.enough * curvature
 
     def _search(
         self, x: Array, value: float, gradient: Array, step: Array, whole: float, residual: float
