@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,6 +171,41 @@ def test_implicit_steps_fall_freely_and_lose_energy_only() -> None:
     # Implicit Euler falls by g t (t + Δt)/2.
     fallen = height - dynamics.energy.positions(motion.x)[:, 2].mean() * RADIUS
     assert fallen == pytest.approx(9.81 * 0.05 * (0.05 + 1 / 200) / 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("rate", [100, 10_000])
+def test_a_light_yarn_beside_a_held_one_begins_to_fall_however_short_the_steps(rate: int) -> None:
+    """Its share of the fabric's weight is a hundredth, and its gain in the first step the less the shorter that is."""
+    held, free = _straight(100, 0.2), _straight(2, 0.002)
+    lines = [held.vertices, np.add(free.vertices, [0.0, 0.05, 0.0])]
+    sheet = YarnSheet.from_lines(lines, RADIUS)
+    energy = FabricEnergy(sheet, SOLID)
+    nodes = np.arange(101)
+    holds = Holds(nodes, sheet.vertices[nodes])
+    dynamics = FabricDynamics(energy, MotionSettings(), lambda time: holds)
+    motion = dynamics.start()
+    for _ in range(5):
+        motion = dynamics.implicit(motion, 1 / rate).motion
+    fallen = -energy.positions(motion.x)[101:, 2].mean() * RADIUS
+    assert fallen == pytest.approx(9.81 * 15 / rate**2, rel=1e-3)
+
+
+def test_a_step_depends_on_its_motion_alone_and_not_on_steps_made_before() -> None:
+    energy = _crossing(1.6)
+    dynamics = FabricDynamics(energy, MotionSettings(iterations=60))
+    start = dynamics.start()
+    first = dynamics.implicit(start, 1 / 240)
+    motion = first.motion
+    for _ in range(3):
+        motion = dynamics.implicit(motion, 1 / 30).motion
+    again = dynamics.implicit(start, 1 / 240)
+    assert (again.iterations, again.factorisations) == (first.iterations, first.factorisations)
+    np.testing.assert_allclose(again.motion.x, first.motion.x, rtol=0, atol=1e-9)
+    # What does make a difference is the regularisation that a motion brings along from its last step.
+    assert again.motion.shift == first.motion.shift < 1e-2
+    held_back = dynamics.implicit(replace(start, shift=1e-2), 1 / 240)
+    assert held_back.factorisations != first.factorisations
+    np.testing.assert_allclose(held_back.motion.x, first.motion.x, rtol=0, atol=1e-2)
 
 
 def _crossing(gap: float) -> FabricEnergy:

@@ -70,6 +70,20 @@ def test_a_yarn_slides_down_a_slope_as_coulomb_says(friction: float) -> None:
     assert np.abs(moved @ np.array(UP)).max() < 0.1 * RADIUS
 
 
+def test_every_step_rubs_whoever_calls_it() -> None:
+    energy, slope = _on_slope(0.8)
+    dynamics = FabricDynamics(
+        energy, MotionSettings(tolerance=1e-9, enough=0.0, iterations=40), obstacles=(slope,)
+    )
+    motion = dynamics.start()
+    for _ in range(20):
+        motion = dynamics.implicit(motion, 1 / 400).motion
+    moved = (energy.positions(motion.x) - energy.positions(energy.start())) * RADIUS
+    assert (
+        float((moved @ DOWN).mean()) < 20 * 1.1 * slope.slip * RADIUS
+    )  # freely, it would have slid by six times that
+
+
 def test_friction_has_exact_derivatives_and_begins_at_zero() -> None:
     generator = np.random.default_rng(8)
     energy, _ = _on_slope(0.0)

@@ -29,17 +29,24 @@ _PATCH = 5.0
 """Side of the patches whose motion is taken for rigid, in stitches of about eight radii."""
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-5, 1e-2
 """A step starts with the regularisation of the one before, within these bounds."""
+_SHIFT = ShiftRule(start=_LEAST_SHIFT, growth=10.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
+_GRAVITY = 9.81
+"""Of the forces and energies that tolerances are counted in, whatever the gravity of the scene [m/s²]."""
 _STABLE_SHARE = 0.6
 """Explicit steps over the longest stable one."""
 
 
 @dataclass(frozen=True, eq=False)
 class FabricMotion:
-    """State x and velocity, both (4n,) [r, rad; per s], at a time [s]."""
+    """State x and velocity, both (4n,) [r, rad; per s], at a time [s].
+
+    shift: regularisation that the last implicit step ended with; the next begins with it.
+    """
 
     x: Array
     velocity: Array
     time: float = 0.0
+    shift: float = _LEAST_SHIFT
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +63,16 @@ class FabricStep:
 class MotionSettings:
     """gravity [m/s²]; damping: rate at which non-rigid motion decays [1/s]; friction of yarns on each other.
 
-    An implicit step is done where forces left over fall below ``tolerance`` times the weight of the fabric, or another
-    Newton iteration would gain less than ``enough`` of the weight times the radius of the yarn; iterations: the most of
-    Newton in a step.
+    An implicit step is done where forces left over fall below ``tolerance`` times the weight of the fabric, or with the
+    first Newton iteration that gains less than ``enough`` of the energy m (g Δt)²/2 of the fabric after a step of free
+    fall; iterations: the most of Newton in a step.
     """
 
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     damping: float = 0.0
     friction: YarnFriction | None = None
-    tolerance: float = 5e-2
-    enough: float = 1e-2
+    tolerance: float = 1e-3
+    enough: float = 0.1
     iterations: int = 8
 
     def __post_init__(self) -> None:
@@ -92,12 +99,9 @@ class FabricDynamics:
         spin = np.where(energy.spins() > 0, energy.spins(), 1.0) / energy.unit
         self.mass = np.concatenate([np.repeat(mass, 3), spin])
         self.load = gravity_load(energy, np.array(self.settings.gravity))
-        standard = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, 9.81]))))
-        self.force_scale = standard
-        self.weight = -float(gravity_load(energy, np.array([0.0, 0.0, -9.81])).sum())
+        self.force_scale = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, _GRAVITY]))))
         self._linear = ConstrainedSolver(None, None)
         self._patches = _patches(energy)
-        self._shift = ShiftRule(start=_LEAST_SHIFT, growth=10.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
 
     def start(self) -> FabricMotion:
         """At rest in the sheet's own shape."""
@@ -111,8 +115,7 @@ class FabricDynamics:
         """One step of implicit Euler [s]."""
         _check(duration)
         energy, inertia = self.energy, self.mass / duration**2
-        energy.anchor(motion.x)
-        energy.rub(motion.x, self.settings.friction)
+        self._begin(motion.x)
         ahead = motion.x + duration * motion.velocity
         holds = self.holds(motion.time + duration).wells(energy)
         objective = FabricObjective(
@@ -120,26 +123,38 @@ class FabricDynamics:
             force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
         # From where the fabric is: the way ahead may press yarns into each other, and Newton's method knows inertia.
-        solution = self._minimised(objective, motion.x)
+        solution = self._minimised(objective, motion, self.settings.enough * self.fall_energy(duration))
         velocity = (solution.x - motion.x) / duration
-        moved = FabricMotion(solution.x, velocity, motion.time + duration)
+        shift = min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT)
+        moved = FabricMotion(solution.x, velocity, motion.time + duration, shift)
         moved = replace(moved, velocity=self._damped(moved, duration))
         return FabricStep(moved, solution.status, solution.iterations, solution.factorisations)
+
+    def fall_energy(self, duration: float) -> float:
+        """Kinetic energy of the whole fabric after a free fall of so many seconds [E π r³]."""
+        speed = _GRAVITY * duration / self.energy.radius
+        return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
+
+    def _begin(self, x: Array) -> None:
+        """Begin a step: frames, and all that resists to slip from here on."""
+        self.energy.anchor(x)
+        self.energy.rub(x, self.settings.friction)
+        for obstacle in self.obstacles:
+            obstacle.begin(self.energy.positions(x))
 
     def _arrive(self, x: Array) -> None:
         self.energy.anchor(x)
         if self.count is not None:
             self.count.follow(x)
 
-    def _minimised(self, objective: FabricObjective, start: Array) -> Solution:
+    def _minimised(self, objective: FabricObjective, motion: FabricMotion, enough: float) -> Solution:
+        """The least of a step's energy, from where the fabric is, up to a gain of ``enough`` [E π r³]."""
         settings = self.settings
-        solution = minimise(
-            objective, start, bound=self.energy.bound, after_step=self._arrive, tolerance=settings.tolerance,
-            enough=settings.enough * self.weight, max_iterations=settings.iterations, shift=self._shift,
+        return minimise(
+            objective, motion.x, bound=self.energy.bound, after_step=self._arrive, tolerance=settings.tolerance,
+            enough=enough, max_iterations=settings.iterations, shift=replace(_SHIFT, start=motion.shift),
             check_minimum=False, linear=self._linear,
         )  # fmt: skip
-        self._shift = replace(self._shift, start=min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT))
-        return solution
 
     @on_one_thread
     def explicit(self, motion: FabricMotion, duration: float) -> FabricStep:

@@ -22,6 +22,10 @@ _LOOSE = 1e-4
 class NodeForce(Protocol):
     """An energy of every vertex by itself, such as contact with an obstacle; lengths in radii, energies in E π r³."""
 
+    def begin(self, positions: Array) -> None:
+        """Begin a step of motion at positions (n, 3): what rubs does so from there on."""
+        ...
+
     def at(self, positions: Array) -> tuple[float, Array, Array]:
         """Energy, gradient (n, 3) and a positive semidefinite Hessian (n, 3, 3) at positions (n, 3)."""
         ...

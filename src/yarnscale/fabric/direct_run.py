@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, FabricStep
-from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.run import MotionSchedule
 from yarnscale.numerics.newton import Status
 
@@ -69,9 +68,6 @@ def run_fabric(
         while goal - motion.time > 1e-9 * end:
             remaining = goal - motion.time
             size = remaining / math.ceil(remaining / longest - 1e-9)
-            for obstacle in dynamics.obstacles:
-                if isinstance(obstacle, Pushes):
-                    obstacle.begin(dynamics.energy.positions(motion.x))
             step: FabricStep = (dynamics.explicit if explicit else dynamics.implicit)(motion, size)
             if step.status is Status.INVALID:
                 status = step.status

@@ -173,12 +173,12 @@ class VolumeDynamics(FabricDynamics):
         """Not there: what is held would leave the volume. Raises InputError."""
         raise InputError("explicit steps of rods in a volume", expected="implicit steps", found="explicit")
 
-    def _minimised(self, objective: FabricObjective, start: Array) -> Solution:
+    def _minimised(self, objective: FabricObjective, motion: FabricMotion, enough: float) -> Solution:
         assert self.volume is not None
         settings = self.settings
         return self.volume.minimised(
-            objective, start, tolerance=settings.tolerance, max_iterations=settings.iterations,
-            enough=settings.enough * self.weight, count=self.count,
+            objective, motion.x, tolerance=settings.tolerance, max_iterations=settings.iterations, enough=enough,
+            count=self.count,
         )  # fmt: skip
 
     def _damped(self, motion: FabricMotion, duration: float) -> Array:
