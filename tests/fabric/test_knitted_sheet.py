@@ -1,4 +1,4 @@
-"""Pieces of knitting with borders: one yarn, knotted so that it does not unravel, that stays so when it is pulled."""
+"""Pieces of knitting with borders: yarns knotted so that they do not unravel, that stay so when they are pulled."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from yarnscale.fabric.direct_static import Holds, equilibrium, stretched
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.yarn import library
+from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.pattern import YarnPattern
 
 SOFT = YarnMaterial.preset("hylc2020-stockinette")
 
@@ -136,10 +138,147 @@ def test_a_piece_finds_its_shape_and_stays_knotted_when_it_is_pulled() -> None:
     assert _knot(sheet, energy.positions(found[-1].x) * sheet.radius) == pytest.approx(knot, abs=1e-6)
 
 
-def test_patterns_that_are_no_plain_knitting_are_refused() -> None:
+HELD = {
+    name: library.structure(name).chart
+    for name in (
+        "honeycomb",
+        "cartridge-belt-rib",
+        "all-needle",
+        "interlock",
+        "double-pique",
+        "half-cardigan",
+    )
+}
+"""Library knits with slips, misses, tucks and two beds."""
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_held_stitches_and_two_beds_end_in_borders_too(name: str) -> None:
+    chart = HELD[name]
+    knots = []
+    # The knot is the chart's, however finely its yarn is cut.
+    for vertices in (None, 45):
+        pattern = library.build(name, vertices_per_stitch=vertices)
+        sheet = knitted_sheet(pattern, 1, 2, chart=chart)
+        assert len(sheet.closed) == 1
+        inner = (sheet.tile[:, 1] >= 0) & (sheet.tile[:, 1] < 2) & (sheet.source != NO_PATTERN)
+        # A course across the piece has its first vertex at either end.
+        assert inner.sum() == 2 * (len(pattern.edges) + len(pattern.yarns))
+        own = inner[sheet.edges] & inner[sheet.following[sheet.edges]]
+        turns = 2 * len(pattern.yarns)
+        assert sheet.rest_length[sheet.edges[own]].sum() == pytest.approx(
+            2 * float(pattern.rest_length.sum()), abs=1.5 * turns * sheet.radius
+        )
+        knots.append(_knot(sheet, sheet.vertices))
+        loose = knitted_sheet(pattern, 1, 2, chart=chart, bound_off=False)
+        assert _knot(loose, loose.vertices) == pytest.approx(0.0, abs=1e-6)
+    assert knots[0] == pytest.approx(knots[1], abs=1e-6) and knots[0] > 2 * math.log(3)
+
+
+@pytest.mark.parametrize(
+    ("chart", "more"),
+    [
+        (("kk", "pf", "kk", "fp"), 1),
+        (("kkkf", "pbpp"), 0),
+        (("kt", "tk"), 1),
+        (("kkk", "kbf", "ktk", "bkf"), 3),
+    ],
+)
+def test_loops_that_wait_at_a_border_are_taken_up_as_by_a_row_that_knits_them_all(
+    chart: tuple[str, ...], more: int
+) -> None:
+    """Stitches beyond the border, which the piece does not have, make no difference to its knot."""
+    courses = len(chart) + more
+    whole = [chart[n % len(chart)] for n in range(courses)]
+    above = [chart[n % len(chart)] for n in range(courses, courses + len(chart))]
+    last = "".join(next(row[wale] for row in above if row[wale] in "kp") for wale in range(len(chart[0])))
+    piece = knitted_sheet(knit(chart), 1, 1, chart=chart, more_courses=more)
+    longer = (*whole, last)
+    alike = knitted_sheet(knit(longer), 1, 0, chart=longer, more_courses=courses)
+    assert _knot(piece, piece.vertices) == pytest.approx(_knot(alike, alike.vertices), abs=1e-6)
+
+
+def test_a_tuck_or_a_slip_is_another_knot_than_a_knit_stitch() -> None:
+    def knot(middle: str) -> float:
+        chart = ("kk", middle, "kk")
+        sheet = knitted_sheet(knit(chart), 1, 1, chart=chart)
+        return _knot(sheet, sheet.vertices)
+
+    found = sorted(knot(middle) for middle in ("kk", "kp", "kt", "kb", "kf"))
+    assert np.diff(found).min() > 1e-3
+
+
+def test_held_stitches_come_to_ease_without_passages() -> None:
+    for name in ("honeycomb", "half-cardigan"):
+        sheet = knitted_sheet(library.build(name), 1, 1, chart=HELD[name])
+        energy = FabricEnergy(sheet, SOFT, springs=woven_in(sheet, SOFT))
+        start = energy.start()
+        count = PassageCount(energy, start)
+        rest = equilibrium(energy, start, Holds.none(), tolerance=1e-2, max_iterations=25, count=count)
+        assert energy.value(rest.x) < 0.1 * energy.value(start) and energy.penetration(rest.x) < 0.1
+        assert count.passages == 0
+        after = _knot(sheet, energy.positions(rest.x) * sheet.radius)
+        assert after == pytest.approx(_knot(sheet, sheet.vertices), abs=1e-6)
+
+
+def _lines(sheet: YarnSheet) -> list[np.ndarray]:
+    return [
+        sheet.vertices[a:b] / sheet.radius for a, b in zip(sheet.offsets, sheet.offsets[1:], strict=False)
+    ]
+
+
+def _striped(letters: str | None, courses: int) -> YarnPattern:
+    return knit(
+        ["k"] * courses, yarns=letters, wale_spacing=8.0, course_spacing=4.5, loop_height=7.5, overhang=2.0,
+        half_thickness=1.1,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("letters", "count"), [("aabb", 4), ("aab", 4), ("abb", 4), ("ab", 4)])
+def test_stripes_are_the_plain_piece_cut_at_the_selvedges(letters: str, count: int) -> None:
+    """Ends that meet at a selvedge, joined, make the knot of one yarn."""
+    pattern = _striped(letters, len(letters))
+    rows = 2
+    stripes = knitted_sheet(pattern, 3, rows, carried=0)
+    assert len(stripes.closed) == count and not stripes.closed.any()
+    order = [letters[0], *(b for a, b in zip(2 * letters, (2 * letters)[1:], strict=False) if a != b)]
+    assert stripes.yarn_material.tolist() == ["ab".index(letter) for letter in order]
+    plain = knitted_sheet(_striped(None, len(letters)), 3, rows)
+    joined = _log_determinant(_closed(np.concatenate(_lines(stripes))))
+    assert joined == pytest.approx(_knot(plain, plain.vertices), abs=1e-6)
+
+
+def test_yarns_are_carried_up_the_side_on_which_they_are_needed() -> None:
+    for letters, rows, count in (("aabb", 3, 2), ("aabbcc", 2, 3), ("aab", 2, 3), ("ab", 2, 4)):
+        pattern = _striped(letters, len(letters))
+        sheet = knitted_sheet(pattern, 2, rows)
+        assert len(sheet.closed) == count
+        apart = FabricEnergy(sheet, SOFT, springs=woven_in(sheet, SOFT))
+        passed = PassageCount(apart, apart.start())
+        rest = equilibrium(
+            apart, apart.start(), Holds.none(), tolerance=1e-2, max_iterations=15, count=passed
+        )
+        assert apart.penetration(rest.x) < 0.1 and passed.passages == 0
+
+
+def test_every_end_is_woven_in() -> None:
+    pattern = _striped("aab", 3)
+    sheet = knitted_sheet(pattern, 2, 2)
+    springs = woven_in(sheet, SOFT)
+    ends = {int(v) for v in np.concatenate([sheet.offsets[:-1], sheet.offsets[1:] - 1])}
+    assert {int(v) for v in springs.pairs[:, 0]} == ends
+    assert (sheet.source[springs.pairs[:, 1]] != NO_PATTERN).all()
+
+
+def test_patterns_that_are_no_knitting_are_refused() -> None:
     for name in ("plain", "honeycomb", "interlock", "stockinette-small"):
         with pytest.raises(InputError, match="knitted piece"):
             knitted_sheet(library.build(name), 2, 2)
-    for columns, rows in ((0, 2), (2, -1), (2.5, 1), (True, 2), (10_000, 10_000)):
+    chart = ("kk", "kt")
+    with pytest.raises(InputError, match="plated"):
+        knitted_sheet(knit(chart, yarns=("ab", "a")), 2, 2, chart=chart)
+    with pytest.raises(InputError, match="row 1 column 2"):
+        knitted_sheet(knit(chart), 2, 2, chart=("kb",))
+    for columns, rows in ((0, 2), (2, -1), (2, 0), (2.5, 1), (True, 2), (10_000, 10_000)):
         with pytest.raises(InputError, match="knitted piece"):
             knitted_sheet(library.build("stockinette"), columns, rows)  # type: ignore[arg-type]

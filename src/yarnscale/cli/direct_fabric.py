@@ -26,7 +26,7 @@ from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.obj_garment import read_garment
-from yarnscale.files.patterns import read_pattern
+from yarnscale.files.patterns import read_pattern, stitches_of
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
@@ -59,7 +59,7 @@ def sheet_at_rest(options: argparse.Namespace) -> Laid:
 
 
 def _knitted(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
-    piece = knitted_sheet(pattern, options.columns, options.rows)
+    piece = knitted_sheet(pattern, options.columns, options.rows, chart=stitches_of(options.pattern))
     return _at_ease(options, piece, material, woven_in(piece, materials_of(pattern, material)[0]))
 
 
@@ -140,9 +140,9 @@ def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
 
 def _run(dynamics: FabricDynamics, schedule: MotionSchedule, options: argparse.Namespace) -> DirectRun:
     energy, sheet = dynamics.energy, dynamics.energy.sheet
-    curves = CurveSet(
-        sheet.offsets, sheet.radius, closed=sheet.closed
-    )  # a colour for every yarn of the sheet
+    # A colour for every yarn of the sheet, in a knitted piece for every kind of yarn.
+    colour = sheet.yarn_material if options.border == "knitted" else None
+    curves = CurveSet(sheet.offsets, sheet.radius, closed=sheet.closed, yarn=colour)
     folder = CurveFolder(writable_folder(options.out), curves)
     line, began = ProgressLine("fabric"), time.perf_counter()
 

@@ -74,8 +74,8 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--tube", action="store_true", help="direct only: close the courses to rings")
     command.add_argument(
         "--border", choices=BORDERS, default="glued",
-        help="direct only: glued, cut from endless fabric and glued along its borders; knitted, one yarn that is cast "
-        "on, turns at the selvedges and is bound off, for knit and purl stitches (glued)",
+        help="direct only: glued, cut from endless fabric and glued along its borders; knitted, yarn that is cast "
+        "on, turns at the selvedges and is bound off, for built-in knits and charts (glued)",
     )  # fmt: skip
     command.add_argument(
         "--material", metavar="MATERIAL", help="preset or TOML file (wool; direct: what suits the pattern)"

@@ -11,7 +11,7 @@ from yarnscale.files.source_text import read_source
 from yarnscale.yarn.chart_error import ChartError
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitches import LARGEST_CHART
+from yarnscale.yarn.stitches import LARGEST_CHART, StitchChart
 from yarnscale.yarn.units import FACTORS, to_si
 from yarnscale.yarn.weave import weave
 
@@ -57,15 +57,7 @@ def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
     Raises InputError with file, line, column and reason for anything that cannot be knitted or woven.
     """
     path = Path(path)
-    text = read_source(path)
-    if len(text) > LARGEST_CHART_FILE:
-        raise InputError(
-            "chart file is too long",
-            where=path,
-            expected=f"≤ {LARGEST_CHART_FILE} characters",
-            found=len(text),
-        )
-    chart = _parse(path, text)
+    chart = _read(path)
     kind = _kind(path, chart)
     options = _options(path, chart, kind)
     rows = chart.rows[::-1]
@@ -87,6 +79,27 @@ def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
         line = chart.keys[key][0] if key in chart.keys else None
         where = path if line is None else f"{path}:{line}"
         raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+
+
+def read_stitches(path: str | os.PathLike[str]) -> StitchChart | None:
+    """The stitches that a chart file's pattern is knitted of, None of a weave; InputError as ``read_chart``."""
+    path = Path(path)
+    chart = _read(path)
+    return (
+        StitchChart.read([row.symbols for row in chart.rows[::-1]]) if _kind(path, chart) == "knit" else None
+    )
+
+
+def _read(path: Path) -> _Chart:
+    text = read_source(path)
+    if len(text) > LARGEST_CHART_FILE:
+        raise InputError(
+            "chart file is too long",
+            where=path,
+            expected=f"≤ {LARGEST_CHART_FILE} characters",
+            found=len(text),
+        )
+    return _parse(path, text)
 
 
 def _parse(path: Path, text: str) -> _Chart:

@@ -7,12 +7,13 @@ import re
 from pathlib import Path
 
 from yarnscale.errors import InputError
-from yarnscale.files.chart import read_chart
+from yarnscale.files.chart import read_chart, read_stitches
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn import library
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stitches import StitchChart
 
 READERS = {".pyp": read_pyp, ".json": read_pattern_json, ".chart": read_chart}
 WRITERS = {".pyp": write_pyp, ".json": write_pattern_json}
@@ -46,6 +47,14 @@ def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
         expected="*pattern (.pyp), a JSON object or a chart",
         found=f"{start!r} at its start",
     )
+
+
+def stitches_of(source: str | os.PathLike[str]) -> StitchChart | None:
+    """The stitches from which ``read_pattern`` draws a knit (a built-in one or a chart); None of anything else."""
+    if isinstance(source, str) and source in library.names():
+        chart = library.structure(source).chart
+        return StitchChart.read(chart) if chart else None
+    return read_stitches(source) if Path(source).suffix.lower() == ".chart" else None
 
 
 def is_drawing(source: str | os.PathLike[str]) -> bool:
