@@ -70,8 +70,9 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
     whole = YarnSheet.filling(pattern, size, size)
     width = whole.size[0]
     whole = whole.moved(cell.placement(rest)(whole.source, whole.tile), twist=rest.twist[whole.source])
-    edge = np.isin(whole.tile[:, 1], (0, whole.tile[:, 1].max()))
-    energy = FabricEnergy(whole, material, springs=glue(whole, material, borders=edge, stiffness=0.05))
+    rows = np.minimum(whole.tile[:, 1], whole.tile[:, 1].max() - whole.tile[:, 1])
+    springs = glue(whole, material, distance=rows * whole.radius, width=0.5 * whole.radius, stiffness=0.05)
+    energy = FabricEnergy(whole, material, springs=springs)
     places = whole.vertices
     low, high = places[:, 0].min(), places[:, 0].max()
     left, right = np.flatnonzero(places[:, 0] < low + GRIP), np.flatnonzero(places[:, 0] > high - GRIP)

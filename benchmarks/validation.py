@@ -1,220 +1,295 @@
 """One scenario, two simulations: every yarn of a sheet, and its homogenized cloth (HYLC20 Fig. 16 and Table 2).
 
-python benchmarks/validation.py [PATTERN ...] --size 0.06 --out DIR
+python benchmarks/validation.py [PATTERN ...] --scene stretch|drape --size 0.12 --out DIR
 
-The stretch test of HYLC20 at the size that is given: two bars move apart and stand still, gravity through the
-thickness. The material is homogenized from the same pattern at rest and kept in DIR. Prints seconds per 1/30 s frame of
-both and their ratio, stretch in the middle along and across the pull, the width at half way, how high the edges stand,
-and the force on a bar; writes pictures side by side.
+stretch: two bars move apart and stand still, gravity through the thickness, at the proportions of the published test.
+drape: the sheet falls on a ball that lies a little aside of its middle, along the courses or the wales: under the
+middle a quarter turn of the sheet would change nothing. The sheet has the whole periods that come nearest to the
+size, the cloth is the square of the same area. The material is homogenized from the same pattern at rest and kept in
+DIR/PATTERN. Every run is kept in DIR and not repeated; ``validation_pictures.py`` draws them.
+
+Prints seconds per step and per 1/30 s frame of both and their ratio, as the published table does, and how the shapes
+compare. Compilation is not counted.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
+import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyvista
 from numpy.typing import NDArray
+from validation_shapes import MiddleSurface, difference, shape_of
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_motion import FabricDynamics, MotionSettings
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_run import run_fabric
-from yarnscale.fabric.direct_static import Holds
 from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_scene import SheetScene, drape, pulled_apart
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.homogenize.homogenize import homogenize
-from yarnscale.shell.dynamics.simulate import Schedule
-from yarnscale.shell.scenes.scene import (
-    BAR_TRAVEL,
-    SHEET,
-    bar_duration,
-    bar_points,
-    run_scene,
-    stretch,
-)
-from yarnscale.show import theme
-from yarnscale.show.canvas import aim, canvas, light
-from yarnscale.show.curves import Curve
-from yarnscale.show.tubes import tube_mesh
+from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.contact.obstacles import Sphere
+from yarnscale.shell.dynamics.cloth import Cloth
+from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.scenes.scene import BAR_TRAVEL, SHEET, bar_duration, bar_points, stretch
+from yarnscale.shell.scenes.thickness import cloth_thickness
+from yarnscale.shell.state import ClothState
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 Array = NDArray[np.float64]
 PATTERNS = ("stockinette", "rib-1x1", "honeycomb", "basket-2x2", "satin-5")
-TRAVELS = {name: BAR_TRAVEL["basket"] for name in ("basket-2x2", "satin-5", "plain", "twill-2x2")}
-"""Way of a bar for a sheet of 30 cm [m]; other patterns go as far as stockinette."""
-FRAME, AFTER = 1 / 30, 0.4
-GLUED = 0.5
-"""Width of the border that is glued, weakly [radii]: wide stiff borders carry the pull and keep knits from curling."""
+FRAME = 1 / 30
+STANDING, FALLING = 0.8, 0.8
+"""Seconds that the bars stand still, and that the drape takes."""
 DAMPING = 10.0
-"""Of non-rigid motion, of yarns and of cloth [1/s]."""
+"""Of non-rigid motion of yarns, and of the stretched cloth [1/s]."""
+FALL_DAMPING = 2.0
+"""Of the falling cloth, whose damping resists all motion [1/s]."""
+BALL, ASIDE = 0.2, 0.1
+"""Radius of the ball, and how far it is aside, over the size of the sheet."""
+CLOTH_GAP = 0.75
+"""Of cloth that lies on a ball: between a half and all of the distance at which they repel each other."""
 
 
-@dataclass(frozen=True)
-class Measured:
-    """What one simulation came to: lengths [m], force on a bar [N], seconds per frame of 1/30 s."""
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """What both simulations are asked for; lengths [m], times [s].
+
+    sheet: at rest, its middle at the origin. size: edge of the cloth. axis: of the pull, or of the way to the ball.
+    """
+
+    cell: PeriodicCell
+    sheet: YarnSheet
+    kind: str
+    axis: int
+    travel: float
+
+    @property
+    def size(self) -> float:
+        return math.sqrt(self.sheet.size[0] * self.sheet.size[1])
+
+    @property
+    def moving(self) -> float:
+        return bar_duration(self.travel) if self.kind == "stretch" else 0.0
+
+    @property
+    def duration(self) -> float:
+        return self.moving + STANDING if self.kind == "stretch" else FALLING
+
+    @property
+    def aside(self) -> tuple[float, float]:
+        return (ASIDE * self.size, 0.0) if self.axis == 0 else (0.0, ASIDE * self.size)
+
+    @property
+    def flat(self) -> Array:
+        """Where the sheet's vertices lie about its middle (n, 2)."""
+        return self.sheet.vertices[:, :2]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One simulation: counts, seconds of work, and per frame the time, the pull [N] and the middle surface."""
 
     vertices: int
+    steps: int
+    time_step: float
     seconds: float
-    along: float
-    across: float
-    width: float
-    height: float
-    force: float
+    times: Array
+    pulls: Array
+    surfaces: Array
+    places: Array
     passages: int = 0
 
-
-def shape(rest: Array, places: Array, size: float, axis: int) -> tuple[float, float, float, float]:
-    """Stretch along and across in the middle, width half way between the bars, height over the middle [m].
-
-    rest: where vertices lie in the flat sheet (n, 2), its middle at 0; places: (n, 3).
-    """
-    inner = (np.abs(rest) < 0.1 * size).all(axis=1)
-    design = np.column_stack([rest[inner], np.ones(inner.sum())])
-    gradient = np.linalg.lstsq(design, places[inner], rcond=None)[0][:2]
-    along, across = np.linalg.norm(gradient[axis]), np.linalg.norm(gradient[1 - axis])
-    middle = places[np.abs(rest[:, axis]) < 0.03 * size]
-    width = np.ptp(middle[:, 1 - axis])
-    height = np.abs(places[:, 2] - places[inner, 2].mean()).max()
-    return float(along), float(across), float(width), float(height)
+    @property
+    def per_frame(self) -> float:
+        return self.seconds / (self.times[-1] / FRAME)
 
 
-def of_yarns(
-    cell: PeriodicCell, axis: int, travel: float, duration: float, options: argparse.Namespace
-) -> tuple[Measured, list[Curve]]:
-    """Every yarn."""
-    size = options.size
-    state = cell.relax()
-    sheet = YarnSheet.filling(cell.pattern, size, size)
-    sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
-    flat = sheet.vertices[:, :2]
-    rest = flat - 0.5 * (flat.min(axis=0) + flat.max(axis=0))
-    nodes, sides = [], []
-    for side in (-1.0, 1.0):
-        held = bar_points(rest, axis, side, size)
-        nodes.append(held)
-        sides.append(np.full(len(held), side))
-    held, side = np.concatenate(nodes), np.concatenate(sides)
-
-    def holds(time: float) -> Holds:
-        targets = sheet.vertices[held].copy()
-        targets[:, axis] += side * travel * min(1.0, time / duration)
-        return Holds(held, targets)
-
-    energy = FabricEnergy(
-        sheet,
-        cell.material,
-        springs=glue(sheet, cell.materials[0], width=GLUED * sheet.radius, stiffness=0.05),
-    )
-    friction = YarnFriction(options.friction) if options.friction else None
-    dynamics = FabricDynamics(
-        energy, MotionSettings((0.0, 0.0, -9.81), DAMPING, friction), holds,
-        count=PassageCount(energy, energy.start()),
-    )  # fmt: skip
-    run = run_fabric(dynamics, MotionSchedule(duration + AFTER, 1 / 60))
-    places = energy.positions(run.motion.x) * sheet.radius
-    pull = holds(run.motion.time).forces(energy, run.motion.x)[:, axis]
-    frames = run.motion.time / FRAME
-    measured = Measured(
-        sheet.vertex_count, run.seconds / frames, *shape(rest, places, size, axis),
-        float(np.abs([pull[side < 0].sum(), pull[side > 0].sum()]).mean()), run.passages,
-    )  # fmt: skip
-    return measured, [Curve(line, k) for k, line in enumerate(np.split(places, sheet.offsets[1:-1]))]
-
-
-def of_cloth(
-    folder: Path, cell: PeriodicCell, axis: int, travel: float, duration: float, options: argparse.Namespace
-) -> tuple[Measured, Array, NDArray[np.int64]]:
-    """The homogenized cloth."""
-    path = folder / "material.json"
-    if not path.exists():
-        write_material(path, homogenize(cell, folder, resume=True).material)
-    direction = ("course", "wale")[axis]
-    scene = stretch(
-        read_material(path),
-        direction=direction,
-        travel=travel,
-        duration=duration,
-        size=options.size,
-        spacing=options.spacing,
-        air_drag=0.0,
-    )
-    cloth = replace(scene.cloth, damping=DAMPING)
-    result = run_scene(replace(scene, cloth=cloth, schedule=Schedule(duration + AFTER, FRAME, to_rest=False)))
-    places = result.state.positions
-    measured = Measured(
-        cloth.mesh.vertex_count, result.seconds / (result.simulated_seconds / FRAME),
-        *shape(cloth.mesh.panel, places, options.size, axis), result.measures["bar_force"],
-    )  # fmt: skip
-    return measured, places, cloth.mesh.triangles
-
-
-def draw(path: Path, radius: float, curves: list[Curve], places: Array, triangles: NDArray[np.int64]) -> None:
-    """Yarns to the left, cloth to the right, on one scale."""
-    width, height = 1400, 640
-    everything = np.concatenate([places, *(curve.points for curve in curves)])
-    with canvas(path, size=(width, height), shape=(1, 2)) as plotter:
-        for column in range(2):
-            plotter.subplot(0, column)
-            plotter.set_background(theme.PAPER)
-            light(plotter)
-            if column == 0:
-                plotter.add_mesh(tube_mesh(curves, radius), scalars="colour", rgb=True, smooth_shading=True)
-            else:
-                cloth = pyvista.PolyData.from_regular_faces(places, triangles)
-                back = {"color": theme.CLOTH_BACK}
-                plotter.add_mesh(cloth, color=theme.CLOTH_FRONT, backface_params=back, smooth_shading=True)
-            aim(plotter, everything, camera="oblique", aspect=0.5 * width / height)
-
-
-def compare(name: str, options: argparse.Namespace) -> list[dict]:
-    """Both simulations of a pattern, pulled along its courses and along its wales."""
-    folder = options.out / name
-    folder.mkdir(parents=True, exist_ok=True)
+def scenario(name: str, kind: str, axis: int, size: float) -> Scenario:
     yarn = YarnMaterial.preset(library.structure(name).material)
     cell = PeriodicCell(settled(library.build(name), yarn).pattern, yarn)
-    travel = TRAVELS.get(name, BAR_TRAVEL["stockinette"]) * options.size / SHEET
-    duration = bar_duration(travel)
-    rows = []
-    for axis, direction in enumerate(("course", "wale")):
-        cloth, places, triangles = of_cloth(folder, cell, axis, travel, duration, options)
-        yarns, curves = of_yarns(cell, axis, travel, duration, options)
-        draw(options.out / f"{name}-{direction}.png", cell.pattern.radius, curves, places, triangles)
-        rows.append({"pattern": name, "direction": direction, "yarns": asdict(yarns), "cloth": asdict(cloth)})
-        with (options.out / "validation.jsonl").open("a") as log:
-            log.write(json.dumps(rows[-1]) + "\n")
-        told(rows[-1])
-    return rows
+    state = cell.relax()
+    sheet = YarnSheet.filling(cell.pattern, size, size)
+    places = cell.placement(state)(sheet.source, sheet.tile)
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    sheet = sheet.moved(places - middle, twist=state.twist[sheet.source])
+    woven = library.structure(name).draft is not None
+    travel = BAR_TRAVEL["basket" if woven else "stockinette"] / SHEET
+    return Scenario(cell, sheet, kind, axis, travel * math.sqrt(sheet.size[0] * sheet.size[1]))
+
+
+def scene_of_yarns(asked: Scenario) -> SheetScene:
+    if asked.kind == "drape":
+        return drape(asked.sheet, radius=BALL * asked.size, aside=asked.aside)
+    grips = [bar_points(asked.flat, asked.axis, side, asked.size) for side in (-1.0, 1.0)]
+    down = (0.0, 0.0, -9.81)
+    return pulled_apart(
+        asked.sheet, (grips[0], grips[1]), asked.travel, axis=asked.axis, duration=asked.moving, gravity=down
+    )
+
+
+def by_yarns(asked: Scenario, options: argparse.Namespace) -> Run:
+    """Every yarn."""
+    sheet, scene = asked.sheet, scene_of_yarns(asked)
+    energy = FabricEnergy(sheet, asked.cell.material, springs=glue(sheet, asked.cell.materials[0]))
+    surface = MiddleSurface.of(asked.flat, asked.size)
+    friction = YarnFriction(options.friction) if options.friction else None
+    settings = MotionSettings(scene.gravity, DAMPING, friction)
+    pushes = scene.obstacles(energy, friction=options.friction)
+    times, pulls, surfaces = [], [], []
+
+    def frame(_: int, motion: FabricMotion) -> None:
+        times.append(motion.time)
+        pulls.append(scene.force(energy, motion.x, motion.time))
+        surfaces.append(surface.at(energy.positions(motion.x) * sheet.radius))
+
+    dynamics = FabricDynamics(energy, settings, scene.holds, pushes)
+    dynamics.implicit(dynamics.start(), 1e-4)  # compiles
+    energy.anchor(energy.start())
+    count = PassageCount(energy, energy.start())
+    dynamics = FabricDynamics(energy, settings, scene.holds, pushes, count)
+    schedule = MotionSchedule(asked.duration, options.time_step, FRAME)
+    run = run_fabric(dynamics, schedule, on_frame=frame)
+    places = energy.positions(run.motion.x) * sheet.radius
+    return Run(
+        sheet.vertex_count, run.steps, options.time_step, run.seconds, np.array(times), np.array(pulls),
+        np.array(surfaces), places, run.passages,
+    )  # fmt: skip
+
+
+def cloth_of(asked: Scenario, material: ElementMaterial, spacing: float) -> Cloth:
+    if asked.kind == "stretch":
+        direction = ("course", "wale")[asked.axis]
+        made = stretch(
+            material, direction=direction, travel=asked.travel, duration=asked.moving, size=asked.size,
+            spacing=spacing, air_drag=0.0,
+        )  # fmt: skip
+        return replace(made.cloth, damping=DAMPING)
+    mesh = rectangle(asked.size, asked.size, spacing)
+    contact = ContactSettings(cloth_thickness(material, mesh), friction=0.3)
+    # Both middle surfaces begin at height 0 over the same ball, and lie on it at the same distance.
+    ball = scene_of_yarns(asked).ball
+    assert ball is not None
+    relief = float(-asked.sheet.vertices[:, 2].min()) + asked.sheet.radius - CLOTH_GAP * contact.thickness
+    (_, _, height), radius = ball
+    sphere = Sphere((*asked.aside, height), radius + relief)
+    return Cloth(mesh, material, contact=contact, obstacles=(sphere,), damping=FALL_DAMPING)
+
+
+def by_cloth(asked: Scenario, folder: Path, options: argparse.Namespace) -> tuple[Run, NDArray[np.int64]]:
+    """The homogenized cloth, and its triangles."""
+    path = folder / "material.json"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_material(path, homogenize(asked.cell, folder, resume=True).material)
+    cloth = cloth_of(asked, read_material(path), options.spacing)
+    start, states = ClothState.flat(cloth.mesh), []
+    solver = ClothSolver(cloth)
+    simulate(solver, start, Schedule(1e-4, 1e-4, to_rest=False))  # compiles
+    began = time.perf_counter()
+    run = simulate(
+        solver,
+        start,
+        Schedule(asked.duration, options.cloth_step, to_rest=False, frame_interval=FRAME),
+        on_frame=lambda _, state: states.append(state),
+    )
+    seconds = time.perf_counter() - began
+    surface = MiddleSurface.of(cloth.mesh.panel, asked.size)
+
+    def pull(state: ClothState) -> float:
+        if not cloth.handles:
+            return math.nan
+        first, second = (float(solver.pull(bar, state)[asked.axis]) for bar in cloth.handles)
+        return 0.5 * (second - first)
+
+    return Run(
+        cloth.mesh.vertex_count, run.steps, options.cloth_step, seconds, np.array([s.time for s in states]),
+        np.array([pull(s) for s in states]), np.array([surface.at(s.positions) for s in states]), run.state.positions,
+        run.intersections,
+    ), cloth.mesh.triangles  # fmt: skip
+
+
+def compared(asked: Scenario, yarns: Run, cloth: Run) -> dict[str, object]:
+    """Numbers of a pair of runs."""
+    row: dict[str, object] = {
+        "size": asked.size,
+        "periods": [round(float(v)) for v in asked.sheet.size / asked.cell.pattern.period],
+    }
+    for name, run in (("yarns", yarns), ("cloth", cloth)):
+        row[name] = {
+            "vertices": run.vertices, "steps": run.steps, "time_step": run.time_step,
+            "seconds_per_step": run.seconds / run.steps, "seconds_per_frame": run.per_frame,
+            "passages": run.passages, "force": float(run.pulls[-1]),
+            **asdict(shape_of(run.surfaces[-1], asked.size, asked.axis)),
+        }  # fmt: skip
+    row["ratio"] = yarns.per_frame / cloth.per_frame
+    row["top"] = asdict(difference(yarns.surfaces[-1], cloth.surfaces[-1], "top"))
+    row["side"] = asdict(difference(yarns.surfaces[-1], cloth.surfaces[-1], "side"))
+    if asked.kind == "stretch":
+        moments = asked.moving * np.array([0.25, 0.5, 0.75, 1.0])
+        pulls = [np.interp(moments, run.times, run.pulls) for run in (yarns, cloth)]
+        row["pulls"] = {"yarns": pulls[0].tolist(), "cloth": pulls[1].tolist()}
+    return row
+
+
+def compare(name: str, axis: int, options: argparse.Namespace) -> dict[str, object]:
+    """Both simulations of a pattern in one orientation."""
+    direction = ("course", "wale")[axis]
+    kept = options.out / f"{name}-{options.scene}-{direction}"
+    if kept.with_suffix(".json").exists():
+        return json.loads(kept.with_suffix(".json").read_text())
+    asked = scenario(name, options.scene, axis, options.size)
+    cloth, triangles = by_cloth(asked, options.out / name, options)
+    yarns = by_yarns(asked, options)
+    row = {"pattern": name, "scene": options.scene, "direction": direction, **compared(asked, yarns, cloth)}
+    arrays = {
+        f"{a}_{b}": v for a, run in (("yarns", yarns), ("cloth", cloth)) for b, v in asdict(run).items()
+    }
+    ball = scene_of_yarns(asked).ball
+    np.savez_compressed(
+        kept.with_suffix(".npz"), triangles=triangles, offsets=asked.sheet.offsets, radius=asked.sheet.radius,
+        ball=np.array([*ball[0], ball[1]]) if ball is not None else np.empty(0), **arrays,
+    )  # fmt: skip
+    kept.with_suffix(".json").write_text(json.dumps(row, indent=1))
+    return row
 
 
 HEAD = (
-    "pattern      pull     vertices       s/frame    ratio  along  across  width [mm]  height [mm]  force [N]"
+    "pattern      scene   along   vertices    step [ms]     s/step      s/frame   ratio   along       across      "
+    "width [mm]   rise [mm]    lowest [mm]  force [N]   outline over, side; outline, same points apart [mm]"
 )
 """Of pairs: yarns / cloth."""
 
 
-def told(row: dict) -> None:
+def told(row: dict) -> str:
     """One line of the table: yarns / cloth."""
-    yarns, cloth = row["yarns"], row["cloth"]
-    pairs = [
-        (yarns[key] * unit, cloth[key] * unit)
-        for key, unit in (("along", 1), ("across", 1), ("width", 1e3), ("height", 1e3), ("force", 1))
-    ]
-    shapes = "  ".join(f"{a:5.3g}/{b:<5.3g}" for a, b in pairs)
-    print(
-        f"{row['pattern']:12s} {row['direction']:6s} {yarns['vertices']:6d}/{cloth['vertices']:<5d} "
-        f"{yarns['seconds']:7.2f}/{cloth['seconds']:<5.2f} {yarns['seconds'] / cloth['seconds']:6.1f}  {shapes}"
-        + (f"  {yarns['passages']} passages" if yarns["passages"] else ""),
-        flush=True,
+    yarns, cloth, top, side = row["yarns"], row["cloth"], row["top"], row["side"]
+    units = {"along": 1, "across": 1, "width": 1e3, "rise": 1e3, "lowest": 1e3, "force": 1}
+    shapes = "  ".join(f"{yarns[key] * unit:5.3g}/{cloth[key] * unit:<5.3g}" for key, unit in units.items())
+    work = "  ".join(
+        f"{yarns[key] * unit:5.3g}/{cloth[key] * unit:<5.3g}"
+        for key, unit in (("time_step", 1e3), ("seconds_per_step", 1), ("seconds_per_frame", 1))
+    )
+    crossed = [f"{yarns['passages']} passages"] * bool(yarns["passages"])
+    crossed += [f"{cloth['passages']} frames of cloth cross"] * bool(cloth["passages"])
+    return (
+        f"{row['pattern']:12s} {row['scene']:7s} {row['direction']:6s} {yarns['vertices']:5d}/{cloth['vertices']:<5d} "
+        f"{work}  {row['ratio']:5.1f}  {shapes}  {top['overlap']:.2f}, {side['overlap']:.2f}; "
+        f"{1e3 * top['outline']:.1f}, {1e3 * top['apart']:.1f}  {'; '.join(crossed)}"
     )
 
 
@@ -223,11 +298,16 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("patterns", nargs="*", default=PATTERNS)
-    parser.add_argument("--size", type=float, default=0.06, help="edge of the sheet [m]")
-    parser.add_argument("--spacing", type=float, default=0.0025, help="edge of the triangles of cloth [m]")
-    parser.add_argument("--friction", type=float, default=0.3, help="of yarns on each other")
+    parser.add_argument("--scene", choices=("stretch", "drape"), default="stretch")
+    parser.add_argument("--size", type=float, default=0.12, help="edge of the sheet [m]")
+    parser.add_argument("--spacing", type=float, default=0.004, help="edge of the triangles of cloth [m]")
+    parser.add_argument("--friction", type=float, default=0.3, help="of yarns on each other and on the ball")
+    parser.add_argument("--time-step", type=float, default=1 / 60, help="of the yarns [s]")
+    parser.add_argument("--cloth-step", type=float, default=1 / 60, help="of the cloth [s]")
     parser.add_argument("--out", type=Path, required=True)
     chosen = parser.parse_args()
+    chosen.out.mkdir(parents=True, exist_ok=True)
     print(HEAD)
     for pattern in chosen.patterns:
-        compare(pattern, chosen)
+        for pull in (0, 1):
+            print(told(compare(pattern, pull, chosen)), flush=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.fabric.boundary import glue
+from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import MotionSettings
 from yarnscale.fabric.direct_objective import FabricObjective, Wells
@@ -23,7 +23,9 @@ from yarnscale.yarn.material import YarnMaterial
 def _energy(columns: int, rows: int, name: str = "plain") -> FabricEnergy:
     sheet = YarnSheet.of(library.build(name), columns, rows)
     material = YarnMaterial.preset(library.structure(name).material)
-    return FabricEnergy(sheet, material, springs=glue(sheet, material))
+    # Firm borders: without friction what is glued softly slides far, which no volume guesses.
+    firm = glue(sheet, material, width=SEWN_WIDTH * sheet.radius, stiffness=SEWN)
+    return FabricEnergy(sheet, material, springs=firm)
 
 
 @pytest.fixture(scope="module")

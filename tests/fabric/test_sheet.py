@@ -9,7 +9,7 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.fabric.boundary import border_vertices, glue
+from yarnscale.fabric.boundary import border_distance, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
@@ -132,15 +132,31 @@ def test_close_pairs_are_those_of_a_plain_search() -> None:
 
 def test_glue_pulls_through_the_thickness_only() -> None:
     sheet = YarnSheet.of(STOCKINETTE, 6, 8)
-    springs = glue(sheet, SOFT, pull=0.5)
+    springs = glue(sheet, SOFT, width=6.0 * sheet.radius, pull=0.5)
     away = sheet.vertices[springs.pairs[:, 0]] - sheet.vertices[springs.pairs[:, 1]]
     length = np.linalg.norm(away, axis=1)
     assert (springs.rest_length <= length + 1e-15).all() and (springs.rest_length < 0.99 * length).any()
-    border = border_vertices(sheet, 6.0 * sheet.radius)
+    border = border_distance(sheet) < 6.0 * sheet.radius
     assert len(springs) > 100
     near = springs.pairs.ravel()
     touching = border | border[np.maximum(sheet.preceding, 0)] | border[np.maximum(sheet.following, 0)]
     assert touching[near].all()
+
+
+@pytest.mark.parametrize("name", ["stockinette", "satin-5"])
+def test_glue_bears_the_weight_of_the_border_and_not_the_pull(name: str) -> None:
+    """Knit and weave: a fabric pulled by a tenth has its own force, and its outermost yarns weigh next to nothing."""
+    pattern = library.build(name)
+    yarn = YarnMaterial.preset(library.structure(name).material)
+    sheet = YarnSheet.of(pattern, 3, 3)
+    springs = glue(sheet, yarn)
+    own, glued = FabricEnergy(sheet, yarn), FabricEnergy(sheet, yarn, springs=springs)
+    pulled = sheet.vertices * [1.1, 1.0, 1.0]
+    forces = [energy.gradient(energy.vector(pulled, sheet.twist))[1] for energy in (own, glued)]
+    assert np.linalg.norm(forces[1] - forces[0]) < 1e-2 * np.linalg.norm(forces[0])
+    border = np.unique(springs.pairs)
+    sag = 9.81 * own.masses()[border].sum() / springs.stiffness.sum()
+    assert sag < sheet.radius
 
 
 def test_sizes_that_make_no_sense_are_refused() -> None:

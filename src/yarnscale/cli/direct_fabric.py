@@ -12,7 +12,7 @@ from yarnscale.cli.console import ProgressLine, writable_folder
 from yarnscale.cli.yarns import material_for
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
 from yarnscale.errors import InputError
-from yarnscale.fabric.boundary import BORDER_WIDTH, Springs, glue
+from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, Springs, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
@@ -78,9 +78,13 @@ def _at_ease(options: argparse.Namespace, drawn: YarnSheet, material: Materials,
 def _on_mesh(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
     state = None if options.count else PeriodicCell(pattern, material).relax()
     laid = sheet_on_mesh(pattern, read_garment(options.on), state=state)
-    edges = laid.border_distance < BORDER_WIDTH * pattern.radius
     first = materials_of(pattern, material)[0]
-    return laid.sheet, material, glue(laid.sheet, first, borders=edges, normals=laid.normals)
+    # Seams are among the borders, and what is sewn holds firmly.
+    springs = glue(
+        laid.sheet, first, width=SEWN_WIDTH * pattern.radius, stiffness=SEWN, distance=laid.border_distance,
+        normals=laid.normals,
+    )  # fmt: skip
+    return laid.sheet, material, springs
 
 
 def _cut(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
@@ -96,11 +100,11 @@ def _cut(options: argparse.Namespace, pattern: YarnPattern, material: Materials)
 def _ring_glue(tube: YarnSheet, material: YarnMaterial) -> Springs:
     """Glue along both open ends of a tube around the y axis."""
     place = tube.vertices[:, 1]
-    width = BORDER_WIDTH * tube.radius
     normals = tube.vertices * [1.0, 0.0, 1.0]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    ends = (place < place.min() + width) | (place > place.max() - width)
-    return glue(tube, material, borders=ends, normals=normals)
+    return glue(
+        tube, material, distance=np.minimum(place - place.min(), place.max() - place), normals=normals
+    )
 
 
 def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], bool]:

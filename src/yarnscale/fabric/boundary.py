@@ -1,4 +1,10 @@
-"""What keeps the borders of a cut fabric together: springs between yarns that touch there (HYLC20 §8.1)."""
+"""What keeps the borders of a cut fabric together: springs between yarns that touch there (HYLC20 §8.1).
+
+Glue has to bear the weight of what would fall off, the outermost ends of a weave or the cut ends of a knit, and
+nothing of the pull of the fabric: glue as stiff as yarn makes a frame around the sheet that carries the pull, keeps it
+from narrowing and from curling, and holds a drape up. One soft glue serves all structures; ``docs/fabric.md`` has the
+measurements.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +22,13 @@ from yarnscale.yarn.material import YarnMaterial
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-BORDER_WIDTH = 6.0
-"""Width of a glued border [radii]."""
+
+WIDTH = 3.0
+"""Of a glued border [radii]: its outermost yarn and what that touches."""
+SOFT = 1e-4
+"""Stiffness of glue over that of one radius of yarn; such a spring gives by a share of a radius under its weight."""
+SEWN_WIDTH, SEWN = 6.0, 1.0
+"""Width [radii] and stiffness of what holds like a seam."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +48,10 @@ class Springs:
         return len(self.pairs)
 
 
-def border_vertices(sheet: YarnSheet, width: float) -> NDArray[np.bool_]:
-    """Vertices of a flat sheet's own shape that lie within ``width`` [m] of its four borders (n,)."""
-    low, high = sheet.vertices[:, :2].min(axis=0) + width, sheet.vertices[:, :2].max(axis=0) - width
-    return ((sheet.vertices[:, :2] < low) | (sheet.vertices[:, :2] > high)).any(axis=1)
+def border_distance(sheet: YarnSheet) -> Array:
+    """How far each vertex of a flat sheet, in its own shape, is from the nearest of its four borders (n,) [m]."""
+    place = sheet.vertices[:, :2]
+    return np.minimum(place - place.min(axis=0), place.max(axis=0) - place).min(axis=1)
 
 
 def glue(
@@ -50,38 +61,38 @@ def glue(
     width: float | None = None,
     reach: float = 2.4,
     pull: float = 0.9,
-    stiffness: float = 1.0,
-    borders: NDArray[np.bool_] | None = None,
+    stiffness: float = SOFT,
+    distance: Array | None = None,
     normals: Array | None = None,
 ) -> Springs:
-    """Springs that hold the yarns of a border together where they cross, drawn tight through the thickness.
+    """Springs that hold the yarns of a border together where they touch, drawn tight through the thickness.
 
-    width: of the border [m], by default ``BORDER_WIDTH`` radii. reach: distance of yarns that are glued [r]. pull: rest
-    length of a spring over its length through the thickness now. stiffness: of a spring, over that of one radius of
-    yarn. borders: (n,) vertices to glue instead. normals: (n, 3) of the surface that the sheet lies on, by default
-    along z. Raises InputError.
+    width: of the border [m], by default ``WIDTH`` radii. reach: distance of yarns that are glued [r]. pull: rest length
+    of a spring over its length through the thickness now. stiffness: of a spring, over that of one radius of yarn.
+    distance: (n,) of vertices from the border [m], by default ``border_distance``. normals: (n, 3) of the surface that
+    the sheet lies on, by default along z. Raises InputError.
     """
-    for name, value, least in (("reach", reach, 0.0), ("pull", pull, 0.0), ("stiffness", stiffness, 0.0)):
-        if not (math.isfinite(value) and value > least):
+    width = WIDTH * sheet.radius if width is None else width
+    for name, value in (("reach", reach), ("pull", pull), ("stiffness", stiffness), ("width", width)):
+        if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{name} of glue", expected="a positive number", found=value)
-    if borders is None:
-        borders = border_vertices(sheet, BORDER_WIDTH * sheet.radius if width is None else width)
+    inside = (border_distance(sheet) if distance is None else distance) >= width
     neighbours = material.contact.neighbours
     first, second = close_pairs(
         sheet.vertices / sheet.radius, sheet.following, sheet.offsets, sheet.closed, reach, neighbours
     )
     ends = sheet.following
-    kept = borders[first] & borders[second]
+    kept = ~(inside[first] | inside[second])
     first, second = first[kept], second[kept]
     # From either end of one segment to the nearest of the other: each pair of vertices once.
     corners = np.stack(
         [np.stack([a, b], 1) for a in (first, ends[first]) for b in (second, ends[second])], axis=1
     )
     away = sheet.vertices[corners[..., 0]] - sheet.vertices[corners[..., 1]]
-    distance = np.linalg.norm(away, axis=2)
-    nearest = np.argmin(distance, axis=1)
+    lengths = np.linalg.norm(away, axis=2)
+    nearest = np.argmin(lengths, axis=1)
     rows = np.arange(len(first))
-    pairs, vector, length = corners[rows, nearest], away[rows, nearest], distance[rows, nearest]
+    pairs, vector, length = corners[rows, nearest], away[rows, nearest], lengths[rows, nearest]
     _, unique = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True)
     pairs, vector, length = pairs[unique], vector[unique], length[unique]
     # Drawn together through the thickness only: in the plane the spring is as long as it lies.

@@ -41,10 +41,11 @@ class SheetScene:
         return () if self.ball is None else (Pushes(energy, sphere(*self.ball), friction=friction),)
 
     def force(self, energy: FabricEnergy, x: Array, time: float) -> float:
-        """Force on the second grip along its way [N]; NaN where none is pulled."""
+        """With which both grips are pulled apart, their mean [N]; NaN where none is pulled."""
         if self.pulled is None:
             return math.nan
-        return float(self.holds(time).forces(energy, x)[self.pulled, self.axis].sum())
+        forces = self.holds(time).forces(energy, x)[:, self.axis]
+        return 0.5 * float(forces[self.pulled].sum() - forces[~self.pulled].sum())
 
 
 def hang(sheet: YarnSheet) -> SheetScene:
@@ -62,27 +63,46 @@ def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: f
     if not (math.isfinite(amount) and -0.5 < amount <= 3.0):
         raise InputError("stretch", expected="a number from -0.5 to 3", found=amount)
     sides = _border(sheet, axis, last=False), _border(sheet, axis, last=True)
-    nodes, second = np.concatenate(sides), np.repeat([False, True], [len(s) for s in sides])
-    places = sheet.vertices[nodes]
     low, high = _ends(sheet, axis)
-    between = high - low - 2.0 * _GRIP * sheet.radius
+    way = 0.5 * amount * (high - low - 2.0 * _GRIP * sheet.radius)
+    return pulled_apart(sheet, sides, way, axis=axis, duration=_PULLED * duration)
+
+
+def pulled_apart(
+    sheet: YarnSheet,
+    grips: tuple[NDArray[np.int64], NDArray[np.int64]],
+    way: float,
+    *,
+    axis: int,
+    duration: float,
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> SheetScene:
+    """Two grips, each with its vertices, go so far [m] down and up an axis in so long [s], and then stand still."""
+    nodes, second = np.concatenate(grips), np.repeat([False, True], [len(grip) for grip in grips])
+    places = sheet.vertices[nodes]
 
     def holds(time: float) -> Holds:
-        share = min(1.0, max(0.0, time / (_PULLED * duration)))
+        share = min(1.0, max(0.0, time / duration))
         targets = places.copy()
-        targets[:, axis] += 0.5 * amount * between * share * np.where(second, 1.0, -1.0)
+        targets[:, axis] += way * share * np.where(second, 1.0, -1.0)
         return Holds(nodes, targets)
 
-    return SheetScene((0.0, 0.0, 0.0), holds, pulled=second, axis=axis)
+    return SheetScene(gravity, holds, pulled=second, axis=axis)
 
 
-def drape(sheet: YarnSheet) -> SheetScene:
-    """Over a ball of a fifth of its width, which its middle touches, under gravity through the thickness."""
+def drape(
+    sheet: YarnSheet, *, radius: float | None = None, aside: tuple[float, float] = (0.0, 0.0)
+) -> SheetScene:
+    """Over a ball under its middle, which it touches, under gravity through the thickness.
+
+    radius: of the ball [m], by default a fifth of the sheet's width. aside: of it from under the middle, (x, y) [m].
+    """
     low, high = sheet.vertices.min(axis=0), sheet.vertices.max(axis=0)
-    radius = 0.2 * float(min(high[0] - low[0], high[1] - low[1]))
+    ball = 0.2 * float(min(high[0] - low[0], high[1] - low[1])) if radius is None else radius
     middle = 0.5 * (low + high)
-    centre = (float(middle[0]), float(middle[1]), float(low[2] - radius - 1.5 * sheet.radius))
-    return SheetScene((0.0, 0.0, -9.81), lambda time: Holds.none(), (centre, radius))
+    top = float(low[2] - 1.5 * sheet.radius)
+    centre = (float(middle[0]) + aside[0], float(middle[1]) + aside[1], top - ball)
+    return SheetScene((0.0, 0.0, -9.81), lambda time: Holds.none(), (centre, ball))
 
 
 def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:
