@@ -17,10 +17,11 @@ from scipy.stats import qmc
 
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.fabric_shell import fit_shell
-from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
+from yarnscale.estimate.gauss_newton import gauss_newton, jacobian
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import YarnObjective, coarser
 from yarnscale.estimate.one_yarn import SharedEvaluations, with_one_yarn
+from yarnscale.estimate.scattered import race, sobol_starts
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData
 from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, estimate_yarn
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, fit_yarn
@@ -48,8 +49,6 @@ TWIN_TRUTH = {
 """Unknowns of soft yarns that stretch through their knee before their loops are straight: every parameter shows."""
 TWIN_STRETCH = {"stockinette": (1.0, 0.6), "garter": (0.8, 1.2), "rib-1x1": (1.4, 0.5)}
 """Largest stretch along weft and warp."""
-SOLVED = 1e-9
-"""Objective of a twin below which no other start is refined."""
 
 
 def model_of(sample: str, *, free: bool = True) -> YarnModel:
@@ -119,7 +118,8 @@ def twins(options: argparse.Namespace, executor) -> list[dict]:
             data = replace(clean, curves=tuple(_noisy(curve, noise, generator) for curve in clean.curves))
             objective = YarnObjective(model, coarser(data, 7))
             evaluations = Evaluations(objective, executor, _store(options)(objective))
-            unknowns, value = _refined(evaluations, options, truth)
+            unknowns = race(evaluations, _starts(evaluations, options, truth), iterations=20)
+            value = evaluations.many([unknowns])[0].objective
             spread = ParameterSpread.of(model.names, jacobian(evaluations, unknowns))
             # Against the curves before noise came in.
             end = replace(objective, data=clean).evaluate(unknowns)
@@ -133,26 +133,15 @@ def twins(options: argparse.Namespace, executor) -> list[dict]:
     return rows
 
 
-def _refined(
-    evaluations: Evaluations, options: argparse.Namespace, truth: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """The best of the refined starts and its objective; no more are refined once a fit is perfect."""
+def _starts(evaluations: Evaluations, options: argparse.Namespace, truth: np.ndarray) -> list[np.ndarray]:
+    """Where a twin's search begins: the best of yarns scattered over all of the ranges, or about the truth."""
     if options.around is None:
-        starts = sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
-    else:
-        generator = np.random.default_rng(options.seed)
-        away = options.around * (2.0 * generator.random((options.starts, len(truth))) - 1.0)
-        points = [np.clip(truth + step, 0.0, 1.0) for step in away]
-        order = np.argsort([found.objective for found in evaluations.many(points)], kind="stable")
-        starts = [points[k] for k in order[: options.refined]]
-    ends: list[tuple[float, np.ndarray]] = []
-    for start in starts:
-        end = gauss_newton(evaluations, start)
-        ends.append((evaluations.many([end])[0].objective, end))
-        if ends[-1][0] < SOLVED:
-            break
-    value, unknowns = min(ends, key=lambda pair: pair[0])
-    return unknowns, value
+        return sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
+    generator = np.random.default_rng(options.seed)
+    away = options.around * (2.0 * generator.random((options.starts, len(truth))) - 1.0)
+    points = [np.clip(truth + step, 0.0, 1.0) for step in away]
+    order = np.argsort([found.objective for found in evaluations.many(points)], kind="stable")
+    return [points[k] for k in order[: options.refined]]
 
 
 def twin_data(
@@ -266,7 +255,7 @@ if __name__ == "__main__":
     arguments.add_argument("--out", type=Path, default=Path("estimates"))
     arguments.add_argument("--samples", nargs="+", choices=KNITS, default=list(KNITS))
     arguments.add_argument("--starts", type=int, default=64)
-    arguments.add_argument("--refined", type=int, default=3)
+    arguments.add_argument("--refined", type=int, default=12)
     arguments.add_argument("--iterations", type=int, default=12, help="Gauss-Newton with one yarn in all")
     arguments.add_argument(
         "--shapes", type=int, default=16, help="tried for each fabric with each first yarn"

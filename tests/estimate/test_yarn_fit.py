@@ -8,9 +8,10 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations, Residuals
-from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
+from yarnscale.estimate.gauss_newton import Descent, gauss_newton, jacobian
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective, coarser
+from yarnscale.estimate.scattered import race, sobol_starts
 from yarnscale.estimate.swarm import cobyla, swarm
 from yarnscale.estimate.uniform_data import UniformBend, UniformCurve, UniformData
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, usual_starts, work_ahead
@@ -58,6 +59,50 @@ def test_swarm_and_cobyla_come_near():
     found = swarm(evaluations, seed=3)
     assert evaluations.count <= 640
     np.testing.assert_allclose(cobyla(evaluations, found), ANSWER, atol=0.02)
+
+
+def test_steps_cost_less_than_a_jacobian_each():
+    evaluations = valley()
+    descent = Descent(evaluations, np.array([0.9, 0.1, 0.1]))
+    steps = 0
+    while not descent.ended and steps < 30:
+        before = descent.value
+        descent.advance(1)
+        steps += 1
+        assert descent.value <= before
+    assert descent.ended and descent.value < 1e-10
+    # With differences for every step it would be 3 and 2 of a step and the start.
+    assert evaluations.count < 0.8 * (1 + 5 * steps), (evaluations.count, steps)
+
+
+def test_a_descent_that_is_taken_up_again_goes_the_same_way():
+    start = np.array([0.9, 0.1, 0.1])
+    whole, halves = Descent(valley(), start), Descent(valley(), start)
+    whole.advance(4)
+    for _ in range(2):
+        halves.advance(2)
+    np.testing.assert_array_equal(whole.here, halves.here)
+
+
+class Basins(Valley):
+    """A shallow basin that starts look good in, and a steep one that ends deeper."""
+
+    def evaluate(self, unknowns, *, near=None):
+        shallow = np.append(0.2 * (unknowns - 0.15), 0.3)
+        steep = np.append(2.0 * (unknowns - 0.85), 0.0)
+        share = 1.0 / (1.0 + np.exp(-40.0 * (unknowns[0] - 0.4)))
+        return Bowl((1.0 - share) * shallow + share * steep)
+
+
+def test_the_start_that_comes_down_fastest_wins_the_race():
+    starts = [np.array([0.2, 0.2, 0.1]), np.array([0.6, 0.55, 0.6])]
+    evaluations = Evaluations(Basins())  # pyright: ignore[reportArgumentType]
+    values = [found.objective for found in evaluations.many(starts)]
+    assert values[0] < values[1], values
+    alone = [gauss_newton(evaluations, start) for start in starts]
+    ends = [found.objective for found in evaluations.many(alone)]
+    assert ends[1] < 0.5 * ends[0], ends
+    np.testing.assert_allclose(race(evaluations, starts, iterations=20), alone[1], atol=1e-6)
 
 
 def test_searches_repeat_themselves_with_the_seed():

@@ -70,7 +70,7 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
         type=positive_integer,
         default=3,
         metavar="N",
-        help="how many of the best are refined (3)",
+        help="from how many of the best refinement begins (12)",
     )
     command.add_argument(
         "--iterations", type=positive_integer, default=20, metavar="N", help="of Gauss-Newton, at most (20)"

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
-from yarnscale.estimate.gauss_newton import gauss_newton, jacobian, sobol_starts
+from yarnscale.estimate.gauss_newton import gauss_newton, jacobian
 from yarnscale.estimate.objective import ErrorWeights, Evaluation, YarnObjective, coarser
+from yarnscale.estimate.scattered import race, sobol_starts
 from yarnscale.estimate.swarm import cobyla, swarm
 from yarnscale.estimate.uniform_data import UniformData
 from yarnscale.estimate.yarn_model import PARAMETERS, YarnModel
@@ -24,12 +25,12 @@ Array = NDArray[np.float64]
 
 Solver = Literal["sobol", "local", "paper"]
 SOLVERS = ("sobol", "local", "paper")
-"""``sobol``: scattered starts, Gauss–Newton from the best; ``local``: Gauss–Newton from the middle of the ranges;
-``paper``: swarm, then COBYLA (EST22 §7.3.3)."""
+"""``sobol``: scattered starts, Gauss–Newton from those that come down fastest; ``local``: Gauss–Newton from the middle
+of the ranges; ``paper``: swarm, then COBYLA (EST22 §7.3.3)."""
 SEARCHED = 7
 """Stretches per direction during the search (EST22 §7.3.3)."""
-STARTS, REFINED = 64, 3
-"""Scattered points, and how many of the best are refined."""
+STARTS, REFINED = 64, 12
+"""Scattered points, and from how many of the best Gauss–Newton begins."""
 
 _GROWN = 0.01
 """Growth of the root of the objective that tells how far unknowns can move."""
@@ -145,15 +146,12 @@ def search(evaluations: Evaluations, options: FitOptions) -> Array:
     if options.solver == "paper":
         return cobyla(evaluations, swarm(evaluations, seed=options.seed))
 
-    def refined(start: Array) -> Array:
-        return gauss_newton(evaluations, start, iterations=options.iterations, held=options.held)
-
+    model = evaluations.objective.model
     if options.solver == "local":
-        return refined(middle(evaluations.objective.model))
+        return gauss_newton(evaluations, middle(model), iterations=options.iterations, held=options.held)
     starts = sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
-    ends = [refined(start) for start in [*starts, *usual_starts(evaluations.objective.model)]]
-    values = [found.objective for found in evaluations.many(ends)]
-    return ends[int(np.argmin(values))]
+    starts += usual_starts(model)
+    return race(evaluations, starts, iterations=options.iterations, held=options.held)
 
 
 def middle(model: YarnModel) -> Array:
@@ -178,6 +176,7 @@ def work_ahead(options: FitOptions, unknowns: int) -> int:
     """About how many evaluations a search takes, for telling the time left."""
     if options.solver == "paper":
         return 64 * 10 + 150
-    steps = min(12, options.iterations) * (unknowns + 2)
+    # A Jacobian and a pair of tries now and then, pairs of tries in between.
+    steps = min(12, options.iterations) * (0.4 * unknowns + 2)
     refined = options.refined + (1 if unknowns > len(PARAMETERS) else 0)
-    return steps if options.solver == "local" else options.starts + refined * steps
+    return int(steps if options.solver == "local" else options.starts + (0.4 * refined + 1) * steps)
