@@ -28,8 +28,6 @@ HALF_THICKNESS = 1.1
 """Height of drawn yarns from the middle plane at crossings [r]."""
 _CLEAR = 0.25
 """How far off the loops that they meet the loops of a border are cut [course spacings, heights of a loop]."""
-_NEAR = 2.0
-"""How far beside a loop other yarns count [r]."""
 _UNLIKE = 0.25
 """Largest difference of heights of a plain pattern's loops, as a share."""
 
@@ -178,18 +176,12 @@ class KnittedCourses:
 
     def lower(self, courses: int) -> list[Strand]:
         """For every wale the head of the loop that its first stitches are drawn through."""
-        above = np.concatenate([self.course(n).yarn.points for n in range(courses + 1)])
+        floor = min(float(self.course(n).yarn.points[:, 1].min()) for n in range(courses + 1))
         heads = []
         for wale in range(self.wales):
             back = 1 if self.chart is None else self.chart.held(0, wale % self._per_period)[0]
             loop = self.course(-back).wale(wale)
-            low, high = loop.points[:, 0].min() - _NEAR, loop.points[:, 0].max() + _NEAR
-            near = (above[:, 0] > low) & (above[:, 0] < high)
-            floor = float(above[near, 1].min()) - _CLEAR * self.height
-            # Crowded loops have no room below what lies over them: then as low as both legs reach.
-            top = int(loop.points[:, 1].argmax())
-            feet = max(float(loop.points[: top + 1, 1].min()), float(loop.points[top:, 1].min()))
-            rise, fall = _above(loop, max(floor, feet))
+            rise, fall = _above(loop, floor - _CLEAR * self.height)
             heads.append(loop.part(rise, fall))
         return heads
 
@@ -202,7 +194,7 @@ class KnittedCourses:
             if before is not None and before != number:
                 # The yarn climbs from one level to the other between the wales.
                 end = self.course(before).wale(wale - 1).reversed().part(0, 1)
-                climb = _climb(end.points[0], course.wale(wale).points[0])
+                climb = smooth([end.points, course.wale(wale).points[0]])
                 parts += [end, climb]
                 count += 1 + len(climb)
             loop = course.wale(wale)
@@ -267,13 +259,6 @@ def _bounds(pattern: YarnPattern, place: int, wales: int) -> Indices:
         near = passes + (np.abs(away[passes + 1]) < np.abs(away[passes]))
         found.append(int(near[np.argmin(y[near])]) + laps[0] * len(chain))
     return np.array(found)
-
-
-def _climb(start: Array, stop: Array) -> Strand:
-    """From one level to another, in front of or behind what lies near the lower one as the yarn does there."""
-    low, high = (start, stop) if start[1] < stop[1] else (stop, start)
-    bend = np.append(0.3 * low[:2] + 0.7 * high[:2], low[2])
-    return smooth([start, bend, stop])
 
 
 def _above(loop: Strand, cut: float) -> tuple[int, int]:
