@@ -13,16 +13,21 @@ from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Residuals
 from yarnscale.estimate.objective import YarnObjective
 from yarnscale.files.atomic import write_text
-from yarnscale.files.fingerprint import fingerprint
+from yarnscale.files.fingerprint import code_fingerprint, fingerprint
 
 Array = NDArray[np.float64]
 
 
+EVALUATING = ("numerics", "yarn", "cell", "estimate")
+"""Rooms whose code says what an evaluation comes to."""
+
+
 class EstimateFolder:
-    """Evaluations of one objective; those of others in the same folder are not mistaken for its own."""
+    """Evaluations of one objective by this code; those of others in the same folder are not mistaken for its own."""
 
     def __init__(self, folder: Path, objective: YarnObjective) -> None:
-        self.folder, self._mark = folder, fingerprint(objective).encode()
+        self.folder = folder
+        self._mark = (fingerprint(objective) + code_fingerprint(*EVALUATING)).encode()
 
     def find(self, key: bytes) -> Residuals | None:
         """The evaluation of a key, None where it is not there or cannot be read."""

@@ -6,6 +6,8 @@ import dataclasses
 import hashlib
 from collections.abc import Mapping
 from enum import Enum
+from functools import cache
+from importlib.resources import files
 
 import numpy as np
 
@@ -18,6 +20,17 @@ def fingerprint(*values: object) -> str:
     digest = hashlib.sha256()
     for value in values:
         _feed(digest, value)
+    return digest.hexdigest()
+
+
+@cache
+def code_fingerprint(*rooms: str) -> str:
+    """SHA-256 of the sources of rooms of the package, by their names: results of other code are not those of this."""
+    digest = hashlib.sha256()
+    for room in sorted(rooms):
+        for source in sorted(files("yarnscale").joinpath(room).iterdir(), key=lambda entry: entry.name):
+            if source.name.endswith(".py"):
+                digest.update(f"{room}/{source.name}:".encode() + source.read_bytes())
     return digest.hexdigest()
 
 
