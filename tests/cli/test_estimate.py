@@ -1,11 +1,14 @@
 """The command ``estimate``: its numbers and report, going on where it stopped, and what it refuses."""
 
+import argparse
 import json
 from pathlib import Path
 
 import pytest
 
 from yarnscale.cli import main
+from yarnscale.cli.estimate_options import add_estimate_options
+from yarnscale.estimate.yarn_fit import FitOptions
 
 QUICK = [
     "--solver",
@@ -63,6 +66,15 @@ def test_estimates_reports_and_goes_on(
     for name in (*ERRORS, "parameters", "solves", "evaluations"):
         assert second[name] == first[name]
     assert {path for path in (out / "evaluations").glob("*.json")} == set(kept)
+
+
+def test_the_usual_search_of_the_command_is_that_of_the_library() -> None:
+    command = argparse.ArgumentParser()
+    add_estimate_options(command)
+    given = command.parse_args(["curves.csv", "--pattern", "stockinette", "--out", "out"])
+    usual = FitOptions()
+    for name in ("solver", "seed", "starts", "refined", "iterations", "held"):
+        assert getattr(given, name) == getattr(usual, name), name
 
 
 def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -68,7 +68,7 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--refined",
         type=positive_integer,
-        default=3,
+        default=12,
         metavar="N",
         help="from how many of the best refinement begins (12)",
     )
