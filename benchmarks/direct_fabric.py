@@ -2,19 +2,23 @@
 
 python benchmarks/direct_fabric.py [PATTERN ...] --size 0.3 --frames 3 [--scene drape] [--materials DIR]
 
-Times the parts of an implicit step, runs some frames of a scene with implicit steps, and one explicit step. DIR has
-NAME/material.json or NAME.json for every pattern, as ``yarnscale homogenize`` and benchmarks/validation.py write them;
-the cloth runs the same frames. Each pattern has a process of its own, so that memory is that of the pattern.
+Times the parts of an implicit step, runs some frames of a scene with implicit steps, and one explicit step. A pattern
+begins no step after ``--limit`` seconds; a frame's seconds are those of the steps made. DIR has NAME/material.json or
+NAME.json for every pattern, as ``yarnscale homogenize`` and benchmarks/validation.py write them; the cloth runs the
+same frames. Each pattern has a process of its own, so that memory is that of the pattern; what it is at is told on the
+error stream, and its line of the table as soon as it is known.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import resource
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
@@ -25,13 +29,12 @@ from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
-from yarnscale.fabric.direct_run import run_fabric
 from yarnscale.fabric.direct_static import equilibrium
-from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.factor import factorisation
+from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.simulate import Schedule
 from yarnscale.shell.scenes import scene as cloth_scene
 from yarnscale.yarn import library
@@ -99,28 +102,60 @@ def parts(energy: FabricEnergy) -> tuple[float, float, float]:
     return hessian, analysis, timed(lambda: factor.factor(entries))[0]
 
 
+@dataclass
+class Steps:
+    """Implicit steps of a run: how many, their seconds, Newton iterations, factors; met: those that converged."""
+
+    motion: FabricMotion
+    made: int = 0
+    seconds: float = 0.0
+    iterations: int = 0
+    factorisations: int = 0
+    met: int = 0
+
+
+def run(name: str, dynamics: FabricDynamics, start: FabricMotion, options: argparse.Namespace) -> Steps:
+    """Steps of the frames asked for, at least one and none after the limit."""
+    steps, wanted = Steps(start), max(1, math.ceil(options.frames * FRAME / options.time_step - 1e-9))
+    while steps.made < wanted and (steps.made == 0 or steps.seconds < options.limit):
+        seconds, step = timed(lambda: dynamics.implicit(steps.motion, options.time_step))
+        steps.motion, steps.made, steps.seconds = step.motion, steps.made + 1, steps.seconds + seconds
+        steps.iterations += step.iterations
+        steps.factorisations += step.factorisations
+        steps.met += step.status is Status.CONVERGED
+        told(
+            f"{name}: step {steps.made} of {wanted}, {seconds:.1f} s, {step.iterations} iterations, {step.status.value}"
+        )
+    return steps
+
+
+def told(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
 def measure(name: str, options: argparse.Namespace) -> str:
     """One row of the table."""
     energy = sheet_of(name, options.size)
     sheet, x = energy.sheet, energy.start()
+    told(f"{name}: {sheet.vertex_count} vertices, {len(energy.springs)} springs of glue")
     hessian, analysis, factor = parts(energy)
     scene, count = scene_of(sheet, options.scene), PassageCount(energy, x)
     settings = MotionSettings(scene.gravity, DAMPING, iterations=options.iterations)
     dynamics = FabricDynamics(energy, settings, scene.holds, scene.obstacles(energy), count)
     # Borders that were just glued snap together; that is no part of the scene.
     rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING, count=count)
-    start = FabricMotion(rest.x, 0.0 * rest.x)
-    schedule = MotionSchedule(options.frames * FRAME, options.time_step)
-    run = run_fabric(dynamics, schedule, start=start)
-    stable = dynamics.stable_step(run.motion)
-    explicit, _ = timed(lambda: dynamics.explicit(run.motion, stable))
+    told(f"{name}: borders at rest after {rest.iterations} iterations, {rest.seconds:.1f} s")
+    steps = run(name, dynamics, FabricMotion(rest.x, 0.0 * rest.x), options)
+    stable = dynamics.stable_step(steps.motion)
+    explicit, _ = timed(lambda: dynamics.explicit(steps.motion, stable))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    frame, cloth = run.seconds / options.frames, cloth_seconds(name, options)
+    each, cloth = steps.seconds / steps.made, cloth_seconds(name, options)
+    frame = each * FRAME / options.time_step
     return (
-        f"{name:18s} {sheet.vertex_count:8d} {hessian:7.2f} {analysis:8.2f} {factor:6.2f} {memory:5.1f} "
-        f"{run.seconds / run.steps:7.1f} {run.iterations / run.steps:6.1f} {run.factorisations / run.steps:6.1f} "
-        f"{run.converged_steps:4d}/{run.steps:<4d} {frame:8.1f} {explicit / stable * FRAME:8.0f} {cloth:8.2f} "
-        f"{frame / cloth:6.0f} {run.passages:5d}"
+        f"{name:18s} {sheet.vertex_count:8d} {hessian:7.2f} {analysis:8.2f} {factor:6.2f} {memory:5.1f} {each:7.1f} "
+        f"{steps.iterations / steps.made:6.1f} {steps.factorisations / steps.made:7.1f} "
+        f"{steps.met:4d}/{steps.made:<4d} {frame:8.1f} {explicit / stable * FRAME:8.0f} {cloth:8.2f} "
+        f"{frame / cloth:6.0f} {count.passages:5d}"
     )
 
 
@@ -139,6 +174,7 @@ def main() -> None:
     parser.add_argument("--frames", type=float, default=1.0, help="frames of 1/30 s to run")
     parser.add_argument("--time-step", type=float, default=1 / 240, help="of implicit steps [s]")
     parser.add_argument("--iterations", type=int, default=30, help="most Newton iterations of a step")
+    parser.add_argument("--limit", type=float, default=600.0, help="seconds of steps a pattern may take")
     parser.add_argument("--scene", choices=("stretch", "drape"), default="stretch")
     parser.add_argument("--materials", type=Path, help="folder of homogenized materials")
     options = parser.parse_args()
