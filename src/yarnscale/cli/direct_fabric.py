@@ -17,7 +17,7 @@ from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_run import DirectRun, run_fabric
-from yarnscale.fabric.direct_static import settled
+from yarnscale.fabric.direct_static import eased
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.run import MotionSchedule
@@ -72,7 +72,7 @@ def _at_ease(options: argparse.Namespace, drawn: YarnSheet, material: Materials,
     """What no cell has the shape of comes to ease by itself."""
     if options.count:
         return drawn, material, borders
-    return settled(FabricEnergy(drawn, material, springs=borders)), material, borders
+    return eased(FabricEnergy(drawn, material, springs=borders)), material, borders
 
 
 def _on_mesh(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:

@@ -126,7 +126,7 @@ def equilibrium(
     )
 
 
-def settled(
+def eased(
     energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount | None = None
 ) -> YarnSheet:
     """The energy's sheet nearer to rest: drawn yarns at ease with each other, in so many Newton iterations."""
