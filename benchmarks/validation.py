@@ -1,6 +1,6 @@
 """One scenario, two simulations: every yarn of a sheet, and its homogenized cloth (HYLC20 Fig. 16 and Table 2).
 
-python benchmarks/validation.py [PATTERN ...] --scene stretch|drape --size 0.12 --out DIR
+python benchmarks/validation.py [PATTERN ...] --scene stretch|drape --size 0.09 --out DIR
 
 stretch: two bars move apart and stand still, gravity through the thickness, at the proportions of the published test.
 drape: the sheet falls on a ball that lies a little aside of its middle, along the courses or the wales: under the
@@ -53,7 +53,7 @@ from yarnscale.yarn.material import YarnMaterial
 Array = NDArray[np.float64]
 PATTERNS = ("stockinette", "rib-1x1", "honeycomb", "basket-2x2", "satin-5")
 FRAME = 1 / 30
-STANDING, FALLING = 0.8, 0.8
+STANDING, FALLING = 0.5, 0.8
 """Seconds that the bars stand still, and that the drape takes."""
 DAMPING = 10.0
 """Of non-rigid motion of yarns, and of the stretched cloth [1/s]."""
@@ -299,7 +299,7 @@ if __name__ == "__main__":
     )
     parser.add_argument("patterns", nargs="*", default=PATTERNS)
     parser.add_argument("--scene", choices=("stretch", "drape"), default="stretch")
-    parser.add_argument("--size", type=float, default=0.12, help="edge of the sheet [m]")
+    parser.add_argument("--size", type=float, default=0.09, help="edge of the sheet [m]")
     parser.add_argument("--spacing", type=float, default=0.004, help="edge of the triangles of cloth [m]")
     parser.add_argument("--friction", type=float, default=0.3, help="of yarns on each other and on the ball")
     parser.add_argument("--time-step", type=float, default=1 / 60, help="of the yarns [s]")

@@ -143,7 +143,7 @@ def test_numbers_out_of_range_are_told_before_anything_runs(
 
 def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """The same scene with few unknowns; yarns stay between the control points' hulls, and grips pull harder."""
-    run = ("--scene", "stretch", "--stretch", "0.02", "--duration", "0.0666", "--time-step", "0.0333")
+    run = ("--scene", "stretch", "--stretch", "0.1", "--duration", "0.0666", "--time-step", "0.0333")
     whole = _numbers(capsys, *run, "--out", str(tmp_path / "whole"))
     within = ("--method", "volume", "--volume", "4,4,2")
     assert _numbers(capsys, *within, "--count")["reduced_unknowns"] == 96

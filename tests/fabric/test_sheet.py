@@ -9,7 +9,7 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.fabric.boundary import border_distance, glue
+from yarnscale.fabric.boundary import CROSSING, LOOPED, border_distance, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
@@ -141,6 +141,40 @@ def test_glue_pulls_through_the_thickness_only() -> None:
     near = springs.pairs.ravel()
     touching = border | border[np.maximum(sheet.preceding, 0)] | border[np.maximum(sheet.following, 0)]
     assert touching[near].all()
+
+
+@pytest.mark.parametrize("name", library.names())
+def test_glue_is_firmer_where_yarns_cross_than_where_they_are_looped(name: str) -> None:
+    """Knits are of looped yarns, weaves of crossing ones: the sheet tells, not its name."""
+    sheet = YarnSheet.of(library.build(name), 3, 3)
+    springs = glue(sheet, SOFT)
+    unit = SOFT.stretch_stiffness(sheet.radius) / sheet.radius
+    expected = LOOPED if library.structure(name).draft is None else CROSSING
+    assert len(springs)
+    np.testing.assert_allclose(springs.stiffness / unit, expected, rtol=1e-12)
+
+
+def test_a_woven_tube_is_of_crossing_yarns_wherever_its_rings_begin() -> None:
+    tube = YarnSheet.of(library.build("plain"), 12, 3, tube=True)
+    place = tube.vertices[:, 1]
+    springs = glue(tube, SOFT, distance=np.minimum(place - place.min(), place.max() - place))
+    unit = SOFT.stretch_stiffness(tube.radius) / tube.radius
+    np.testing.assert_allclose(springs.stiffness / unit, CROSSING, rtol=1e-12)
+
+
+def test_a_yarn_laid_across_loops_is_told_by_itself() -> None:
+    """Straight over the wales of stockinette, it meets each course once."""
+    loops = YarnSheet.of(STOCKINETTE, 4, 4)
+    low, high = loops.vertices.min(axis=0), loops.vertices.max(axis=0)
+    line = np.linspace(
+        [low[0] + 1e-3, low[1], high[2] + 1.5e-3], [low[0] + 1e-3, high[1], high[2] + 1.5e-3], 12
+    )
+    both = loops.joined(YarnSheet.from_lines([line], loops.radius))
+    springs = glue(both, SOFT, width=0.01)
+    laid = (springs.pairs >= loops.vertex_count).any(axis=1)
+    unit = SOFT.stretch_stiffness(both.radius) / both.radius
+    assert laid.any() and not laid.all()
+    np.testing.assert_allclose(springs.stiffness / unit, np.where(laid, CROSSING, LOOPED), rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["stockinette", "satin-5"])

@@ -1,9 +1,10 @@
 """What keeps the borders of a cut fabric together: springs between yarns that touch there (HYLC20 §8.1).
 
-Glue has to bear the weight of what would fall off, the outermost ends of a weave or the cut ends of a knit, and
-nothing of the pull of the fabric: glue as stiff as yarn makes a frame around the sheet that carries the pull, keeps it
-from narrowing and from curling, and holds a drape up. One soft glue serves all structures; ``docs/fabric.md`` has the
-measurements.
+Glue has to bear the weight of what would fall off, and nothing of the pull of the fabric: glue as stiff as yarn makes
+a frame around the sheet that carries the pull, keeps it from narrowing and from curling, and holds a drape up. How
+little is enough is told by how yarns hold each other. Those that are looped through each other meet again and again,
+stitch after stitch, and stay where one of them ends; glue only keeps their cut ends. Those that cross once, as in a
+weave, are held by friction alone, and the outermost slip off. ``docs/fabric.md`` has measurements of both.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ Indices = NDArray[np.int64]
 
 WIDTH = 3.0
 """Of a glued border [radii]: its outermost yarn and what that touches."""
-SOFT = 1e-4
-"""Stiffness of glue over that of one radius of yarn; such a spring gives by a share of a radius under its weight."""
+LOOPED, CROSSING = 1e-4, 1e-3
+"""Stiffness of glue over that of one radius of yarn: of yarns looped through each other, and that cross once."""
 SEWN_WIDTH, SEWN = 6.0, 1.0
 """Width [radii] and stiffness of what holds like a seam."""
+_ONE_CROSSING = 25.0
+"""Length of yarn along which it touches one that it crosses, at most [radii]: 1–7 in weaves; in knits 90 and more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +57,28 @@ def border_distance(sheet: YarnSheet) -> Array:
     return np.minimum(place - place.min(axis=0), place.max(axis=0) - place).min(axis=1)
 
 
+def looped(sheet: YarnSheet, first: Indices, second: Indices) -> NDArray[np.bool_]:
+    """Which pairs of segments that touch (m,) belong to yarns looped through each other, or to one yarn (m,).
+
+    first, second: every pair of the sheet (m,), for the yarns are judged by all their meetings. Counted along the yarn
+    of the two that goes on less far, so that a ring that is crossed where its numbers begin is crossed once.
+    """
+    yarn, count = sheet.yarn_of_vertex, len(sheet.closed)
+    lengths = np.where(sheet.following >= 0, sheet.rest_length, 0.0)
+    along = (np.cumsum(lengths) - lengths) / sheet.radius
+    one, other = yarn[first], yarn[second]
+    ordered = one <= other
+    _, meeting = np.unique(np.minimum(one, other) * count + np.maximum(one, other), return_inverse=True)
+    spans = []
+    for near, far in ((first, second), (second, first)):
+        places = np.where(ordered, along[near], along[far])
+        low, high = np.full(len(places), math.inf), np.full(len(places), -math.inf)
+        np.minimum.at(low, meeting, places)
+        np.maximum.at(high, meeting, places)
+        spans.append(high - low)
+    return (one == other) | (np.minimum(*spans)[meeting] > _ONE_CROSSING)
+
+
 def glue(
     sheet: YarnSheet,
     material: YarnMaterial,
@@ -61,20 +86,21 @@ def glue(
     width: float | None = None,
     reach: float = 2.4,
     pull: float = 0.9,
-    stiffness: float = SOFT,
+    stiffness: float | None = None,
     distance: Array | None = None,
     normals: Array | None = None,
 ) -> Springs:
     """Springs that hold the yarns of a border together where they touch, drawn tight through the thickness.
 
     width: of the border [m], by default ``WIDTH`` radii. reach: distance of yarns that are glued [r]. pull: rest length
-    of a spring over its length through the thickness now. stiffness: of a spring, over that of one radius of yarn.
-    distance: (n,) of vertices from the border [m], by default ``border_distance``. normals: (n, 3) of the surface that
-    the sheet lies on, by default along z. Raises InputError.
+    of a spring over its length through the thickness now. stiffness: of a spring, over that of one radius of yarn, by
+    default ``LOOPED`` or ``CROSSING``, whatever its two yarns are. distance: (n,) of vertices from the border [m], by
+    default ``border_distance``. normals: (n, 3) of the surface that the sheet lies on, by default along z.
+    Raises InputError.
     """
     width = WIDTH * sheet.radius if width is None else width
     for name, value in (("reach", reach), ("pull", pull), ("stiffness", stiffness), ("width", width)):
-        if not (math.isfinite(value) and value > 0.0):
+        if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{name} of glue", expected="a positive number", found=value)
     inside = (border_distance(sheet) if distance is None else distance) >= width
     neighbours = material.contact.neighbours
@@ -82,8 +108,11 @@ def glue(
         sheet.vertices / sheet.radius, sheet.following, sheet.offsets, sheet.closed, reach, neighbours
     )
     ends = sheet.following
+    strengths = np.where(looped(sheet, first, second), LOOPED, CROSSING)
+    if stiffness is not None:
+        strengths[:] = stiffness
     kept = ~(inside[first] | inside[second])
-    first, second = first[kept], second[kept]
+    first, second, strengths = first[kept], second[kept], strengths[kept]
     # From either end of one segment to the nearest of the other: each pair of vertices once.
     corners = np.stack(
         [np.stack([a, b], 1) for a in (first, ends[first]) for b in (second, ends[second])], axis=1
@@ -94,10 +123,10 @@ def glue(
     rows = np.arange(len(first))
     pairs, vector, length = corners[rows, nearest], away[rows, nearest], lengths[rows, nearest]
     _, unique = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True)
-    pairs, vector, length = pairs[unique], vector[unique], length[unique]
+    pairs, vector, length, strengths = pairs[unique], vector[unique], length[unique], strengths[unique]
     # Drawn together through the thickness only: in the plane the spring is as long as it lies.
     up = np.array([[0.0, 0.0, 1.0]]) if normals is None else normals[pairs].mean(axis=1)
     through = (vector * up).sum(axis=1) / np.maximum(np.linalg.norm(up, axis=1), 1e-12)
     rest = np.sqrt(np.maximum(length**2 - (1.0 - pull**2) * through**2, 0.0))
-    spring = stiffness * material.stretch_stiffness(sheet.radius) / sheet.radius
-    return Springs(pairs, np.maximum(rest, 0.1 * length), np.full(len(pairs), spring))
+    of_yarn = material.stretch_stiffness(sheet.radius) / sheet.radius
+    return Springs(pairs, np.maximum(rest, 0.1 * length), strengths * of_yarn)
