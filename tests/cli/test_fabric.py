@@ -52,6 +52,16 @@ def test_hangs_and_writes_frames(method: str, tmp_path: Path, capsys: pytest.Cap
     assert len(frames.curves) == 3
 
 
+def test_splines_of_a_rib_have_sixteen_segments_a_stitch(capsys: pytest.CaptureFixture[str]) -> None:
+    size = ["--rows", "4", "--columns", "3", "--method", "splines", "--count", "--json"]
+    assert main(["fabric", "rib-1x1", *size]) == 0
+    counts = json.loads(capsys.readouterr().out)
+    assert counts["control_points_per_yarn"] == 16 * 6 + 3 and counts["control_points"] == 4 * 99
+    assert counts["constraints"] == 3 * 6 * (2 + 4 * 3)
+    assert main(["fabric", "honeycomb", *size]) == 2
+    assert "row 2 column 2" in capsys.readouterr().err
+
+
 def test_refuses_what_it_has_no_splines_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fabric", "satin", "--rows", "3", "--columns", "3", "--out", str(tmp_path)]) == 2
     assert "jersey" in capsys.readouterr().err

@@ -15,12 +15,14 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveRule
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.run import MotionRun, MotionSchedule, run_motion
-from yarnscale.fabric.spline_knit import jersey
+from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.material_toml import read_material
+from yarnscale.files.patterns import read_pattern, stitches_of
+from yarnscale.yarn import library
 
 JERSEYS = ("jersey", "single-jersey", "stockinette")
 _POINTS_PER_SEGMENT = 3
@@ -35,8 +37,6 @@ def fabric(options: argparse.Namespace) -> int:
             raise InputError(f"--{name}", expected="a whole number from 2 to 1000", found="none")
         if options.on is not None and given is not None:
             raise InputError(f"--{name}", expected="none, as a mesh has its own size", found=given)
-    if options.explicit and options.friction:
-        raise InputError("--friction", expected="implicit steps", found="--explicit")
     if options.method == "direct" or _rods_in_a_volume(options):
         return _direct(options)
     if options.scene != "hang":
@@ -46,14 +46,7 @@ def fabric(options: argparse.Namespace) -> int:
         if getattr(options, name) != value:
             option = f"--{name.replace('_', '-')}"
             raise InputError(option, expected="--method direct", found=options.method)
-    if options.pattern not in JERSEYS:
-        raise InputError(
-            "pattern", expected="for spline yarns one of " + ", ".join(JERSEYS), found=repr(options.pattern)
-        )
-    material = read_material(options.material or "wool")
-    knitted = jersey(
-        options.rows, options.columns, material, radius=1e-3 if options.radius is None else options.radius
-    )
+    knitted = _spline_yarns(options)
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
     if options.count:
         counts = knitted.counts()
@@ -71,6 +64,25 @@ def fabric(options: argparse.Namespace) -> int:
     _convert(options)
     _tell(_summary(run), options)
     return 0 if run.status.name == "CONVERGED" else 1
+
+
+def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
+    material = read_material(options.material or "wool")
+    size = options.rows, options.columns
+    if options.pattern in JERSEYS:
+        return jersey(*size, material, radius=1e-3 if options.radius is None else options.radius)
+    chart = stitches_of(options.pattern)
+    if chart is None:
+        raise InputError(
+            "pattern",
+            expected="for spline yarns jersey, a built-in knit or a .chart file",
+            found=repr(options.pattern),
+        )
+    if options.radius is not None and options.pattern not in library.names():
+        raise InputError("--radius", expected="a built-in pattern; files say how thick their yarns are")
+    given = {} if options.radius is None else {"radius": options.radius}
+    pattern = library.build(options.pattern, **given) if given else read_pattern(options.pattern)
+    return spline_fabric(pattern, chart, *size, material)
 
 
 def _rods_in_a_volume(options: argparse.Namespace) -> bool:

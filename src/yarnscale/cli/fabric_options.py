@@ -32,19 +32,19 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "pattern",
         metavar="PATTERN",
-        help="a built-in pattern or a pattern file; splines: jersey",
+        help="a built-in pattern or a pattern file; splines: jersey and knits of knit and purl stitches on one bed",
     )
     command.add_argument(
         "--rows",
         type=_count,
         metavar="N",
-        help="courses; direct: periods of the pattern along its wales",
+        help="courses of jersey; periods of other patterns along their wales",
     )
     command.add_argument(
         "--columns",
         type=_count,
         metavar="M",
-        help="wales; direct: periods of the pattern along its courses",
+        help="wales of jersey; periods of other patterns along their courses",
     )
     command.add_argument(
         "--method", choices=METHODS, default="volume",

@@ -1,8 +1,9 @@
-"""Plain jersey as LOD03 has it: one spline yarn a row, held together by contacts of two points each.
+"""Knit and purl stitches as LOD03 has jersey: one spline yarn a row, held together by contacts of two points each.
 
-A yarn of n stitches has 8 segments a stitch, so 8 n + 3 control points, and two contacts a stitch: where the legs of
-a loop lie on the head of the loop that it is drawn through. The first row has nothing to be drawn through; its loops
-are closed by contacts of the yarn with itself, as a cast-on does.
+A yarn of jersey of n stitches has 8 segments a stitch, so 8 n + 3 control points, and two contacts a stitch: where
+the legs of a loop lie on the head of the loop that it is drawn through. Where knit and purl stitches meet, loops turn
+out of the fabric, and their feet would pass through what they lie on: they are contacts too, four a stitch. The first
+row has nothing to be drawn through; its loops are closed by contacts of the yarn with itself, as a cast-on does.
 """
 
 from __future__ import annotations
@@ -18,13 +19,22 @@ from yarnscale.yarn.curves import PeriodicCurve
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.loop_paths import line_crossings
 from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stitches import SIGNS, StitchChart
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SEGMENTS_PER_STITCH = 8
-_DENSE = 64
-"""Points per segment of the polylines that crossings are looked for on."""
+JERSEY_SEGMENTS = 8
+"""Segments of a stitch of jersey, as LOD03 has them."""
+SEGMENTS_PER_STITCH = 16
+"""Segments of a stitch where knit and purl stitches meet: with 8, sinkers between them would cut through loops."""
+_DENSE = 512
+"""Points per stitch of the polylines that crossings are looked for on."""
+_CROSSINGS = 4
+"""Of a loop and the one that it is drawn through, in the plan."""
+_LEGS = slice(1, 3)
+"""Those of its legs with the head; the others are those of its feet with the legs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,72 +129,168 @@ def jersey(
 
     radius [m]; wale_spacing, course_spacing [radii], see ``yarn.knit``. Raises InputError.
     """
+    pattern = knit(
+        "k", radius=radius, wale_spacing=wale_spacing, course_spacing=course_spacing, name="jersey"
+    )
+    return spline_fabric(
+        pattern,
+        StitchChart.read("k"),
+        rows,
+        columns,
+        material,
+        segments_per_stitch=JERSEY_SEGMENTS,
+        feet=False,
+    )
+
+
+def spline_fabric(
+    pattern: YarnPattern,
+    chart: StitchChart,
+    rows: int,
+    columns: int,
+    material: YarnMaterial,
+    *,
+    segments_per_stitch: int = SEGMENTS_PER_STITCH,
+    feet: bool = True,
+) -> SplineFabric:
+    """``rows`` × ``columns`` periods of a pattern drawn from a chart of knit and purl stitches, flat; rows lie along x.
+
+    feet: whether contacts hold the feet of loops too, on the legs of the loops that they are drawn through.
+
+    Raises InputError for other stitches, and where loops do not lie on each other as they do in knitting.
+    """
     for name, value in (("rows", rows), ("columns", columns)):
         if not (isinstance(value, int | np.integer) and 1 <= value <= 1000):
             raise InputError(name, expected="a whole number from 1 to 1000", found=value)
-    pattern = knit("k", radius=radius, wale_spacing=wale_spacing, course_spacing=course_spacing)
+    _check_stitches(pattern, chart)
     width, height = pattern.period
-    stitch = PeriodicCurve(pattern.vertices[pattern.yarns[0]], (1, 0)).resampled(
-        SEGMENTS_PER_STITCH, pattern.period
-    )
-    lean = np.arange(SEGMENTS_PER_STITCH)[:, None] / SEGMENTS_PER_STITCH * np.array([width, 0.0, 0.0])
-    # A spline reproduces straight motion, so only the periodic part of the stitch asks for a solve.
-    loop = control_of_periodic(stitch.points - lean)
     lap = np.array([width, 0.0, 0.0])
-    row = _row(loop, lap, columns) - [columns * width / 2 + stitch.points[0, 0], 0.0, 0.0]
-    control = row + (np.arange(rows)[:, None, None] - (rows - 1) / 2) * np.array([0.0, height, 0.0])
-    low, high, top = _stitch_places(_row(loop, lap, 3), radius, material, height)
-    contacts = _contacts(_repeated(low, columns), _repeated(high, columns), rows)
-    tops = _repeated(top, columns)
-    return SplineFabric(control, radius, material, *contacts, CurvePoints(np.full(len(tops), rows - 1), tops))
+    if segments_per_stitch not in (8, 16, 32):
+        raise InputError("segments per stitch", expected="8, 16 or 32", found=segments_per_stitch)
+    period = segments_per_stitch * chart.wales
+    courses = [_course(pattern, place, period) for place in range(chart.courses)]
+    middle_x = columns * width / 2 + float(courses[0][0][0, 0])
+    lines = [_row(loop, lap, columns) - [middle_x, 0.0, 0.0] for _, loop in courses]
+    step, count = height / chart.courses, rows * chart.courses
+    tall = np.arange(count) // chart.courses * height - (count - 1) / 2 * step
+    control = np.array([lines[n % chart.courses] + [0.0, tall[n], 0.0] for n in range(count)])
+    fine = _DENSE // segments_per_stitch
+    middle = [_dense(_row(loop, lap, 3), fine) for _, loop in courses]
+    meetings = []
+    for place, line in enumerate(middle):
+        below = middle[place - 1] - [0.0, 0.0 if place else height, 0.0]
+        low, high = _crossings(line, below, chart, place)
+        meetings.append((_repeated(low / fine, columns, period), _repeated(high / fine, columns, period)))
+    contacts = _contacts(meetings, count, slice(None) if feet else _LEGS)
+    last = (count - 1) % chart.courses
+    _, heads = meetings[(last + 1) % chart.courses]
+    tops = _tops(_dense(lines[last], fine), fine * heads.reshape(-1, _CROSSINGS)[:, _LEGS]) / fine
+    return SplineFabric(
+        control, pattern.radius, material, *contacts, CurvePoints(np.full(len(tops), count - 1), tops)
+    )
+
+
+def _check_stitches(pattern: YarnPattern, chart: StitchChart) -> None:
+    for row, text in enumerate(chart.rows):
+        for column, symbol in enumerate(text):
+            if symbol not in SIGNS:
+                raise InputError(
+                    f"chart {chart.place(row, column)}: stitch of spline yarns",
+                    expected="k or p",
+                    found=repr(symbol),
+                )
+    alike = len(pattern.yarns) == chart.courses and (pattern.yarn_shift == np.array([1, 0])).all()
+    if chart.beds > 1 or not alike:
+        raise InputError(
+            "pattern of spline yarns",
+            expected="one needle bed, a yarn a course",
+            found=f"{len(pattern.yarns)} yarns in {chart.courses} courses of {chart.beds} needle beds",
+        )
+
+
+def _course(pattern: YarnPattern, place: int, count: int) -> tuple[Array, Array]:
+    """Points at the knots of a course of one period, and its control points, both (count, 3) [m]."""
+    chain = pattern.yarns[place]
+    points = pattern.vertices[chain].copy()
+    points[:, :2] += pattern.tile_along_yarn[chain] * pattern.period
+    knots = PeriodicCurve(points, (1, 0)).resampled(count, pattern.period).points
+    lean = np.arange(count)[:, None] / count * np.array([pattern.period[0], 0.0, 0.0])
+    # A spline reproduces straight motion, so only the periodic part of the course asks for a solve.
+    return knots, control_of_periodic(knots - lean)
 
 
 def _row(loop: Array, lap: Array, columns: int) -> Array:
-    """Control points of a row from those of one stitch, periodic up to ``lap`` [m]."""
-    knots = np.arange(-1, SEGMENTS_PER_STITCH * columns + 2)  # control point j acts most at knot j − 1
-    return loop[knots % SEGMENTS_PER_STITCH] + knots[:, None] / SEGMENTS_PER_STITCH * lap
+    """Control points of a row from those of one period, periodic up to ``lap`` [m]."""
+    knots = np.arange(-1, len(loop) * columns + 2)  # control point j acts most at knot j − 1
+    return loop[knots % len(loop)] + knots[:, None] / len(loop) * lap
 
 
-def _repeated(place: Array, columns: int) -> Array:
-    """Places on one stitch, on all stitches of a row."""
-    return (SEGMENTS_PER_STITCH * np.arange(columns)[:, None] + place).ravel()
+def _repeated(place: Array, columns: int, period: int) -> Array:
+    """Places on one period of so many segments, on all periods of a row."""
+    return (period * np.arange(columns)[:, None] + place).ravel()
 
 
-def _stitch_places(
-    row: Array, radius: float, material: YarnMaterial, height: float
-) -> tuple[Array, Array, Array]:
-    """Where a stitch takes part in contacts: on its legs (2), on its head (2); and its top (1).
+def _dense(control: Array, per_segment: int) -> Array:
+    """The line of control points (k, 3), with so many points a segment."""
+    along = np.arange((len(control) - ORDER + 1) * per_segment + 1) / per_segment
+    segment, u = located(along, len(control) - ORDER + 1)
+    return np.einsum("kj,kjc->kc", blending(u), control[segment[:, None] + np.arange(ORDER)])
 
-    In the plan a row crosses the one below four times a stitch; twice it lies in front of it: legs on a head.
-    ``row``: control points of three stitches, of which the middle one has all its neighbours.
+
+def _crossings(line: Array, below: Array, chart: StitchChart, place: int) -> tuple[Array, Array]:
+    """Where a course crosses the one below, (4 a stitch): points on it, and on that; counted from a period's first.
+
+    line, below: three periods of each, of which the middle one has all its neighbours. In the plan a loop crosses the
+    one below with a foot, its two legs and the other foot; with its legs in front of the head for a knit stitch, behind
+    it for a purl stitch, with its feet on the other side.
     """
-    none = CurvePoints(np.empty(0, np.int64), np.empty(0))
-    line = SplineFabric(row[None], radius, material, none, none, none).lines(row, _DENSE)[0]
-    below = line - [0.0, height, 0.0]
-    on_row, on_below = line_crossings(line[:, :2], below[:, :2])
-    index, stitch = np.arange(len(line)), _DENSE * SEGMENTS_PER_STITCH
-    front = np.interp(on_row, index, line[:, 2]) > np.interp(on_below, index, below[:, 2])
-    chosen = front & (on_row >= stitch) & (on_row < 2 * stitch)
-    if chosen.sum() != 2:
-        raise InputError(
-            "loops of the jersey do not interlock", expected="2 contacts", found=int(chosen.sum())
-        )
-    top = stitch + int(line[stitch : 2 * stitch, 1].argmax())
-    low, high = ((on[chosen] - stitch) / _DENSE for on in (on_row, on_below))
-    return low, high, np.array([top - stitch]) / _DENSE
+    index, lap = np.arange(len(line)), (len(line) - 1) // 3
+    stitch, on_line, on_below = lap // chart.wales, [], []
+    for wale, symbol in enumerate(chart.rows[place]):
+        begin = lap + wale * stitch
+        # What a stitch meets belongs to the stitch below it, or leans over from that one's neighbours.
+        first, second = line[begin : begin + stitch + 1], below[begin - stitch : begin + 2 * stitch + 1]
+        low, high = line_crossings(first[:, :2], second[:, :2])
+        order = np.argsort(low)
+        low, high = low[order] + begin, high[order] + begin - stitch
+        above = np.interp(low, index, line[:, 2]) > np.interp(high, index, below[:, 2])
+        own = SIGNS[symbol] > 0
+        if above.tolist() != [not own, own, own, not own]:
+            raise InputError(
+                f"chart {chart.place(place, wale)}: loop that does not interlock with the one below",
+                expected="legs that cross its head on the side of the stitch, feet that cross its legs on the other",
+                found=f"{len(low)} crossings, {int(above.sum())} in front",
+            )
+        on_line.append(low - lap)
+        on_below.append(high - lap)
+    return np.concatenate(on_line), np.concatenate(on_below)
 
 
-def _contacts(low: Array, high: Array, rows: int) -> tuple[CurvePoints, CurvePoints]:
-    """Legs of each row on heads of the row below; the first row's loops closed with itself, and its beginning tied."""
-    legs = low.reshape(-1, 2)  # left and right leg of each stitch
+def _tops(line: Array, heads: Array) -> Array:
+    """The highest point of every loop of a line, between both points (s, 2) at which legs lie on its head."""
+    found = []
+    for pair in heads:
+        begin, end = np.sort(np.round(pair).astype(np.int64))
+        found.append(begin + int(line[begin : end + 1, 1].argmax()))
+    return np.array(found)
+
+
+def _contacts(meetings: list[tuple[Array, Array]], rows: int, kept: slice) -> tuple[CurvePoints, CurvePoints]:
+    """Each row on the row below; the first row's loops closed with itself, and its beginning tied.
+
+    meetings: for every course of the chart the places on it and on the course below; kept: which of the four.
+    """
+    own = meetings[0][0].reshape(-1, _CROSSINGS)[:, _LEGS]
     closing = (
-        np.concatenate([legs[:, 0], legs[:-1, 1], [0.0]]),
-        np.concatenate([legs[:, 1], legs[1:, 0], [legs[0, 0]]]),
+        np.concatenate([own[:, 0], own[:-1, 1], [0.0]]),
+        np.concatenate([own[:, 1], own[1:, 0], [own[0, 0]]]),
     )
-    upper = np.repeat(np.arange(1, rows), len(low))
+    low, high = (
+        [meetings[n % len(meetings)][k].reshape(-1, _CROSSINGS)[:, kept].ravel() for n in range(1, rows)]
+        for k in range(2)
+    )
+    upper = np.repeat(np.arange(1, rows), [len(places) for places in low])
     still = np.zeros(len(closing[0]), np.int64)
-    first = CurvePoints(np.concatenate([still, upper]), np.concatenate([closing[0], np.tile(low, rows - 1)]))
-    second = CurvePoints(
-        np.concatenate([still, upper - 1]), np.concatenate([closing[1], np.tile(high, rows - 1)])
-    )
+    first = CurvePoints(np.concatenate([still, upper]), np.concatenate([closing[0], *low]))
+    second = CurvePoints(np.concatenate([still, upper - 1]), np.concatenate([closing[1], *high]))
     return first, second
