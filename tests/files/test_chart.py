@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from yarnscale.errors import InputError
 from yarnscale.files.chart import read_chart
-from yarnscale.files.patterns import read_pattern, write_pattern
+from yarnscale.files.patterns import read_pattern, stitches_of, write_pattern
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.pattern import YarnPattern
@@ -149,3 +149,16 @@ def test_any_bytes_give_one_line(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError):
         read_chart(path)
+
+
+def test_the_stitches_of_a_chart_begin_with_the_row_knitted_first(tmp_path: Path) -> None:
+    path = write(tmp_path, HEAD + "rows:\nk k : b\nk t : b\np p : a\n")
+    stitches = stitches_of(path)
+    assert stitches is not None and stitches.rows == ("pp", "kt", "kk")
+    assert len(read_pattern(path).yarns) == stitches.courses
+    assert stitches_of(write(tmp_path, "kind = weave\nrows:\nx.\n.x\n", "weave.chart")) is None
+    built = stitches_of("half-cardigan")
+    assert built is not None and built.beds == 2 and built.rows == ("kp", "kt")
+    assert stitches_of("plain") is None and stitches_of("elsewhere.pyp") is None
+    with pytest.raises(InputError, match="symbols"):
+        stitches_of(write(tmp_path, HEAD + "rows:\n", "empty.chart"))
