@@ -155,8 +155,13 @@ def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Pat
         assert refused in capsys.readouterr().err
 
 
+def test_explicit_steps_take_friction(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    run = ("--scene", "stretch", "--stretch", "0.3", "--duration", "0.004", "--explicit")
+    runs = [_numbers(capsys, *run, "--friction", mu, "--out", str(tmp_path / mu)) for mu in ("0", "0.5")]
+    assert all(numbers["status"] == "converged" and numbers["passages"] == 0 for numbers in runs)
+    assert runs[0]["extension"] != runs[1]["extension"]
+
+
 def test_options_that_exclude_each_other_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main([*SMALL, "--scene", "hang", "--explicit", "--friction", "0.3", "--out", str(tmp_path)]) == 2
-    assert "--friction" in capsys.readouterr().err
     assert main([*SMALL, "--scene", "hang", "--on", "mesh.obj", "--out", str(tmp_path)]) == 2
     assert "--rows" in capsys.readouterr().err

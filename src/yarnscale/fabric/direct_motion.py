@@ -115,7 +115,7 @@ class FabricDynamics:
         """One step of implicit Euler [s]."""
         _check(duration)
         energy, inertia = self.energy, self.mass / duration**2
-        self._begin(motion.x)
+        self._begin(motion.x, self.settings.friction)
         ahead = motion.x + duration * motion.velocity
         holds = self.holds(motion.time + duration).wells(energy)
         objective = FabricObjective(
@@ -135,10 +135,10 @@ class FabricDynamics:
         speed = _GRAVITY * duration / self.energy.radius
         return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
 
-    def _begin(self, x: Array) -> None:
-        """Begin a step: frames, and all that resists to slip from here on."""
+    def _begin(self, x: Array, friction: YarnFriction | None) -> None:
+        """Begin a step: frames, and all that resists to slip from here on; friction: as a potential."""
         self.energy.anchor(x)
-        self.energy.rub(x, self.settings.friction)
+        self.energy.rub(x, friction)
         for obstacle in self.obstacles:
             obstacle.begin(self.energy.positions(x))
 
@@ -161,6 +161,7 @@ class FabricDynamics:
         """One step of symplectic Euler [s]; must be shorter than ``stable_step``."""
         _check(duration)
         energy = self.energy
+        self._begin(motion.x, None)
         objective = FabricObjective(energy, Wells.none(energy.count), self.load, self.obstacles)
         value, gradient = objective.gradient(motion.x)
         if not (math.isfinite(value) and np.isfinite(gradient).all()):
@@ -170,16 +171,32 @@ class FabricDynamics:
         # Stiff springs would shorten the steps: what is held goes to its place.
         holds = self.holds(motion.time + duration).wells(energy)
         held = holds.weight > 0
-        velocity[held] = (holds.centre[held] - motion.x[held]) / duration
+        led = (holds.centre[held] - motion.x[held]) / duration
+        velocity[held] = led
+        self._rub(velocity, held, motion.x, duration)
+        velocity[held] = led
         step = duration * velocity
         x = motion.x + min(1.0, energy.bound(motion.x, step)) * step
         if self.count is not None:
             self.count.follow(x)
-        energy.anchor(x)
         return FabricStep(FabricMotion(x, velocity, motion.time + duration), Status.CONVERGED)
 
+    def _rub(self, velocity: Array, held: NDArray[np.bool_], x: Array, duration: float) -> None:
+        """Take from velocities what friction does in an explicit step."""
+        n = self.energy.count
+        yielding = np.where(held[: 3 * n].reshape(-1, 3).all(axis=1), 0.0, 1.0 / self.mass[: 3 * n : 3])
+        moves = velocity[: 3 * n].reshape(-1, 3)
+        if (friction := self.settings.friction) is not None:
+            moves[:] = friction.slowed(moves, yielding, self.energy.contacts(x).stencils, x, duration)
+        for obstacle in self.obstacles:
+            moves[:] = obstacle.slowed(moves, yielding, duration)
+
     def stable_step(self, motion: FabricMotion, *, iterations: int = 40) -> float:
-        """A stable explicit step at a state [s], a share of 2/ω of the fastest vibration (power iteration)."""
+        """A stable explicit step at a state [s], a share of 2/ω of the fastest vibration (power iteration).
+
+        Friction, which only takes velocities away, makes it no shorter.
+        """
+        self.energy.rub(motion.x, None)
         _, _, _, block, entries = self.energy.hessian(motion.x)
         vector = np.random.default_rng(0).standard_normal(len(motion.x))
         square = 0.0

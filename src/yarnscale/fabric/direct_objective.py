@@ -26,6 +26,10 @@ class NodeForce(Protocol):
         """Begin a step of motion at positions (n, 3): what rubs does so from there on."""
         ...
 
+    def slowed(self, velocity: Array, yielding: Array, duration: float) -> Array:
+        """Velocities (n, 3) after the friction of an explicit step; yielding: (n,) one over masses, 0 if led."""
+        ...
+
     def at(self, positions: Array) -> tuple[float, Array, Array]:
         """Energy, gradient (n, 3) and a positive semidefinite Hessian (n, 3, 3) at positions (n, 3)."""
         ...

@@ -129,7 +129,8 @@ class Pushes:
     """Contact of every vertex with a body at rest; a ``NodeForce``. stiffness: E''' of the penalty [E π r³ / r³].
 
     friction: coefficient μ of Coulomb's law, smoothed within a slip of ``slip`` [r] since ``begin``, which also takes
-    the pressures: friction lags by a step, as that of yarns on each other.
+    the pressures: friction lags by a step, as that of yarns on each other. Explicit steps, which are too short for
+    such a slip, ask for ``slowed`` instead.
     """
 
     energy: FabricEnergy
@@ -166,6 +167,16 @@ class Pushes:
         if len(rubbed):
             value += self._rub(positions, rubbed, gradient, hessian)
         return value, gradient, hessian
+
+    def slowed(self, velocity: Array, yielding: Array, duration: float) -> Array:
+        """Velocities (n, 3) of vertices whose sliding since ``begin`` is stopped by impulses up to μ N Δt."""
+        rubbed = np.flatnonzero(self._grip)
+        slower, normal, own = velocity.copy(), self._normal[rubbed], velocity[rubbed]
+        along = own - np.einsum("ni,ni->n", own, normal)[:, None] * normal
+        size = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
+        lost = np.minimum(1.0, duration * self._grip[rubbed] * yielding[rubbed] / size)
+        slower[rubbed] -= lost[:, None] * along
+        return slower
 
     def _rub(self, positions: Array, rubbed: NDArray[np.int64], gradient: Array, hessian: Array) -> float:
         """Add μ N (√(|u|² + h²) − h), u the slip along the surface, of vertices ``rubbed``; its value."""

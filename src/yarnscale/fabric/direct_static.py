@@ -126,9 +126,7 @@ def equilibrium(
     )
 
 
-def eased(
-    energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount | None = None
-) -> YarnSheet:
+def eased(energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount | None = None) -> YarnSheet:
     """The energy's sheet nearer to rest: drawn yarns at ease with each other, in so many Newton iterations."""
     rest = equilibrium(
         energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations, count=count

@@ -1,17 +1,28 @@
-"""Friction of yarns on each other: Coulomb's law, smoothed, with the pressures of the step before (lagged)."""
+"""Friction of yarns on each other: Coulomb's law with the pressures of the beginning of a step (lagged).
+
+Implicit steps minimise a smoothed potential of the slip since the step began. Explicit ones are far too short for
+that: within them slip is stopped by impulses up to μ N Δt a pair, one pair after the other (as Moreau and Jean 1992
+do), which takes energy away whatever the step.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import casadi as ca
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.energy import StencilEnergy, Symbol
+from yarnscale.numerics.kernel import run_columns
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_SWEEPS = 10
+"""Rounds over all pairs that rub in an explicit step."""
 
 
 def _rub(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
@@ -30,9 +41,53 @@ FRICTION = StencilEnergy(
 """μ N (√(|u|² + h²) − h): u the slip across the pressure since the step began; ``grip`` μ N, ``smooth`` h."""
 
 
+@dataclass(frozen=True, eq=False)
+class Rubbing:
+    """Pairs of segments that press on each other: their stencil variables (k, 12) and vertices (k, 4), where on either
+    segment they do (k, 2), in shares of it, the direction (k, 3) in which the first is pushed, and how hard (k,).
+    """
+
+    variables: Indices
+    place: Array
+    normal: Array
+    pressure: Array
+
+    @classmethod
+    def of(cls, contacts: StencilSet, x: Array) -> Rubbing:
+        """The pairs of contact stencils that press at a state."""
+        if contacts.count == 0:
+            return cls(np.empty((0, 12), np.int64), np.empty((0, 2)), np.empty((0, 3)), np.empty(0))
+        columns = run_columns(contacts.energy.gradient, x[contacts.variables], contacts.parameters)
+        force = columns[1].reshape(-1, 4, 3)
+        push = force[:, 0] + force[:, 1]
+        size = np.linalg.norm(push, axis=1)
+        kept = np.flatnonzero(size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300))
+        force, push, size = force[kept], push[kept], size[kept]
+        # Where the pressure acts on either segment: shares of its two ends.
+        normal = push / size[:, None]
+        place = np.stack(
+            [np.einsum("nj,nj->n", force[:, k], sign * normal) / size for k, sign in ((1, 1.0), (3, -1.0))], 1
+        )
+        return cls(contacts.variables[kept], np.clip(place, 0.0, 1.0), normal, size)
+
+    @property
+    def nodes(self) -> Indices:
+        """Vertices, of the first segment and of the second."""
+        return self.variables[:, ::3] // 3
+
+    @property
+    def weights(self) -> Array:
+        """Of the four vertices (k, 4): the slip is that of the first place against the second."""
+        s, t = self.place.T
+        return np.stack([1.0 - s, s, t - 1.0, -t], axis=1)
+
+
 @dataclass(frozen=True)
 class YarnFriction:
-    """Coefficient of friction μ [-], and the slip h [radii] within which a yarn sticks without sliding."""
+    """Coefficient of friction μ [-], and the slip h [radii] within which a yarn sticks without sliding.
+
+    The slip is that of implicit steps; explicit ones let nothing slip that friction can hold.
+    """
 
     coefficient: float
     slip: float = 0.02
@@ -41,24 +96,55 @@ class YarnFriction:
         """Friction of the pairs that press on each other at a state; positions (n, 3), contact stencils."""
         if contacts.count == 0 or self.coefficient == 0.0:
             return no_friction()
-        force = contacts.elements(x)[1].reshape(-1, 4, 3)
-        push = force[:, 0] + force[:, 1]
-        size = np.linalg.norm(push, axis=1)
-        kept = np.flatnonzero(size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300))
-        variables = contacts.variables[kept]
-        ends = positions[variables[:, ::3] // 3]
-        force, push, size = force[kept], push[kept], size[kept]
-        # Where the pressure acts on either segment: shares of its two ends.
-        normal = push / size[:, None]
-        place = np.stack(
-            [np.einsum("nj,nj->n", force[:, k], sign * normal) / size for k, sign in ((1, 1.0), (3, -1.0))], 1
-        )
-        place = np.clip(place, 0.0, 1.0)
-        s, t = place[:, :1], place[:, 1:]
-        offset = (1 - s) * ends[:, 0] + s * ends[:, 1] - (1 - t) * ends[:, 2] - t * ends[:, 3]
-        smooth = np.full(len(kept), self.slip)
-        parameters = np.column_stack([place, offset, normal, self.coefficient * size, smooth])
-        return StencilSet(FRICTION, variables, parameters, 4)
+        pairs = Rubbing.of(contacts, x)
+        offset = np.einsum("kj,kji->ki", pairs.weights, positions[pairs.nodes])
+        smooth = np.full(len(pairs.pressure), self.slip)
+        grip = self.coefficient * pairs.pressure
+        parameters = np.column_stack([pairs.place, offset, pairs.normal, grip, smooth])
+        return StencilSet(FRICTION, pairs.variables, parameters, 4)
+
+    def slowed(
+        self, velocity: Array, yielding: Array, contacts: StencilSet, x: Array, duration: float
+    ) -> Array:
+        """Velocities (n, 3) after the friction of an explicit step [s] whose pressures are those at a state.
+
+        yielding: (n,) one over the mass of every vertex, 0 for those that are led.
+        """
+        pairs, slower = Rubbing.of(contacts, x), np.ascontiguousarray(velocity).copy()
+        most = self.coefficient * duration * pairs.pressure
+        _stop_slip(slower, yielding, pairs.nodes, pairs.weights, pairs.normal, most, _SWEEPS)
+        return slower
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _stop_slip(velocity, yielding, nodes, weights, normal, most, sweeps):
+    """Impulses across the pressures that stop the slip of each pair, no larger than ``most`` (k,); in place."""
+    given = np.zeros((nodes.shape[0], 3))
+    slip, change = np.empty(3), np.empty(3)
+    for _ in range(sweeps):
+        for p in range(nodes.shape[0]):
+            yields = 0.0
+            slip[:] = 0.0
+            for j in range(4):
+                node, weight = nodes[p, j], weights[p, j]
+                yields += weight * weight * yielding[node]
+                for c in range(3):
+                    slip[c] += weight * velocity[node, c]
+            if yields == 0.0:
+                continue
+            along = slip[0] * normal[p, 0] + slip[1] * normal[p, 1] + slip[2] * normal[p, 2]
+            size = 0.0
+            for c in range(3):
+                change[c] = given[p, c] - (slip[c] - along * normal[p, c]) / yields
+                size += change[c] ** 2
+            share = min(1.0, most[p] / max(np.sqrt(size), 1e-300))
+            for c in range(3):
+                wanted = share * change[c]
+                change[c] = wanted - given[p, c]
+                given[p, c] = wanted
+            for j in range(4):
+                for c in range(3):
+                    velocity[nodes[p, j], c] += weights[p, j] * yielding[nodes[p, j]] * change[c]
 
 
 def no_friction() -> StencilSet:
