@@ -64,6 +64,42 @@ def test_stress_across_vanishes_and_energy_is_least(rested, direction):
     assert slope == pytest.approx(curve.stress[k], rel=2e-3)
 
 
+def test_the_step_that_is_not_solved_for_takes_away_what_stress_is_left(rested):
+    usual, exact = (
+        pulled(rested, Direction.WEFT, STRETCHES),
+        pulled(rested, Direction.WEFT, STRETCHES, tolerance=1e-9),
+    )
+    assert usual.solves < exact.solves
+    np.testing.assert_allclose(usual.stress, exact.stress, rtol=1e-4)
+    np.testing.assert_allclose(usual.contraction, exact.contraction, rtol=0.0, atol=1e-5)
+    # Without it: contractions are those of the states.
+    reached = [1.0 - (1.0 + state.strain.s_y) for state in usual.states]
+    assert (
+        np.abs(np.array(reached) - exact.contraction).max()
+        > 5 * np.abs(usual.contraction - exact.contraction).max()
+    )
+
+
+def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
+    """Followed stage by stage from a yarn nearby, with the same outcome as from the drawing, and sooner."""
+    rule, other = RestRule(), UNKNOWNS + np.array([0.0, 0.0, 1e-3, -1e-3, 1e-3])
+    cells = [replace(model.cell(model.values(u)), tolerance=1e-9) for u in (UNKNOWNS, other)]
+    here = at_rest(cells[0], rule, draw_in=0.4)
+    alone, beside = at_rest(cells[1], rule, draw_in=0.4), at_rest(cells[1], rule, draw_in=0.4, near=here)
+    assert alone.relaxed and beside.relaxed
+    moved = np.abs(alone.change - here.change).max()
+    assert moved > 1e-5 and beside.solves < 0.6 * alone.solves
+    np.testing.assert_allclose(beside.change, alone.change, rtol=0.0, atol=0.01 * moved)
+    curves = [pulled(found.cell, Direction.WEFT, STRETCHES, tolerance=1e-9) for found in (here, alone)]
+    near = pulled(beside.cell, Direction.WEFT, STRETCHES, near=curves[0])
+    assert near.solves < curves[1].solves
+    apart = np.abs(curves[1].stress - curves[0].stress)
+    assert (np.abs(near.stress - curves[1].stress) < 0.02 * apart).all(), (
+        near.stress - curves[1].stress,
+        apart,
+    )
+
+
 def test_derivatives_with_the_rest_shape_held(model, rested):
     """By the implicit function theorem against differences of curves of cells with other yarns."""
     curve = pulled(rested, Direction.WEFT, STRETCHES)

@@ -78,10 +78,13 @@ class YarnObjective:
             raise InputError(f"bending of '{self.data.name}'", expected="pear loops", found="none measured")
 
     def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
-        """Rest shape and states of a yarn; ``near`` gives the states to start from, of almost the same yarn."""
+        """Rest shape and states of a yarn; ``near``: almost the same yarn, whose way and states are followed."""
         began, unknowns = time.process_time(), np.array(unknowns, np.float64)
         values = self.model.values(unknowns)
-        rested = at_rest(self.model.cell(values), self.rule, draw_in=self.model.draw_in(values))
+        rested = at_rest(
+            self.model.cell(values), self.rule, draw_in=self.model.draw_in(values),
+            near=None if near is None else near.rested,
+        )  # fmt: skip
         curves = []
         for k, target in enumerate(self.data.curves):
             start = None if near is None else near.curves[k]
@@ -157,7 +160,8 @@ class YarnObjective:
 def _none(target: UniformCurve) -> YarnCurve:
     """A curve of no states, of a yarn that has no rest shape."""
     n = len(target.stretch)
-    return YarnCurve(target.direction, target.stretch, np.zeros(n), np.zeros(n), np.zeros(n, bool), (), 0)
+    none = np.zeros(n)
+    return YarnCurve(target.direction, target.stretch, none, none, np.zeros(n, bool), (), np.zeros((n, 2)), 0)
 
 
 def coarser(data: UniformData, samples: int) -> UniformData:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.cell.periodic import Equilibrium, PeriodicCell
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
@@ -52,46 +52,90 @@ class RestRule:
 
 
 @dataclass(frozen=True, eq=False)
+class RestStage:
+    """An equilibrium on the way to rest; matrix: of coarse stress by the periods (2, 2), where these are released."""
+
+    state: Equilibrium
+    matrix: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class RestedCell:
     """A cell at rest: its pattern is drawn at the equilibrium.
 
-    change: of the drawn periods, (2,). solves: equilibria that it took. relaxed: whether they converged.
+    change: of the drawn periods, (2,). solves: equilibria that it took. relaxed: whether they converged. way: the
+    stages passed, None where one was left out; a cell that is almost the same passes the same ones next to these.
     """
 
     cell: PeriodicCell
     change: Array
     solves: int
     relaxed: bool
+    way: tuple[RestStage | None, ...] = ()
 
 
-def at_rest(cell: PeriodicCell, rule: RestRule, *, draw_in: float | None = None) -> RestedCell:
-    """Bring a drawn cell to rest; ``draw_in``: how far it draws in before (``drawn_in``), None not at all."""
-    drawn, periods, solves = cell.pattern, np.ones(2), 0
+class _Way:
+    """Stages that are passed, beside those of a cell nearby."""
+
+    def __init__(self, near: RestedCell | None) -> None:
+        self._beside = () if near is None or not near.relaxed else near.way
+        self.passed: list[RestStage | None] = []
+
+    @property
+    def beside(self) -> RestStage | None:
+        """Where the cell nearby was at the stage that comes now."""
+        place = len(self.passed)
+        return self._beside[place] if place < len(self._beside) else None
+
+    @property
+    def start(self) -> Equilibrium | None:
+        """Its equilibrium."""
+        return None if self.beside is None else self.beside.state
+
+    @property
+    def left_of(self) -> int | None:
+        """How many stages the cell nearby had left; None without one."""
+        return len(self._beside) - len(self.passed) if self._beside else None
+
+
+def at_rest(
+    cell: PeriodicCell, rule: RestRule, *, draw_in: float | None = None, near: RestedCell | None = None
+) -> RestedCell:
+    """Bring a drawn cell to rest; ``draw_in``: how far it draws in before (``drawn_in``), None not at all.
+
+    near: what almost the same cell came to by the same rule; this one then follows it stage by stage, to the same rest
+    as without it wherever there is no other close by.
+    """
+    drawn, periods, solves, way = cell.pattern, np.ones(2), 0, _Way(near)
     low, high = drawn.rest_length * (1.0 - LENGTH_BOUND), drawn.rest_length * (1.0 + LENGTH_BOUND)
     if draw_in is not None and rule.rounds:
-        found = drawn_in(cell, draw_in)
+        found = _drawn_in(cell, draw_in, way)
         if not found.relaxed:
             return found
         cell, solves, periods = found.cell, found.solves, 1.0 + found.change
     for _ in range(rule.rounds):
-        state = cell.relax()
+        state = cell.relax(start=way.start)
         solves += 1
         if not state.converged:
             return RestedCell(cell, periods - 1.0, solves, False)
+        way.passed.append(RestStage(state))
         pattern = set_as_drawn(rebased(cell.pattern, state), share=rule.share)
         cell = replace(cell, pattern=replace(pattern, rest_length=np.clip(pattern.rest_length, low, high)))
     if not rule.release:
-        state = cell.relax()
+        state = cell.relax(start=way.start)
+        way.passed.append(RestStage(state))
         return RestedCell(
-            replace(cell, pattern=rebased(cell.pattern, state)), periods - 1.0, solves + 1, state.converged
-        )
-    for _ in range(_REDRAWN):
-        found = _released(cell)
+            replace(cell, pattern=rebased(cell.pattern, state)), periods - 1.0, solves + 1, state.converged,
+            tuple(way.passed),
+        )  # fmt: skip
+    followed = way.left_of
+    for _ in range(_REDRAWN if followed is None else followed):
+        found = _released(cell, way)
         cell, solves, periods = found.cell, solves + found.solves, periods * (1.0 + found.change)
         # Redrawn, the constraint that holds yarns in place follows their new tangents: a little stress comes back.
-        if not found.relaxed or np.abs(found.change).max() < _AT_REST:
+        if not found.relaxed or (followed is None and np.abs(found.change).max() < _AT_REST):
             break
-    return RestedCell(cell, periods - 1.0, solves, found.relaxed)
+    return RestedCell(cell, periods - 1.0, solves, found.relaxed, tuple(way.passed))
 
 
 def drawn_in(cell: PeriodicCell, share: float) -> RestedCell:
@@ -100,25 +144,34 @@ def drawn_in(cell: PeriodicCell, share: float) -> RestedCell:
     What its yarns have gone of the way they forget of the drawing: rest curvatures and twists of the outcome are that
     share those of its shape, the rest those of the drawing. Rest lengths stay. share 0: the drawing at equilibrium.
     """
-    drawn, change, solves, state = cell.pattern, np.zeros(2), 0, None
+    return _drawn_in(cell, share, _Way(None))
+
+
+def _drawn_in(cell: PeriodicCell, share: float, way: _Way) -> RestedCell:
+    """``drawn_in`` beside the way of a cell nearby: two stages, the periods of straight yarn and the arrival."""
+    drawn, change, solves = cell.pattern, np.zeros(2), 0
     if share > 0.0:
-        end = _released(replace(cell, pattern=_set(drawn, 0.0)))
+        end = _released(replace(cell, pattern=_set(drawn, 0.0)), way)
         change, solves = share * end.change, end.solves
         if not end.relaxed:
             return RestedCell(cell, change, solves, False)
-    loose = replace(cell, pattern=_set(drawn, 1.0 - share))
+    else:
+        way.passed.append(None)
+    loose, state = replace(cell, pattern=_set(drawn, 1.0 - share)), way.start
     # From the drawing, not back from the end: yarns that have folded over each other would stay so.
-    for part in np.arange(1, _DRAWING + 1) / _DRAWING:
+    for part in np.arange(1, _DRAWING + 1) / _DRAWING if state is None else (1.0,):
         state = loose.relax(_flat(part * change), start=state)
         solves += 1
         if not state.converged:
             return RestedCell(cell, change, solves, False)
     assert state is not None
+    way.passed.append(RestStage(state))
     arrived = rebased(loose.pattern, state)
     arrived = replace(arrived, rest_curvature=drawn.rest_curvature, rest_twist=drawn.rest_twist)
     return RestedCell(
-        replace(cell, pattern=set_as_drawn(arrived, share=share, lengths=False)), change, solves, True
-    )
+        replace(cell, pattern=set_as_drawn(arrived, share=share, lengths=False)), change, solves, True,
+        tuple(way.passed),
+    )  # fmt: skip
 
 
 def _set(pattern: YarnPattern, share: float) -> YarnPattern:
@@ -128,14 +181,16 @@ def _set(pattern: YarnPattern, share: float) -> YarnPattern:
     )
 
 
-def _released(cell: PeriodicCell) -> RestedCell:
+def _released(cell: PeriodicCell, way: _Way) -> RestedCell:
     """Periods at zero stress by Newton's method; its matrix is kept up by Broyden's updates from differences.
 
-    Solves nearby are far cheaper than moduli.
+    Solves nearby are far cheaper than moduli. One stage of the way.
     """
-    periods = np.zeros(2)
-    state, solves = cell.relax(), 1
-    stress, matrix, step, limit = state.stress[[0, 2]], None, np.zeros(2), _LARGEST_STEP
+    periods, matrix, start, solves = np.zeros(2), None, way.start, 1
+    if way.beside is not None and start is not None:
+        periods, matrix = start.strain.vector[[0, 2]], way.beside.matrix
+    state = cell.relax(_flat(periods), start=start)
+    stress, step, limit = state.stress[[0, 2]], np.zeros(2), _LARGEST_STEP
     for _ in range(_RELEASES):
         if not state.converged:
             break
@@ -164,6 +219,7 @@ def _released(cell: PeriodicCell) -> RestedCell:
         # Where Newton does not pay, the matrix is taken anew.
         matrix = matrix + np.outer(change - matrix @ step, step) / (step @ step) if gain < 0.5 else None
     relaxed = state.converged and bool(np.abs(step).max() < 1e-4)
+    way.passed.append(RestStage(state, matrix))
     if not state.converged:
         return RestedCell(cell, periods, solves, False)
     return RestedCell(replace(cell, pattern=rebased(cell.pattern, state)), periods, solves, relaxed)

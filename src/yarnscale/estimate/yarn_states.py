@@ -8,7 +8,7 @@ from the moduli by the implicit function theorem; nothing is searched without th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,8 +21,11 @@ from yarnscale.kinematics import ShellStrain
 Array = NDArray[np.float64]
 
 _STEPS = 12
-TOLERANCE = 1e-4
-"""Largest stress across over the stress along, at which a state is at rest across."""
+TOLERANCE = 1e-3
+"""Largest stress across over the stress along from which the last step is not solved for; after it a few millionths
+of the residuals are left."""
+_LOOSEST = 5.0
+"""How many times that still counts."""
 _LARGEST_STEP = 0.1
 _NEAR = 1e-4
 """Difference of the contraction from which the stiffness across is first taken."""
@@ -32,8 +35,9 @@ _NEAR = 1e-4
 class YarnCurve:
     """Uniaxial response of a cell; arrays (n,) at its stretches.
 
-    stress: first Piola–Kirchhoff [N/m]. states: the equilibria. converged: which states are at rest, also across.
-    solves: equilibria it took.
+    stress: first Piola–Kirchhoff [N/m]. states: the equilibria, next to the contraction at which the stress across
+    vanishes. converged: which states are at rest, also across. slopes: (n, 2) of the stress across and of the stress
+    along by the contraction. solves: equilibria it took.
     """
 
     direction: Direction
@@ -42,6 +46,7 @@ class YarnCurve:
     contraction: Array
     converged: NDArray[np.bool_]
     states: tuple[Equilibrium, ...]
+    slopes: Array
     solves: int
 
 
@@ -132,29 +137,51 @@ def pulled(
     """Stretch a cell that is at rest, state by state in rising order.
 
     near: the curve of a similar cell at the same stretches, whose states are started from. tolerance: of the stress
-    across, relative to the stress along.
+    across, relative to the stress along; what is left of it goes by a last step that is not solved for.
     """
     path = _Path(cell, direction.angle, tolerance)
-    states, contraction, stress, converged = [], [], [], []
+    states: list[_State] = []
     for k, stretch in enumerate(stretches):
-        if len(converged) > 1 and not any(converged[-2:]):
+        if len(states) > 1 and not (states[-2].good or states[-1].good):
             # Beyond two states that nothing brings to rest, looking for more is a waste.
-            state, width, good = states[-1], contraction[-1], False
+            states.append(replace(states[-1], good=False))
+        elif near is None or not near.converged[k]:
+            states.append(path.advance(float(stretch)))
         else:
-            seed = (
-                None
-                if near is None or not near.converged[k]
-                else (near.states[k], float(near.contraction[k]))
-            )
-            state, width, good = path.advance(float(stretch), seed)
-        states.append(state)
-        contraction.append(width)
-        stress.append(float(state.stress @ strain_slopes(direction.angle, float(stretch), width)[0]))
-        converged.append(good)
+            states.append(path.beside(near, k))
     return YarnCurve(
-        direction, np.array(stretches, np.float64), np.array(stress), np.array(contraction), np.array(converged),
-        tuple(states), path.solves,
-    )  # fmt: skip
+        direction,
+        np.array(stretches, np.float64),
+        np.array([state.along for state in states]),
+        np.array([state.width for state in states]),
+        np.array([state.good for state in states]),
+        tuple(state.equilibrium for state in states),
+        np.array([state.slopes for state in states]),
+        path.solves,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """An equilibrium at a contraction (width): its stress across and along, their slopes by it, whether it counts."""
+
+    equilibrium: Equilibrium
+    width: float
+    across: float
+    along: float
+    slopes: Array
+    good: bool = True
+
+    def small(self, tolerance: float) -> bool:
+        """Whether the stress across is, beside the stress along."""
+        return abs(self.across) <= tolerance * max(abs(self.along), 1e-3)
+
+    def freed(self) -> _State:
+        """What is left of the stress across taken away along the slopes."""
+        if not self.slopes[0] > 0:
+            return self
+        step = -self.across / self.slopes[0]
+        return replace(self, width=self.width + step, across=0.0, along=self.along + self.slopes[1] * step)
 
 
 class _Path:
@@ -163,41 +190,50 @@ class _Path:
     def __init__(self, cell: PeriodicCell, angle: float, tolerance: float) -> None:
         self.tolerance = tolerance
         self.cell, self.angle, self.strain = cell, angle, strain_map(angle)
-        self.state: Equilibrium | None = None
-        self.stiffness: float | None = None
+        self.last: Equilibrium | None = None
+        self.slopes = np.full(2, np.nan)
         self.history: list[tuple[float, float]] = [(0.0, 0.0)]
         self.solves = 0
 
-    def advance(
-        self, stretch: float, seed: tuple[Equilibrium, float] | None
-    ) -> tuple[Equilibrium, float, bool]:
-        """The state at the next stretch: its equilibrium, contraction, and whether it is at rest."""
-        start, width = (self.state, self._ahead(stretch)) if seed is None else seed
-        state, across = self._solve(stretch, width, start)
+    def advance(self, stretch: float) -> _State:
+        """The state at the next stretch."""
+        return self._found(stretch, self._ahead(stretch), self.last)
+
+    def beside(self, near: YarnCurve, k: int) -> _State:
+        """The state next to the k-th one of another curve."""
+        self.slopes = near.slopes[k]
+        return self._found(float(near.stretch[k]), float(near.contraction[k]), near.states[k])
+
+    def _found(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
+        state = self._solve(stretch, width, start)
         lower, upper = -np.inf, np.inf
         for _ in range(_STEPS):
-            if not state.converged or self._small(state, across, stretch, width):
+            if not state.good or state.small(self.tolerance):
                 break
             # The stress across, ∂ψ/∂c, rises with c at a minimum.
-            lower, upper = (width, upper) if across < 0 else (lower, width)
-            if self.stiffness is None:
-                near, there = self._solve(stretch, width + _NEAR, state)
-                self.stiffness = (there - across) / _NEAR if near.converged else None
-            step = (
-                -across / self.stiffness if self.stiffness and self.stiffness > 0 else -0.03 * np.sign(across)
-            )
+            lower, upper = (state.width, upper) if state.across < 0 else (lower, state.width)
+            if np.isnan(self.slopes[0]):
+                self._keep_up(state, self._solve(stretch, state.width + _NEAR, state.equilibrium))
+            soft = self.slopes[0] > 0
+            step = -state.across / self.slopes[0] if soft else -0.03 * float(np.sign(state.across))
             step = float(np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
-            if not lower < width + step < upper:
-                step = 0.5 * (lower + upper) - width if np.isfinite(lower + upper) else step
-            further, there = self._solve(stretch, width + step, state)
-            if further.converged:
-                self.stiffness = (there - across) / step
-            state, width, across = further, width + step, there
-        good = state.converged and self._small(state, across, stretch, width, 50.0)
-        if good:
-            self.state = state
-            self.history.append((stretch, width))
-        return state, width, good
+            if not lower < state.width + step < upper:
+                step = 0.5 * (lower + upper) - state.width if np.isfinite(lower + upper) else step
+            further = self._solve(stretch, state.width + step, state.equilibrium)
+            self._keep_up(state, further)
+            state = further
+        state = replace(state, slopes=self.slopes, good=state.good and state.small(_LOOSEST * self.tolerance))
+        if state.good:
+            self.last = state.equilibrium
+            state = state.freed()
+            self.history.append((stretch, state.width))
+        return state
+
+    def _keep_up(self, before: _State, after: _State) -> None:
+        """Slopes from two states at one stretch."""
+        if after.good:
+            change = np.array([after.across - before.across, after.along - before.along])
+            self.slopes = change / (after.width - before.width)
 
     def _ahead(self, stretch: float) -> float:
         """Contraction on the parabola through the last three states."""
@@ -206,16 +242,12 @@ class _Path:
             return 0.0
         return float(np.polyval(np.polyfit(points[:, 0], points[:, 1], len(points) - 1), stretch))
 
-    def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> tuple[Equilibrium, float]:
+    def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
         self.solves += 1
-        state = self.cell.relax(ShellStrain.from_vector(self.strain(stretch, width)), start=start)
-        return state, float(state.stress @ strain_slopes(self.angle, stretch, width)[1])
-
-    def _small(
-        self, state: Equilibrium, across: float, stretch: float, width: float, factor: float = 1.0
-    ) -> bool:
-        along = float(state.stress @ strain_slopes(self.angle, stretch, width)[0])
-        return abs(across) <= factor * self.tolerance * max(abs(along), 1e-3)
+        found = self.cell.relax(ShellStrain.from_vector(self.strain(stretch, width)), start=start)
+        by_stretch, by_width, *_ = strain_slopes(self.angle, stretch, width)
+        across, along = float(found.stress @ by_width), float(found.stress @ by_stretch)
+        return _State(found, width, across, along, self.slopes, found.converged)
 
 
 def differentiated(cell: PeriodicCell, curve: YarnCurve) -> CurveDerivatives:
