@@ -28,12 +28,12 @@ def _moving(fabric: SplineFabric, shape: tuple[int, int] | None, **options: floa
 
 
 def _seconds_a_step(moving: SplineMotion, method: str, step: float, count: int) -> tuple[float, float]:
-    """Median seconds of a step, and mean Newton iterations."""
+    """Median processor seconds of a step, which others on the machine disturb little, and mean Newton iterations."""
     motion, seconds, iterations = moving.step(moving.start, step, method=method).motion, [], []  # type: ignore[arg-type]
     for _ in range(count):
-        begin = time.perf_counter()
+        begin = time.process_time()
         result = moving.step(motion, step, method=method)  # type: ignore[arg-type]
-        seconds.append(time.perf_counter() - begin)
+        seconds.append(time.process_time() - begin)
         motion, _ = result.motion, iterations.append(result.iterations)
     return float(np.median(seconds)), float(np.mean(iterations))
 
@@ -47,7 +47,7 @@ def show_times(quick: bool) -> None:
             moving = _moving(fabric, shape)
             stable = 0.7 * moving.stable_step(moving.start)
             explicit, _ = _seconds_a_step(moving, "explicit", stable, 5 if shape is None else 50)
-            implicit, newton = _seconds_a_step(moving, "implicit", STEP, 4 if shape is None else 12)
+            implicit, newton = _seconds_a_step(moving, "implicit", STEP, 3 if shape is None else 12)
             found = np.array([explicit / stable, implicit / STEP])
             base = found if base is None else base
             ratio = "" if shape is None else f"  {base[0] / found[0]:.0f}x, {base[1] / found[1]:.0f}x"
@@ -56,7 +56,8 @@ def show_times(quick: bool) -> None:
             print(
                 f"{rows:3d}x{columns:<3d}   {name:9s} {counts.get('reduced_unknowns', counts['unknowns']):8d} "
                 f"{1e3 * explicit:11.2f} {1e6 * stable:10.1f} {found[0]:8.1f} | "
-                f"{1e3 * implicit:9.1f} {newton:8.1f} {found[1]:8.1f}{ratio}"
+                f"{1e3 * implicit:9.1f} {newton:8.1f} {found[1]:8.1f}{ratio}",
+                flush=True,
             )
 
 

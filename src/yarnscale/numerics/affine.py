@@ -7,7 +7,7 @@ stencil (``assembly``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol, cast
 
@@ -34,6 +34,7 @@ class NodeMap:
 
     weights: Array | csr_array
     offset: Array
+    _last: list[tuple[SymmetricPattern, _NodePull]] = field(default_factory=list, init=False, repr=False)
 
     def expand(self, free: Array) -> Array:
         """Full degrees of freedom, (3m,)."""
@@ -44,8 +45,10 @@ class NodeMap:
         return (self.weights.T @ gradient.reshape(-1, 3)).ravel()
 
     def pulled(self, inner: SymmetricPattern) -> _NodePull:
-        """How matrices of this pattern are pulled back."""
-        return _NodePull(self.weights, inner)
+        """How matrices of this pattern are pulled back; the last is kept, as every step asks for it again."""
+        if not self._last or self._last[0][0] is not inner:
+            self._last[:] = [(inner, _NodePull(self.weights, inner))]
+        return self._last[0][1]
 
 
 @lru_cache(maxsize=4)
