@@ -21,6 +21,7 @@ from yarnscale.fabric.sheet_frames import carried, joint_twists, unit_edges
 from yarnscale.fabric.yarn_friction import YarnFriction, no_friction
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
+from yarnscale.numerics.dissection import stages
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.yarn.contact import contact_energy, contact_reach
 from yarnscale.yarn.neighbours import pair_gaps, safe_fraction
@@ -34,6 +35,8 @@ SKIN = 0.7
 """How much farther than contact pairs are listed [r]."""
 PATTERN_MARGIN = 0.1
 """How much farther than contact the matrix pattern looks ahead [r]: more saves analyses, less makes factors sparse."""
+DISSECTED = 3000
+"""Vertices from which the matrix is dissected: factors of smaller ones take no time."""
 STEP_LIMIT = 4.0
 """Largest move of a vertex against the fabric as a whole in one Newton step [r]."""
 EDGE_LIMIT = 0.5
@@ -215,8 +218,7 @@ class FabricEnergy:
         fits = self._pattern is not None and all(map(self._pattern.covers, (rods[-1], listed[touching])))
         if not fits:
             chosen = gaps < self._reach + PATTERN_MARGIN
-            groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
-            self._pattern = BlockPattern.of(groups, [*rods, listed[chosen]])
+            self._pattern = self._matrix_pattern([*rods, listed[chosen]], x)
             self.patterns += 1
             self._rod_slots = None
         assert self._pattern is not None
@@ -226,6 +228,15 @@ class FabricEnergy:
         stencils = StencilSet(whole.energy, listed[chosen], whole.parameters[chosen], 4)
         contacts.pressed = PressedPairs(chosen, stencils, self._pattern.slots(listed[chosen]))
         return contacts.pressed
+
+    def _matrix_pattern(self, unknowns: list[Indices], x: Array) -> BlockPattern:
+        groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
+        pattern = BlockPattern.of(groups, unknowns)
+        if self.count < DISSECTED:
+            return pattern
+        # An edge's twist goes along with its first vertex.
+        first, second = (met % self.count for met in pattern.meetings())
+        return pattern.staged(np.tile(stages(first, second, self.positions(x)), 2))
 
     def ties(self, x: Array) -> Array:
         """Entries of a matrix that resists motion of yarns against each other, at the yarn's stiffness in tension."""

@@ -6,7 +6,7 @@ same thing; entries are found by group, not one by one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -57,6 +57,14 @@ class BlockPattern:
         _fill_rows(starts, rows, offsets, first, column_starts, entry_rows)
         pattern = SymmetricPattern(size, column_starts, entry_rows)
         return cls(pattern, group, first, starts, rows.astype(np.int32), offsets)
+
+    def staged(self, stages: Indices) -> BlockPattern:
+        """The same with the stage (g,) at which each group is best eliminated."""
+        return replace(self, pattern=replace(self.pattern, stages=stages[self.group]))
+
+    def meetings(self) -> tuple[Indices, Indices]:
+        """Column and row group of every block."""
+        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), self.rows.astype(np.int64)
 
     def covers(self, unknowns: Indices) -> bool:
         """Whether all pairs of these stencils' unknowns, (N, k), lie in the pattern."""

@@ -18,12 +18,14 @@ from yarnscale.errors import InputError
 class SymmetricPattern:
     """Where a symmetric matrix may be nonzero: its lower triangle by columns, rows sorted, diagonal present.
 
-    size: number of rows n; starts: (n + 1,) int64, first entry of each column; rows: (nnz,) int64.
+    size: number of rows n; starts: (n + 1,) int64, first entry of each column; rows: (nnz,) int64. stages: (n,) at
+    which rows are best eliminated (``dissection``), None: the factorisation finds an order by itself.
     """
 
     size: int
     starts: NDArray[np.int64]
     rows: NDArray[np.int64]
+    stages: NDArray[np.int64] | None = None
 
     @classmethod
     def from_keys(cls, size: int, keys: NDArray[np.int64]) -> SymmetricPattern:
@@ -93,7 +95,12 @@ class CholmodFactorisation:
         columns = np.repeat(np.arange(pattern.size), np.diff(pattern.starts))
         size = (pattern.size, pattern.size)
         self._values = cvxopt.spmatrix(1.0, cvxopt.matrix(pattern.rows), cvxopt.matrix(columns), size)
-        self._factor = cholmod.symbolic(self._values)
+        if pattern.stages is None:
+            self._factor = cholmod.symbolic(self._values)
+            return
+        by_degree = np.array(import_module("cvxopt.amd").order(self._values)).ravel()
+        order = by_degree[np.argsort(pattern.stages[by_degree], kind="stable")]
+        self._factor = cholmod.symbolic(self._values, p=cvxopt.matrix(order))
 
     def factor(self, values: NDArray[np.float64]) -> bool:
         if not np.isfinite(values).all():  # CHOLMOD factors NaN without complaint
