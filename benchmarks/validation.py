@@ -309,7 +309,7 @@ if __name__ == "__main__":
     parser.add_argument("--scene", choices=("stretch", "drape"), default="stretch")
     parser.add_argument("--size", type=float, default=0.09, help="edge of the sheet [m]")
     parser.add_argument("--spacing", type=float, default=0.004, help="edge of the triangles of cloth [m]")
-    parser.add_argument("--friction", type=float, default=0.3, help="of yarns on each other")
+    parser.add_argument("--friction", type=float, default=0.1, help="of yarns on each other")
     parser.add_argument("--time-step", type=float, default=1 / 60, help="of the yarns [s]")
     parser.add_argument("--cloth-step", type=float, default=1 / 60, help="of the cloth [s]")
     parser.add_argument("--out", type=Path, required=True)
