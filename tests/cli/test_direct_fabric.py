@@ -165,3 +165,28 @@ def test_explicit_steps_take_friction(capsys: pytest.CaptureFixture[str], tmp_pa
 def test_options_that_exclude_each_other_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main([*SMALL, "--scene", "hang", "--on", "mesh.obj", "--out", str(tmp_path)]) == 2
     assert "--rows" in capsys.readouterr().err
+
+
+def test_a_piece_of_tucks_and_two_beds_is_one_yarn_too(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    options = [
+        "--rows",
+        "2",
+        "--columns",
+        "2",
+        "--method",
+        "direct",
+        "--border",
+        "knitted",
+        "--count",
+        "--json",
+    ]
+    assert main(["fabric", "half-cardigan", *options]) == 0
+    assert json.loads(capsys.readouterr().out)["yarns"] == 1
+    striped = tmp_path / "stripes.chart"
+    striped.write_text("kind = knit\nrows:\nkk : b\nkt : b\nkk : a\ntk : a\n", encoding="utf-8")
+    assert main(["fabric", str(striped), *options]) == 0
+    assert json.loads(capsys.readouterr().out)["yarns"] == 2
+    assert main(["fabric", "plain", *options]) == 2
+    assert "knitted piece" in capsys.readouterr().err
