@@ -112,5 +112,8 @@ def test_other_stitches_are_refused_by_their_place() -> None:
     with pytest.raises(InputError, match="needle beds"):
         _fabric("all-needle", 2, 2)
     chart = ["k", "k"]
-    with pytest.raises(InputError, match="spline yarns"):
+    with pytest.raises(InputError, match="spline"):
         spline_fabric(knit(chart, yarns=("ab", "a")), StitchChart.read(chart), 2, 2, WOOL)
+    chart = ["k", "p"]
+    with pytest.raises(InputError, match="one material"):
+        spline_fabric(knit(chart, yarns=("a", "b")), StitchChart.read(chart), 2, 2, WOOL)
