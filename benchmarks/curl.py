@@ -2,7 +2,7 @@
 
 python benchmarks/curl.py [size in m] [equilibria] [picture]
 
-A free piece with a soft glue along its cut edges, and cloth of the material of tests/fabrics, which was homogenized
+A free piece, and cloth of the material of tests/fabrics, which was homogenized
 from the same yarns at rest. Without friction the cut yarns draw back into the piece, which relaxes and curls little; so
 the direct piece creeps with a little friction, from equilibrium to equilibrium.
 """
@@ -71,7 +71,7 @@ def direct(size: float, equilibria: int) -> tuple[YarnSheet, np.ndarray]:
     state = cell.relax()
     sheet = YarnSheet.filling(pattern, size, size)
     sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
-    energy = FabricEnergy(sheet, material, springs=glue(sheet, material, width=0.003, stiffness=0.02))
+    energy = FabricEnergy(sheet, material, springs=glue(sheet, material))
     x = energy.start()
     count, began = PassageCount(energy, x), time.perf_counter()
     tile = sheet.tile - np.median(sheet.tile, axis=0)
@@ -94,7 +94,7 @@ def direct(size: float, equilibria: int) -> tuple[YarnSheet, np.ndarray]:
 
 
 def homogenized(size: tuple[float, float]) -> tuple[TriangleMesh, np.ndarray]:
-    mesh = rectangle(*size, 0.004)
+    mesh = rectangle(*size, 0.0025)
     material = read_material(FABRICS / "stockinette.json")
     cloth = Cloth(mesh, material, gravity=(0, 0, 0), contact=ContactSettings(thickness=5e-4), damping=5.0)
     states: list[ClothState] = []
@@ -114,7 +114,7 @@ def draw(path: Path, piece: YarnSheet, yarns: np.ndarray, mesh: TriangleMesh, su
     parts = [path.with_name(f"{path.stem}-{side}.png") for side in ("yarns", "cloth")]
     ends = zip(piece.offsets[:-1], piece.offsets[1:], strict=True)
     curves = [Curve(yarns[a:b], number) for number, (a, b) in enumerate(ends)]
-    camera, size = (0.45, -1.0, 0.55), (900, 700)
+    camera, size = (0.45, -1.0, 0.55), (580, 451)
     yarn_picture(parts[0], curves, piece.radius, camera=camera, size=size)
     cloth_picture(parts[1], mesh.triangles, ClothFrame(surface), camera=camera, size=size)
     image = import_module("matplotlib.image")
