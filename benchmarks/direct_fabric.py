@@ -104,11 +104,12 @@ def parts(energy: FabricEnergy) -> tuple[float, float, float]:
 
 @dataclass
 class Steps:
-    """Implicit steps of a run: how many, their seconds, Newton iterations, factors; met: those that converged."""
+    """Implicit steps of a run: how many, seconds by the clock and of processors, iterations, factors, converged ones."""
 
     motion: FabricMotion
     made: int = 0
     seconds: float = 0.0
+    processor: float = 0.0
     iterations: int = 0
     factorisations: int = 0
     met: int = 0
@@ -118,7 +119,9 @@ def run(name: str, dynamics: FabricDynamics, start: FabricMotion, options: argpa
     """Steps of the frames asked for, at least one and none after the limit."""
     steps, wanted = Steps(start), max(1, math.ceil(options.frames * FRAME / options.time_step - 1e-9))
     while steps.made < wanted and (steps.made == 0 or steps.seconds < options.limit):
+        before = time.process_time()
         seconds, step = timed(lambda: dynamics.implicit(steps.motion, options.time_step))
+        steps.processor += time.process_time() - before
         steps.motion, steps.made, steps.seconds = step.motion, steps.made + 1, steps.seconds + seconds
         steps.iterations += step.iterations
         steps.factorisations += step.factorisations
@@ -153,15 +156,15 @@ def measure(name: str, options: argparse.Namespace) -> str:
     frame = each * FRAME / options.time_step
     return (
         f"{name:18s} {sheet.vertex_count:8d} {hessian:7.2f} {analysis:8.2f} {factor:6.2f} {memory:5.1f} {each:7.1f} "
-        f"{steps.iterations / steps.made:6.1f} {steps.factorisations / steps.made:7.1f} "
-        f"{steps.met:4d}/{steps.made:<4d} {frame:8.1f} {explicit / stable * FRAME:8.0f} {cloth:8.2f} "
-        f"{frame / cloth:6.0f} {count.passages:5d}"
+        f"{steps.processor / steps.made:6.1f} {steps.iterations / steps.made:6.1f} "
+        f"{steps.factorisations / steps.made:7.1f} {steps.met:4d}/{steps.made:<4d} {frame:8.1f} "
+        f"{explicit / stable * FRAME:8.0f} {cloth:8.2f} {frame / cloth:6.0f} {count.passages:5d}"
     )
 
 
 HEAD = (
-    "pattern            vertices Hessian analysis factor    GB  a step Newton factors  met    s/frame explicit    cloth"
-    "  ratio passages"
+    "pattern            vertices Hessian analysis factor    GB  a step    CPU Newton factors  met    s/frame explicit"
+    "    cloth  ratio passages"
 )
 
 
