@@ -104,7 +104,7 @@ def parts(energy: FabricEnergy) -> tuple[float, float, float]:
 
 @dataclass
 class Steps:
-    """Implicit steps of a run: how many, seconds by the clock and of processors, iterations, factors, converged ones."""
+    """Implicit steps of a run: how many, seconds by the clock and of processors, iterations, factors; converged."""
 
     motion: FabricMotion
     made: int = 0
