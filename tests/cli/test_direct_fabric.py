@@ -160,6 +160,7 @@ def test_explicit_steps_take_friction(capsys: pytest.CaptureFixture[str], tmp_pa
     runs = [_numbers(capsys, *run, "--friction", mu, "--out", str(tmp_path / mu)) for mu in ("0", "0.5")]
     assert all(numbers["status"] == "converged" and numbers["passages"] == 0 for numbers in runs)
     assert runs[0]["extension"] != runs[1]["extension"]
+    assert all(float(str(numbers["force"])) > 0.0 for numbers in runs)
 
 
 def test_options_that_exclude_each_other_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

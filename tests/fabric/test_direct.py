@@ -98,6 +98,18 @@ def test_a_twisted_yarn_has_its_torque_and_turns_evenly() -> None:
     assert holds.torques(energy, rest.x)[1] == pytest.approx(torque, rel=1e-6)
 
 
+def test_held_vertices_withstand_at_rest_what_holds_them() -> None:
+    energy, holds, x = _spun(3.0, 0.0)
+    ends = np.array([0, 1, 39, 40])
+    targets = energy.sheet.vertices[ends] * [1.02, 1.0, 1.0]
+    pulled = Holds(ends, targets, spun=holds.spun, angles=holds.angles)
+    rest = equilibrium(energy, x, pulled, tolerance=1e-10)
+    assert rest.status is Status.CONVERGED
+    force = pulled.forces(energy, rest.x)
+    np.testing.assert_allclose(pulled.reactions(energy, rest.x), force, atol=1e-6 * np.abs(force).max())
+    assert np.abs(force[:, 0]).max() > 0
+
+
 @pytest.mark.parametrize(("share", "buckles"), [(0.9, False), (1.15, True)])
 def test_a_twisted_yarn_buckles_at_greenhills_torque(share: float, buckles: bool) -> None:
     """M L/(EI) = 8.9868 for clamped ends that may draw together (Greenhill 1883; tan(M L/2EI) = M L/2EI)."""

@@ -132,7 +132,7 @@ def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], boo
     dynamics = FabricDynamics(*parts) if within is None else VolumeDynamics(*parts, volume=within)
     method = "explicit" if options.explicit else "implicit"
     run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)
-    return {**counts, **_summary(energy, scene, run)}, run.status.name == "CONVERGED"
+    return {**counts, **_summary(energy, scene, run, led=options.explicit)}, run.status.name == "CONVERGED"
 
 
 def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
@@ -160,7 +160,7 @@ def _run(dynamics: FabricDynamics, schedule: MotionSchedule, options: argparse.N
     return run_fabric(dynamics, schedule, on_frame=frame, on_step=told)
 
 
-def _summary(energy: FabricEnergy, scene: SheetScene, run: DirectRun) -> dict[str, object]:
+def _summary(energy: FabricEnergy, scene: SheetScene, run: DirectRun, *, led: bool) -> dict[str, object]:
     x = run.motion.x
     extension = energy.extensions(x)
     numbers: dict[str, object] = {
@@ -177,5 +177,5 @@ def _summary(energy: FabricEnergy, scene: SheetScene, run: DirectRun) -> dict[st
         "passages": run.passages,
     }
     if scene.pulled is not None:
-        numbers["force"] = scene.force(energy, x, run.motion.time)
+        numbers["force"] = scene.force(energy, x, run.motion.time, led=led)
     return numbers

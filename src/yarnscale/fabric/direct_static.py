@@ -63,6 +63,14 @@ class Holds:
             * energy.force_unit
         )
 
+    def reactions(self, energy: FabricEnergy, x: Array) -> Array:
+        """Force with which each held vertex withstands the yarns (k, 3) [N]; that of ``forces`` at rest without load.
+
+        Where explicit steps lead what is held, no spring tells how hard.
+        """
+        gradient = energy.positions(energy.gradient(x)[1])[self.nodes]
+        return gradient * np.array(self.axes, np.float64) * energy.force_unit
+
     def torques(self, energy: FabricEnergy, x: Array) -> Array:
         """Torque with which each edge is held (j,) [N m]."""
         stiffness = HOLD * energy.stiffness.twist_scale()[self.spun]

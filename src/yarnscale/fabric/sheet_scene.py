@@ -40,11 +40,12 @@ class SheetScene:
         """The ball, as the simulation meets it; friction: coefficient of yarns on it."""
         return () if self.ball is None else (Pushes(energy, sphere(*self.ball), friction=friction),)
 
-    def force(self, energy: FabricEnergy, x: Array, time: float) -> float:
-        """With which both grips are pulled apart, their mean [N]; NaN where none is pulled."""
+    def force(self, energy: FabricEnergy, x: Array, time: float, *, led: bool = False) -> float:
+        """With which both grips are pulled apart, their mean [N]; NaN where none is pulled. led: by explicit steps."""
         if self.pulled is None:
             return math.nan
-        forces = self.holds(time).forces(energy, x)[:, self.axis]
+        holds = self.holds(time)
+        forces = (holds.reactions(energy, x) if led else holds.forces(energy, x))[:, self.axis]
         return 0.5 * float(forces[self.pulled].sum() - forces[~self.pulled].sum())
 
 
