@@ -32,6 +32,7 @@ from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_static import equilibrium
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
+from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.factor import factorisation
 from yarnscale.numerics.newton import Status
@@ -143,7 +144,8 @@ def measure(name: str, options: argparse.Namespace) -> str:
     told(f"{name}: {sheet.vertex_count} vertices, {len(energy.springs)} springs of glue")
     hessian, analysis, factor = parts(energy)
     scene, count = scene_of(sheet, options.scene), PassageCount(energy, x)
-    settings = MotionSettings(scene.gravity, DAMPING, iterations=options.iterations)
+    friction = YarnFriction(options.friction) if options.friction else None
+    settings = MotionSettings(scene.gravity, DAMPING, friction, iterations=options.iterations)
     dynamics = FabricDynamics(energy, settings, scene.holds, scene.obstacles(energy), count)
     # Borders that were just glued snap together; that is no part of the scene.
     rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING, count=count)
@@ -177,6 +179,7 @@ def main() -> None:
     parser.add_argument("--frames", type=float, default=1.0, help="frames of 1/30 s to run")
     parser.add_argument("--time-step", type=float, default=1 / 240, help="of implicit steps [s]")
     parser.add_argument("--iterations", type=int, default=30, help="most Newton iterations of a step")
+    parser.add_argument("--friction", type=float, default=0.0, help="of yarns on each other")
     parser.add_argument("--limit", type=float, default=600.0, help="seconds of steps a pattern may take")
     parser.add_argument("--scene", choices=("stretch", "drape"), default="stretch")
     parser.add_argument("--materials", type=Path, help="folder of homogenized materials")
