@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from yarnscale.errors import InputError
 from yarnscale.files.chart import read_chart
-from yarnscale.files.patterns import read_pattern, stitches_of, write_pattern
+from yarnscale.files.patterns import is_drawing, read_pattern, stitches_of, write_pattern
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.pattern import YarnPattern
@@ -162,3 +162,22 @@ def test_the_stitches_of_a_chart_begin_with_the_row_knitted_first(tmp_path: Path
     assert stitches_of("plain") is None and stitches_of("elsewhere.pyp") is None
     with pytest.raises(InputError, match="symbols"):
         stitches_of(write(tmp_path, HEAD + "rows:\n", "empty.chart"))
+
+
+def test_faults_of_stitches_are_told_by_their_place(tmp_path: Path) -> None:
+    path = write(tmp_path, "kind = knit\nrows:\nk k\nk ?\n")
+    told = []
+    for reader in (read_chart, stitches_of):
+        with pytest.raises(InputError) as error:
+            reader(path)
+        told.append(str(error.value))
+    assert told[0] == told[1] and f"{path}:4:3" in told[0]
+
+
+def test_a_chart_without_a_suffix_is_one_by_its_content(tmp_path: Path) -> None:
+    path = write(tmp_path, HEAD + "rows:\nkt\nkk\n", "nameless")
+    stitches = stitches_of(path)
+    assert stitches is not None and stitches.rows == ("kk", "kt")
+    assert is_drawing(path) and len(read_pattern(path).yarns) == 2
+    with pytest.raises(InputError, match="unknown pattern"):
+        stitches_of("no-such-knit")

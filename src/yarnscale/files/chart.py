@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -61,7 +63,7 @@ def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
     kind = _kind(path, chart)
     options = _options(path, chart, kind)
     rows = chart.rows[::-1]
-    try:
+    with _placed(path, chart):
         if kind == "knit":
             if any(row.yarns is not None for row in rows):
                 options["yarns"] = [row.yarns or "a" for row in rows]
@@ -69,8 +71,25 @@ def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
         if any(row.yarns is not None for row in rows):
             options["weft_yarns"] = [row.yarns or "a" for row in rows]
         return weave(_draft(path, rows), **options)
+
+
+def read_stitches(path: str | os.PathLike[str]) -> StitchChart | None:
+    """The stitches that a chart file's pattern is knitted of, None of a weave; InputError as ``read_chart``."""
+    path = Path(path)
+    chart = _read(path)
+    if _kind(path, chart) == "weave":
+        return None
+    with _placed(path, chart):
+        return StitchChart.read([row.symbols for row in chart.rows[::-1]])
+
+
+@contextmanager
+def _placed(path: Path, chart: _Chart) -> Iterator[None]:
+    """Faults of what a chart says come with the file, line and column that say so."""
+    try:
+        yield
     except ChartError as error:
-        where = _place(path, rows, error)
+        where = _place(path, chart.rows[::-1], error)
         raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
     except InputError as error:
         if error.where is not None:
@@ -79,15 +98,6 @@ def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
         line = chart.keys[key][0] if key in chart.keys else None
         where = path if line is None else f"{path}:{line}"
         raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
-
-
-def read_stitches(path: str | os.PathLike[str]) -> StitchChart | None:
-    """The stitches that a chart file's pattern is knitted of, None of a weave; InputError as ``read_chart``."""
-    path = Path(path)
-    chart = _read(path)
-    return (
-        StitchChart.read([row.symbols for row in chart.rows[::-1]]) if _kind(path, chart) == "knit" else None
-    )
 
 
 def _read(path: Path) -> _Chart:

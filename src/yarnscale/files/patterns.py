@@ -27,39 +27,47 @@ def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
     """
     if isinstance(source, str) and source in library.names():
         return library.build(source)
+    return READERS[_format(source)](Path(source))
+
+
+def stitches_of(source: str | os.PathLike[str]) -> StitchChart | None:
+    """The stitches from which ``read_pattern`` draws a knit (a built-in one or a chart); None of anything else.
+
+    Raises InputError as ``read_pattern`` does.
+    """
+    if isinstance(source, str) and source in library.names():
+        chart = library.structure(source).chart
+        return StitchChart.read(chart) if chart else None
+    return read_stitches(source) if _format(source) == ".chart" else None
+
+
+def is_drawing(source: str | os.PathLike[str]) -> bool:
+    """Whether ``read_pattern`` draws this source (a built-in pattern or a chart), so that it is not fabric at rest."""
+    return source in library.names() or _format(source) == ".chart"
+
+
+def _format(source: str | os.PathLike[str]) -> str:
+    """The suffix of a pattern file, else the one that its content calls for; InputError where that is none."""
     path = Path(source)
     if path.suffix.lower() in READERS:
-        return READERS[path.suffix.lower()](path)
+        return path.suffix.lower()
     if not os.path.exists(path) and path.suffix == "" and len(path.parts) <= 1:
         expected = f"a .pyp, .json or .chart file or one of {', '.join(library.names())}"
         raise InputError("unknown pattern", expected=expected, found=repr(os.fspath(source)))
-    source_text = read_source(path)
-    start = source_text.lstrip()[:1]
+    text = read_source(path)
+    start = text.lstrip()[:1]
     if start == "{":
-        return read_pattern_json(path)
-    if re.search(r"^\s*rows:", source_text, re.MULTILINE):
-        return read_chart(path)
+        return ".json"
+    if re.search(r"^\s*rows:", text, re.MULTILINE):
+        return ".chart"
     if start in ("*", "#"):
-        return read_pyp(path)
+        return ".pyp"
     raise InputError(
         "file is no pattern",
         where=path,
         expected="*pattern (.pyp), a JSON object or a chart",
         found=f"{start!r} at its start",
     )
-
-
-def stitches_of(source: str | os.PathLike[str]) -> StitchChart | None:
-    """The stitches from which ``read_pattern`` draws a knit (a built-in one or a chart); None of anything else."""
-    if isinstance(source, str) and source in library.names():
-        chart = library.structure(source).chart
-        return StitchChart.read(chart) if chart else None
-    return read_stitches(source) if Path(source).suffix.lower() == ".chart" else None
-
-
-def is_drawing(source: str | os.PathLike[str]) -> bool:
-    """Whether ``read_pattern`` draws this source (a built-in pattern or a chart), so that it is not fabric at rest."""
-    return source in library.names() or Path(source).suffix.lower() == ".chart"
 
 
 def write_pattern(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
