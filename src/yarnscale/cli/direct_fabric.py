@@ -9,7 +9,7 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, writable_folder
-from yarnscale.cli.yarns import material_for
+from yarnscale.cli.yarns import material_for, pattern_of
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, Springs, glue
@@ -26,8 +26,7 @@ from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.obj_garment import read_garment
-from yarnscale.files.patterns import read_pattern, stitches_of
-from yarnscale.yarn import library
+from yarnscale.files.patterns import stitches_of
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
@@ -41,11 +40,7 @@ def sheet_at_rest(options: argparse.Namespace) -> Laid:
 
     Loops of a cut sheet are those of the relaxed periodic cell; a knitted piece has come to ease as it was drawn.
     """
-    if options.radius is not None and options.pattern not in library.names():
-        raise InputError("--radius", expected="a built-in pattern; files say how thick their yarns are")
-    given = {} if options.radius is None else {"radius": options.radius}
-    built = options.pattern in library.names() and given
-    pattern = library.build(options.pattern, **given) if built else read_pattern(options.pattern)
+    pattern = pattern_of(options.pattern, options.radius)
     material = material_for(pattern, None if options.material is None else [options.material])
     if options.border == "knitted":
         if options.tube or options.on is not None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from yarnscale.cli import convert
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.yarns import pattern_of
 from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveRule
 from yarnscale.fabric.measures import fibre_extension, penetration
@@ -21,8 +22,7 @@ from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.material_toml import read_material
-from yarnscale.files.patterns import read_pattern, stitches_of
-from yarnscale.yarn import library
+from yarnscale.files.patterns import stitches_of
 
 JERSEYS = ("jersey", "single-jersey", "stockinette")
 _POINTS_PER_SEGMENT = 3
@@ -78,10 +78,7 @@ def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
             expected="for spline yarns jersey, a built-in knit or a .chart file",
             found=repr(options.pattern),
         )
-    if options.radius is not None and options.pattern not in library.names():
-        raise InputError("--radius", expected="a built-in pattern; files say how thick their yarns are")
-    given = {} if options.radius is None else {"radius": options.radius}
-    pattern = library.build(options.pattern, **given) if given else read_pattern(options.pattern)
+    pattern = pattern_of(options.pattern, options.radius)
     return spline_fabric(pattern, chart, *size, material)
 
 

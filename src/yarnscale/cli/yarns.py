@@ -34,6 +34,15 @@ def patterns(options: argparse.Namespace) -> int:
     return 0
 
 
+def pattern_of(source: str, radius: float | None) -> YarnPattern:
+    """A pattern by name or file, of yarn of a radius [m] where that is given; InputError for a file and a radius."""
+    if radius is None:
+        return read_pattern(source)
+    if source not in library.names():
+        raise InputError("--radius", expected="a built-in pattern; files say how thick their yarns are")
+    return library.build(source, radius=radius)
+
+
 def material_for(pattern: YarnPattern, names: list[str] | None) -> Materials:
     """The materials asked for; else the one that suits the built-in or published pattern of this name.
 
