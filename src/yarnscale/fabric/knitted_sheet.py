@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import Springs
@@ -79,10 +80,9 @@ def woven_in(sheet: YarnSheet, material: YarnMaterial) -> Springs:
     """
     ends = np.stack([sheet.offsets[:-1], sheet.offsets[1:] - 1], 1).ravel()
     fabric = np.flatnonzero(sheet.source != NO_PATTERN)
-    apart = np.linalg.norm(sheet.vertices[fabric][None] - sheet.vertices[ends][:, None], axis=2)
-    nearest = np.argmin(apart, axis=1)
+    apart, nearest = KDTree(sheet.vertices[fabric]).query(sheet.vertices[ends])
     stiffness = material.stretch_stiffness(sheet.radius) / sheet.radius
-    return Springs(np.stack([ends, fabric[nearest]], 1), apart.min(axis=1), np.full(len(ends), stiffness))
+    return Springs(np.stack([ends, fabric[nearest]], 1), apart, np.full(len(ends), stiffness))
 
 
 class _Knitting:
