@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from yarnscale.numerics.affine import CopiedNodes, MappedObjective, NodeMap
+from yarnscale.numerics.affine import CopiedNodes, KeptPull, MappedObjective, NodeMap
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.newton import minimise
 
@@ -93,6 +93,19 @@ def test_the_pattern_of_a_mapped_objective_is_one_object() -> None:
     """Newton keeps its symbolic analysis as long as the pattern is the same object."""
     mapped = MappedObjective(Quartic(6, 0), NodeMap(np.ones((2, 1)), np.zeros(6)))
     assert mapped.quadratic(np.zeros(3))[2].pattern is mapped.quadratic(np.ones(3))[2].pattern
+
+
+def test_a_pull_that_is_kept_serves_matrices_of_its_pattern_alone() -> None:
+    nodes = NodeMap(np.random.default_rng(3).normal(size=(2, 2)), np.zeros(6))
+    matrix, kept = np.kron(nodes.weights, np.eye(3)), KeptPull(nodes)
+    first, second = Quartic(6, 0), Quartic(6, 5)
+    assert len(first.pattern.rows) != len(second.pattern.rows)
+    assert kept.of(first.pattern) is kept.of(first.pattern)
+    for objective in (first, second, first):
+        _, _, model = MappedObjective(objective, nodes, pull=kept).quadratic(np.zeros(6))
+        np.testing.assert_allclose(
+            dense(model)(model.values(0.0)), matrix.T @ objective.hessian(np.zeros(6)) @ matrix, atol=1e-12
+        )
 
 
 def test_minimises_over_the_nodes_that_are_free() -> None:

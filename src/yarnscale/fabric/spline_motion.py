@@ -19,7 +19,7 @@ from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.numerics.affine import MappedObjective, NodeMap
+from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints
 from yarnscale.numerics.newton import Objective, ShiftRule, Status, minimise
@@ -141,6 +141,7 @@ class SplineMotion:
             control = volume.control_at_rest
             self.start = YarnMotion(control, np.zeros_like(control))
             self._constraints = self._held_volume(control)
+        self._pull = None if self.map is None else KeptPull(self.map)
         self._linear = self._new_linear()
         self._mass_solve: ConstrainedSolver | SaddleSolver | None = None
         self._mass_model: _StepModel | None = None
@@ -262,7 +263,7 @@ class SplineMotion:
         centre = (inertia * ahead + drag * motion.positions) / (inertia + drag)
         full = self.yarns(YarnMotion(centre, motion.velocities)).positions.ravel()
         objective = _StepObjective(self, inertia + drag, full)
-        return objective if self.map is None else MappedObjective(objective, self.map)
+        return objective if self.map is None else MappedObjective(objective, self.map, pull=self._pull)
 
     def _pulled(self, force: Array) -> Array:
         return force if self.map is None else self.map.pull_gradient(force)
@@ -299,8 +300,8 @@ class SplineMotion:
         """The mass matrix with the constraints, factored; for a volume once, else once a step as contacts turn."""
         if self._mass_solve is None:
             pattern, entries = self.energy.pattern, self.energy.mass_entries
-            if self.map is not None:
-                pull = self.map.pulled(pattern)
+            if self._pull is not None:
+                pull = self._pull.of(pattern)
                 pattern, entries = pull.pattern, pull.entries(entries)
             self._mass_model, self._mass_solve = _StepModel(pattern, entries), self._new_linear()
             self._factorise_mass()

@@ -7,7 +7,7 @@ stencil (``assembly``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol, cast
 
@@ -34,7 +34,6 @@ class NodeMap:
 
     weights: Array | csr_array
     offset: Array
-    _last: list[tuple[SymmetricPattern, _NodePull]] = field(default_factory=list, init=False, repr=False)
 
     def expand(self, free: Array) -> Array:
         """Full degrees of freedom, (3m,)."""
@@ -45,10 +44,8 @@ class NodeMap:
         return (self.weights.T @ gradient.reshape(-1, 3)).ravel()
 
     def pulled(self, inner: SymmetricPattern) -> _NodePull:
-        """How matrices of this pattern are pulled back; the last is kept, as every step asks for it again."""
-        if not self._last or self._last[0][0] is not inner:
-            self._last[:] = [(inner, _NodePull(self.weights, inner))]
-        return self._last[0][1]
+        """How matrices of this pattern are pulled back."""
+        return _NodePull(self.weights, inner)
 
 
 @lru_cache(maxsize=4)
@@ -118,6 +115,21 @@ class AffineParameters(Protocol):
         ...
 
 
+class KeptPull:
+    """How matrices are pulled back by a parametrisation, kept until a matrix has another pattern."""
+
+    def __init__(self, affine: AffineParameters) -> None:
+        self._affine = affine
+        self._inner: SymmetricPattern | None = None
+        self._pull: MatrixPull | None = None
+
+    def of(self, inner: SymmetricPattern) -> MatrixPull:
+        """That of matrices of this pattern."""
+        if self._pull is None or inner is not self._inner:
+            self._inner, self._pull = inner, self._affine.pulled(inner)
+        return self._pull
+
+
 class _PulledModel:
     def __init__(self, model: QuadraticModel, pull: MatrixPull) -> None:
         self._model, self._pull = model, pull
@@ -129,12 +141,16 @@ class _PulledModel:
 
 
 class MappedObjective:
-    """An objective of the full degrees of freedom, as an objective of the free ones."""
+    """An objective of the full degrees of freedom, as an objective of the free ones.
 
-    def __init__(self, objective: Objective, affine: AffineParameters) -> None:
+    pull: that of an objective with the same parameters before this one, whose matrices had the same pattern.
+    """
+
+    def __init__(
+        self, objective: Objective, affine: AffineParameters, *, pull: KeptPull | None = None
+    ) -> None:
         self._objective, self._affine = objective, affine
-        self._inner: SymmetricPattern | None = None
-        self._pull: MatrixPull | None = None
+        self._pull = pull or KeptPull(affine)
 
     @property
     def residual_scale(self) -> float:
@@ -153,9 +169,7 @@ class MappedObjective:
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
         """Energy, Bᵀ g and the model Bᵀ H B."""
         value, gradient, model = self._objective.quadratic(self._affine.expand(x))
-        if self._pull is None or model.pattern is not self._inner:
-            self._inner, self._pull = model.pattern, self._affine.pulled(model.pattern)
-        return value, self._affine.pull_gradient(gradient), _PulledModel(model, self._pull)
+        return value, self._affine.pull_gradient(gradient), _PulledModel(model, self._pull.of(model.pattern))
 
 
 @dataclass(frozen=True, eq=False)
