@@ -39,3 +39,5 @@ def test_code_tells_rooms_apart() -> None:
     whole = code_fingerprint(*EVALUATING)
     assert whole == code_fingerprint(*reversed(EVALUATING))
     assert len({whole, *(code_fingerprint(room) for room in EVALUATING)}) == 1 + len(EVALUATING)
+    with pytest.raises(FileNotFoundError):
+        code_fingerprint("kinematic.py")

@@ -17,9 +17,8 @@ from yarnscale.files.fingerprint import code_fingerprint, fingerprint
 
 Array = NDArray[np.float64]
 
-
-EVALUATING = ("numerics", "yarn", "cell", "estimate")
-"""Rooms whose code says what an evaluation comes to."""
+EVALUATING = ("numerics", "yarn", "cell", "estimate", "kinematics.py")
+"""Code that says what an evaluation comes to."""
 
 
 class EstimateFolder:

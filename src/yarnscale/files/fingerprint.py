@@ -24,13 +24,19 @@ def fingerprint(*values: object) -> str:
 
 
 @cache
-def code_fingerprint(*rooms: str) -> str:
-    """SHA-256 of the sources of rooms of the package, by their names: results of other code are not those of this."""
+def code_fingerprint(*parts: str) -> str:
+    """SHA-256 of the sources of parts of the package: results of other code are not those of this.
+
+    parts: names of rooms (``cell``) and of single files (``kinematics.py``). A package without sources, as compiled
+    ones are, has one for all versions of itself. Raises FileNotFoundError for parts that are not there.
+    """
     digest = hashlib.sha256()
-    for room in sorted(rooms):
-        for source in sorted(files("yarnscale").joinpath(room).iterdir(), key=lambda entry: entry.name):
+    for part in sorted(parts):
+        place = files("yarnscale").joinpath(part)
+        entries = [place] if part.endswith(".py") else sorted(place.iterdir(), key=lambda entry: entry.name)
+        for source in entries:
             if source.name.endswith(".py"):
-                digest.update(f"{room}/{source.name}:".encode() + source.read_bytes())
+                digest.update(f"{part}/{source.name}:".encode() + source.read_bytes())
     return digest.hexdigest()
 
 
