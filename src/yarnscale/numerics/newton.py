@@ -100,7 +100,7 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether the residual is below the tolerance at a minimum."""
+        """Whether the residual is below the tolerance at a minimum, or another step would have gained too little."""
         return self.status is Status.CONVERGED
 
 
@@ -135,10 +135,10 @@ def minimise(
     bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted step.
     tolerance: on |P g| / residual_scale, P the projection on the constraints. enough: a step that foretells a smaller
     decrease of the energy than this, by the Hessian without shift, is the last, and the point it leads to counts as
-    converged. check_minimum: accept a point below the
-    tolerance only where the Hessian, restricted by the constraints, has no negative eigenvalue; else leave the saddle
-    along it. backtracks: halvings of a step before the shift is raised instead. linear: a solver with the same
-    constraints from an earlier call, whose symbolic analysis lives on while the pattern is the same.
+    converged. check_minimum: accept a point below the tolerance only where the Hessian, restricted by the constraints,
+    has no negative eigenvalue; else leave the saddle along it. backtracks: halvings of a step before the shift is
+    raised instead. linear: a solver with the same constraints from an earlier call, whose symbolic analysis lives on
+    while the pattern is the same.
     """
     return _Minimisation(
         objective, constraints, bound, after_step, tolerance, enough, max_iterations, shift or ShiftRule(), backtracks,
