@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -19,6 +20,12 @@ from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
 SOFT = YarnMaterial.preset("hylc2020-stockinette")
+
+
+@functools.cache
+def _built(name: str, vertices: int | None = None) -> YarnPattern:
+    """A built-in pattern; those with held stitches or two beds take a while to draw."""
+    return library.build(name, vertices_per_stitch=vertices)
 
 
 def _closed(points: np.ndarray) -> np.ndarray:
@@ -77,7 +84,7 @@ def test_the_determinant_knows_a_trefoil() -> None:
 def test_a_piece_is_one_yarn_that_unravels_only_where_it_is_not_bound_off(
     name: str, columns: int, rows: int
 ) -> None:
-    pattern = library.build(name)
+    pattern = _built(name)
     sheet = knitted_sheet(pattern, columns, rows)
     assert len(sheet.closed) == 1 and not sheet.closed[0]
     # All of the pattern's own vertices are there once, and their yarn is as long as in the pattern.
@@ -104,7 +111,7 @@ def test_a_piece_is_one_yarn_that_unravels_only_where_it_is_not_bound_off(
 
 def test_every_loop_of_the_borders_is_needed() -> None:
     """A wale more makes a greater knot: all loops of a row are held by the others."""
-    pattern = library.build("stockinette")
+    pattern = _built("stockinette")
     sizes = [_knot(s, s.vertices) for s in (knitted_sheet(pattern, n, 2) for n in (2, 3, 4))]
     assert np.diff(sizes).min() > 0.5
 
@@ -115,7 +122,7 @@ def test_every_loop_of_the_borders_is_needed() -> None:
 def test_a_piece_finds_its_shape_and_stays_knotted_when_it_is_pulled(
     name: str, columns: int, rows: int
 ) -> None:
-    sheet = knitted_sheet(library.build(name), columns, rows, chart=library.structure(name).chart)
+    sheet = knitted_sheet(_built(name), columns, rows, chart=library.structure(name).chart)
     energy = FabricEnergy(sheet, SOFT, springs=woven_in(sheet, SOFT))
     start = energy.start()
     knot = _knot(sheet, sheet.vertices)
@@ -163,7 +170,7 @@ def test_held_stitches_and_two_beds_end_in_borders_too(name: str) -> None:
     knots = []
     # The knot is the chart's, however finely its yarn is cut.
     for vertices in (None, 45):
-        pattern = library.build(name, vertices_per_stitch=vertices)
+        pattern = _built(name, vertices)
         sheet = knitted_sheet(pattern, 1, 2, chart=chart)
         assert len(sheet.closed) == 1
         inner = (sheet.tile[:, 1] >= 0) & (sheet.tile[:, 1] < 2) & (sheet.source != NO_PATTERN)
@@ -175,7 +182,7 @@ def test_held_stitches_and_two_beds_end_in_borders_too(name: str) -> None:
             2 * float(pattern.rest_length.sum()), abs=1.5 * turns * sheet.radius
         )
         knots.append(_knot(sheet, sheet.vertices))
-    loose = knitted_sheet(library.build(name), 1, 2, chart=chart, bound_off=False)
+    loose = knitted_sheet(_built(name), 1, 2, chart=chart, bound_off=False)
     assert _knot(loose, loose.vertices) == pytest.approx(0.0, abs=1e-6)
     assert knots[0] == pytest.approx(knots[1], abs=1e-6) and knots[0] > 2 * math.log(3)
 
@@ -265,7 +272,7 @@ def test_every_end_is_woven_in() -> None:
 def test_patterns_that_are_no_knitting_are_refused() -> None:
     for name in ("plain", "honeycomb", "interlock", "stockinette-small"):
         with pytest.raises(InputError, match="knitted piece"):
-            knitted_sheet(library.build(name), 2, 2)
+            knitted_sheet(_built(name), 2, 2)
     chart = ("kk", "kt")
     with pytest.raises(InputError, match="plated"):
         knitted_sheet(knit(chart, yarns=("ab", "a")), 2, 2, chart=chart)
@@ -273,4 +280,4 @@ def test_patterns_that_are_no_knitting_are_refused() -> None:
         knitted_sheet(knit(chart), 2, 2, chart=("kb",))
     for columns, rows in ((0, 2), (2, -1), (2, 0), (2.5, 1), (True, 2), (10_000, 10_000)):
         with pytest.raises(InputError, match="knitted piece"):
-            knitted_sheet(library.build("stockinette"), columns, rows)  # type: ignore[arg-type]
+            knitted_sheet(_built("stockinette"), columns, rows)  # type: ignore[arg-type]
