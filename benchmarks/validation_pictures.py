@@ -16,6 +16,7 @@ import numpy as np
 import pyvista
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
+from PIL import Image
 from validation_shapes import silhouettes
 
 from yarnscale.show import theme
@@ -30,6 +31,12 @@ DIRECTIONS = ("course", "wale")
 PIXELS = 560
 EYES = {"stretch": (0.35, -0.75, 1.0), "drape": (0.5, -1.0, 0.45)}
 """From the sheet to the eye."""
+HEADINGS = {
+    "stretch": ("pulled along the courses", "pulled along the wales"),
+    "drape": ("ball aside along the courses", "ball aside along the wales"),
+}
+WIDTH, COLOURS = 8.6, 160
+"""Of a picture [inches], and how many it is written with."""
 
 
 def kept(
@@ -71,12 +78,13 @@ def outlines(axes: Axes, yarns: Array, cloth: Array) -> None:
     """Silhouettes from above."""
     for pixels, colour in zip(silhouettes(yarns, cloth, "top"), (theme.SAMPLE, theme.FIT), strict=True):
         axes.contour(pixels.T.astype(float), levels=[0.5], colors=[colour], linewidths=1.2)
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_box_aspect(1)
 
 
 def side_by_side(folder: Path, names: list[str], scene: str, path: Path) -> None:
     """The picture of a scene."""
-    with written_figure(path, 9.6, 1.62 * len(names) + 0.3, title="") as figure:
+    with written_figure(path, WIDTH, 1.42 * len(names) + 0.3, title="") as figure:
         panels = figure.subplots(len(names), 6, squeeze=False)
         for line, name in zip(panels, names, strict=True):
             for k, direction in enumerate(DIRECTIONS):
@@ -90,24 +98,33 @@ def side_by_side(folder: Path, names: list[str], scene: str, path: Path) -> None
             axes.grid(False)
             for spine in axes.spines.values():
                 spine.set_visible(False)
-        for k, direction in enumerate(DIRECTIONS):
-            panels[0, 3 * k].set_title(f"along the {direction}s: yarns", fontsize=8)
-            panels[0, 3 * k + 1].set_title("cloth", fontsize=8)
-            panels[0, 3 * k + 2].set_title("outlines of yarns and cloth", fontsize=8)
+        for k, heading in enumerate(HEADINGS[scene]):
+            for axes, column in zip(
+                panels[0, 3 * k :], ("yarns", f"{heading}\ncloth", "outlines"), strict=False
+            ):
+                axes.set_title(column, fontsize=8)
+            for x, (word, colour) in enumerate((("yarns", theme.SAMPLE), ("cloth", theme.FIT))):
+                panels[-1, 3 * k + 2].text(
+                    0.2 + 0.6 * x, -0.08, word, color=colour, fontsize=7, ha="center", va="top",
+                    transform=panels[-1, 3 * k + 2].transAxes,
+                )  # fmt: skip
+    # A few colours are enough, and a third of the bytes.
+    Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
 def forces(folder: Path, names: list[str], path: Path) -> None:
     """Force of the bars over their way, while they move and when they stand still."""
-    with written_figure(path, 9.6, 2.3, title="") as figure:
+    with written_figure(path, WIDTH, 2.0, title="") as figure:
         for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
             for direction, dashes in zip(DIRECTIONS, ("-", "--"), strict=True):
                 row, yarns, cloth = kept(folder, name, "stretch", direction)
                 for run, colour, label in ((yarns, theme.SAMPLE, "yarns"), (cloth, theme.FIT, "cloth")):
                     way = 1e3 * row["way"] * np.minimum(1.0, run["times"] / row["moving"])
                     axes.plot(way, run["pulls"], dashes, color=colour, label=f"{label}, {direction}")
-            axes.set(title=name, xlabel="way of the bars [mm]")
+            axes.set(title=name, xlabel="bars apart by [mm]")
         figure.axes[0].set_ylabel("force [N]")
-        figure.axes[0].legend(fontsize=6)
+        lines, labels = figure.axes[0].get_legend_handles_labels()
+        figure.legend(lines, labels, fontsize=7, loc="outside upper center", ncols=4)
 
 
 if __name__ == "__main__":
