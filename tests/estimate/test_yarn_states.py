@@ -100,6 +100,37 @@ def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
     )
 
 
+@pytest.mark.parametrize("release", [True, False])
+@pytest.mark.parametrize(("here", "there"), [(0.0, 1e-3), (1e-3, 0.0)])
+def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here, there):
+    """A stage that one of them leaves out is no other stage of the way."""
+    cell, rule = replace(model.cell(model.values(UNKNOWNS)), tolerance=1e-9), RestRule(release=release)
+    near, alone = at_rest(cell, rule, draw_in=here), at_rest(cell, rule, draw_in=there)
+    beside = at_rest(cell, rule, draw_in=there, near=near)
+    assert beside.relaxed and len(beside.way) == len(near.way)
+    assert (beside.way[0] is None) == (there == 0.0) and beside.solves <= alone.solves
+    moved = np.abs(alone.cell.pattern.vertices - near.cell.pattern.vertices).max()
+    np.testing.assert_allclose(
+        beside.cell.pattern.vertices, alone.cell.pattern.vertices, rtol=0.0, atol=0.01 * moved
+    )
+
+
+class Crossing:
+    """A cell whose yarns pass through each other beyond a stretch."""
+
+    def __init__(self, cell, beyond):
+        self.cell, self.beyond = cell, beyond
+
+    def relax(self, strain=None, *, start=None):
+        state = self.cell.relax(strain, start=start)
+        return replace(state, crossed=strain is not None and strain.s_x > self.beyond)
+
+
+def test_states_of_crossed_yarns_do_not_count(rested):
+    curve = pulled(Crossing(rested, 0.05), Direction.WEFT, STRETCHES)
+    assert curve.converged.tolist() == [True, False, False]
+
+
 def test_derivatives_with_the_rest_shape_held(model, rested):
     """By the implicit function theorem against differences of curves of cells with other yarns."""
     curve = pulled(rested, Direction.WEFT, STRETCHES)

@@ -69,6 +69,11 @@ class Equilibrium:
         return self.status is Status.CONVERGED
 
     @property
+    def usable(self) -> bool:
+        """Whether the cell is at rest and still the fabric that it was: no yarns have crossed."""
+        return self.converged and not self.crossed
+
+    @property
     def outcome(self) -> str:
         """``crossed``, or the name of the status in lower case."""
         return "crossed" if self.crossed else self.status.name.lower()

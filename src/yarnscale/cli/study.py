@@ -38,9 +38,9 @@ def study(options: argparse.Namespace) -> int:
             print(
                 f"{_name(result):>6} {result.vertices:>9} {result.energy_density:>13.6g} {result.drop:>10.2%}"
                 f" {result.iterations:>11} {result.seconds:>8.2f}"
-                + ("" if result.state.outcome == "converged" else f"  {result.state.outcome}")
+                + ("" if result.state.usable else f"  {result.state.outcome}")
             )
-    return 0 if all(result.state.outcome == "converged" for result in results) else 1
+    return 0 if all(result.state.usable for result in results) else 1
 
 
 def _name(result: SizeResult) -> str:

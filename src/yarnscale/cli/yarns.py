@@ -97,7 +97,7 @@ def relax(options: argparse.Namespace) -> int:
     if options.picture is not None:
         draw_cell(options.picture, cell, state)
     _report(state, cell, as_json=options.json)
-    return 0 if state.outcome == "converged" else 1
+    return 0 if state.usable else 1
 
 
 def _report(state: Equilibrium, cell: PeriodicCell, *, as_json: bool) -> None:

@@ -20,7 +20,7 @@ DIFFERENCE = 1e-3
 _SHORTEST = 2e-4
 """A step below this is none."""
 _SMALLEST_GAIN = 1e-3
-"""Relative decrease of the objective, twice in a row, at which the search ends."""
+"""Relative decrease of the objective at which the search ends, where two fresh Jacobians running gain no more."""
 _SOLVED = 1e-14
 """Objective that needs no further step."""
 _LASTING = 5

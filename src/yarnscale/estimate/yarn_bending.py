@@ -20,7 +20,7 @@ def bending_stiffness(cell: PeriodicCell, directions: Sequence[Direction]) -> Ar
     equilibrium that moduli could be taken at.
     """
     state = cell.relax()
-    if not state.converged:
+    if not state.usable:
         return np.full(len(directions), np.nan)
     try:
         moduli = cell.moduli(state)

@@ -162,8 +162,8 @@ def middle(model: YarnModel) -> Array:
 def usual_starts(model: YarnModel) -> list[Array]:
     """Where the shape is free, a yarn like those of fitted stockinette and garter, drawn in by three quarters.
 
-    Always refined, whatever its objective: among scattered points in eight dimensions few are folded ribs of plausible
-    yarn, and a rib whose search begins at a flat one stays flat.
+    Always begins the race, whatever its objective: among scattered points in eight dimensions few are folded ribs of
+    plausible yarn, and a rib whose search begins at a flat one stays flat.
     """
     if not model.free_shape:
         return []

@@ -63,7 +63,7 @@ class RestStage:
 class RestedCell:
     """A cell at rest: its pattern is drawn at the equilibrium.
 
-    change: of the drawn periods, (2,). solves: equilibria that it took. relaxed: whether they converged. way: the
+    change: of the drawn periods, (2,). solves: equilibria that it took. relaxed: whether all are usable. way: the
     stages passed, None where one was left out; a cell that is almost the same passes the same ones next to these.
     """
 
@@ -116,7 +116,7 @@ def at_rest(
     for _ in range(rule.rounds):
         state = cell.relax(start=way.start)
         solves += 1
-        if not state.converged:
+        if not state.usable:
             return RestedCell(cell, periods - 1.0, solves, False)
         way.passed.append(RestStage(state))
         pattern = set_as_drawn(rebased(cell.pattern, state), share=rule.share)
@@ -125,7 +125,7 @@ def at_rest(
         state = cell.relax(start=way.start)
         way.passed.append(RestStage(state))
         return RestedCell(
-            replace(cell, pattern=rebased(cell.pattern, state)), periods - 1.0, solves + 1, state.converged,
+            replace(cell, pattern=rebased(cell.pattern, state)), periods - 1.0, solves + 1, state.usable,
             tuple(way.passed),
         )  # fmt: skip
     followed = way.left_of
@@ -159,10 +159,10 @@ def _drawn_in(cell: PeriodicCell, share: float, way: _Way) -> RestedCell:
         way.passed.append(None)
     loose, state = replace(cell, pattern=_set(drawn, 1.0 - share)), way.start
     # From the drawing, not back from the end: yarns that have folded over each other would stay so.
-    for part in np.arange(1, _DRAWING + 1) / _DRAWING if state is None else (1.0,):
+    for part in np.arange(1, _DRAWING + 1) / _DRAWING if state is None and share > 0.0 else (1.0,):
         state = loose.relax(_flat(part * change), start=state)
         solves += 1
-        if not state.converged:
+        if not state.usable:
             return RestedCell(cell, change, solves, False)
     assert state is not None
     way.passed.append(RestStage(state))
@@ -192,7 +192,7 @@ def _released(cell: PeriodicCell, way: _Way) -> RestedCell:
     state = cell.relax(_flat(periods), start=start)
     stress, step, limit = state.stress[[0, 2]], np.zeros(2), _LARGEST_STEP
     for _ in range(_RELEASES):
-        if not state.converged:
+        if not state.usable:
             break
         if matrix is None:
             matrix = np.empty((2, 2))
@@ -218,9 +218,9 @@ def _released(cell: PeriodicCell, way: _Way) -> RestedCell:
         periods, state, stress = periods + step, further, there
         # Where Newton does not pay, the matrix is taken anew.
         matrix = matrix + np.outer(change - matrix @ step, step) / (step @ step) if gain < 0.5 else None
-    relaxed = state.converged and bool(np.abs(step).max() < 1e-4)
+    relaxed = state.usable and bool(np.abs(step).max() < 1e-4)
     way.passed.append(RestStage(state, matrix))
-    if not state.converged:
+    if not state.usable:
         return RestedCell(cell, periods, solves, False)
     return RestedCell(replace(cell, pattern=rebased(cell.pattern, state)), periods, solves, relaxed)
 

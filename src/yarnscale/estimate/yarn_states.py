@@ -247,7 +247,7 @@ class _Path:
         found = self.cell.relax(ShellStrain.from_vector(self.strain(stretch, width)), start=start)
         by_stretch, by_width, *_ = strain_slopes(self.angle, stretch, width)
         across, along = float(found.stress @ by_width), float(found.stress @ by_stretch)
-        return _State(found, width, across, along, self.slopes, found.converged)
+        return _State(found, width, across, along, self.slopes, found.usable)
 
 
 def differentiated(cell: PeriodicCell, curve: YarnCurve) -> CurveDerivatives:

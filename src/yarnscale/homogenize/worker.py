@@ -42,7 +42,7 @@ def strain_of(state: Array) -> ShellStrain:
 
 def moduli_of(cell: PeriodicCell, state: Equilibrium) -> Array:
     """Moduli of an equilibrium (6, 6); NaN where it is none, or on the verge of buckling."""
-    if state.outcome == "converged":
+    if state.usable:
         try:
             return cell.moduli(state)
         except ArithmeticError:

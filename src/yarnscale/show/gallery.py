@@ -48,7 +48,7 @@ class Exhibit:
     @property
     def good(self) -> bool:
         """Whether it is at rest, and all states are equilibria of the same fabric."""
-        found = all(state.outcome == "converged" for state in self.states.values())
+        found = all(state.usable for state in self.states.values())
         return found and (self.rest is None or self.rest.converged)
 
 
@@ -94,7 +94,7 @@ def write_gallery(
     facts = {
         "patterns": len(exhibits),
         "states": sum(len(exhibit.states) for exhibit in exhibits),
-        "converged": sum(s.outcome == "converged" for exhibit in exhibits for s in exhibit.states.values()),
+        "converged": sum(s.usable for exhibit in exhibits for s in exhibit.states.values()),
     }
     if at_rest:
         facts["at rest"] = sum(exhibit.rest is not None and exhibit.rest.converged for exhibit in exhibits)
