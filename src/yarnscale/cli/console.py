@@ -62,8 +62,13 @@ class ProgressLine:
     """A line on the terminal that is rewritten; on a file, a line now and then."""
 
     def __init__(self, label: str) -> None:
-        self.label, self._last = label, 0.0
+        self.label, self._last, self._began = label, 0.0, time.monotonic()
         self._terminal = sys.stderr.isatty()
+
+    def show_share(self, share: float) -> None:
+        """Show a share of the work, which goes on as fast as it did since the line was made."""
+        seconds = time.monotonic() - self._began
+        self.show(round(1000 * share), 1000, seconds, seconds / max(share, 1e-9) * (1.0 - share))
 
     def show(self, done: int, total: int, seconds: float, left: float, note: str = "") -> None:
         """Show how far the work is; ``left`` in seconds (nan: unknown)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 
 import numpy as np
 
@@ -143,16 +142,11 @@ def _run(dynamics: FabricDynamics, schedule: MotionSchedule, options: argparse.N
     colour = sheet.yarn_material if options.border == "knitted" else None
     curves = CurveSet(sheet.offsets, sheet.radius, closed=sheet.closed, yarn=colour)
     folder = CurveFolder(writable_folder(options.out), curves)
-    line, began = ProgressLine("fabric"), time.perf_counter()
-
-    def told(share: float) -> None:
-        seconds = time.perf_counter() - began
-        line.show(round(1000 * share), 1000, seconds, seconds / max(share, 1e-9) * (1.0 - share))
 
     def frame(number: int, motion: FabricMotion) -> None:
         folder.write(number, energy.positions(motion.x) * sheet.radius, motion.time)
 
-    return run_fabric(dynamics, schedule, on_frame=frame, on_step=told)
+    return run_fabric(dynamics, schedule, on_frame=frame, on_step=ProgressLine("fabric").show_share)
 
 
 def _summary(energy: FabricEnergy, scene: SheetScene, run: DirectRun, *, led: bool) -> dict[str, object]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from importlib import import_module
 from pathlib import Path
 
@@ -123,17 +122,14 @@ def _run(moving: SplineMotion, schedule: MotionSchedule, rule: AdaptiveRule | No
     lines = knitted.lines(knitted.control, _POINTS_PER_SEGMENT)
     offsets = np.arange(knitted.yarn_count + 1) * lines.shape[1]
     folder = CurveFolder(out, CurveSet(offsets, knitted.radius))
-    line, began = ProgressLine("fabric"), time.perf_counter()
-
-    def told(share: float) -> None:
-        seconds = time.perf_counter() - began
-        line.show(round(1000 * share), 1000, seconds, seconds / max(share, 1e-9) * (1.0 - share))
 
     def frame(number: int, yarns: YarnMotion) -> None:
         points = knitted.lines(yarns.positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
         folder.write(number, points, yarns.time)
 
-    return run_motion(moving, schedule, adaptive=rule, on_frame=frame, on_step=told)
+    return run_motion(
+        moving, schedule, adaptive=rule, on_frame=frame, on_step=ProgressLine("fabric").show_share
+    )
 
 
 def _summary(run: MotionRun) -> dict[str, object]:

@@ -199,9 +199,10 @@ def _check_stitches(pattern: YarnPattern, chart: StitchChart) -> None:
                     expected="k or p",
                     found=repr(symbol),
                 )
-    kinds = 0 if pattern.yarn_material is None else int(pattern.yarn_material.max())
-    if kinds:
-        raise InputError("yarns of a spline fabric", expected="one material", found=f"{kinds + 1} materials")
+    assert pattern.yarn_material is not None
+    last = int(pattern.yarn_material.max())
+    if last > 0:
+        raise InputError("yarns of a spline fabric", expected="one material", found=f"{last + 1} materials")
     alike = len(pattern.yarns) == chart.courses and (pattern.yarn_shift == np.array([1, 0])).all()
     if chart.beds > 1 or not alike:
         raise InputError(
