@@ -67,3 +67,7 @@ def test_refuses_what_it_has_no_splines_for(tmp_path: Path, capsys: pytest.Captu
     assert "jersey" in capsys.readouterr().err
     assert main(["fabric", "jersey", "--rows", "3", "--columns", "3"]) == 2
     assert "--out" in capsys.readouterr().err
+    for method in ("splines", "direct"):
+        size = ["--rows", "3", "--columns", "3", "--method", method, "--count"]
+        assert main(["fabric", "rib-1x1", *size, "--adaptive"]) == 2
+        assert "--adaptive" in capsys.readouterr().err

@@ -36,6 +36,8 @@ def fabric(options: argparse.Namespace) -> int:
             raise InputError(f"--{name}", expected="a whole number from 2 to 1000", found="none")
         if options.on is not None and given is not None:
             raise InputError(f"--{name}", expected="none, as a mesh has its own size", found=given)
+    if options.adaptive and options.method != "volume":
+        raise InputError("--adaptive", expected="--method volume", found=options.method)
     if options.method == "direct" or _rods_in_a_volume(options):
         return _direct(options)
     if options.scene != "hang":
@@ -58,7 +60,7 @@ def fabric(options: argparse.Namespace) -> int:
     schedule = MotionSchedule(
         options.duration, options.time_step, method="explicit" if options.explicit else "implicit"
     )
-    rule = AdaptiveRule() if options.adaptive and volume is not None else None
+    rule = AdaptiveRule() if options.adaptive else None
     run = _run(moving, schedule, rule, writable_folder(options.out))
     _convert(options)
     _tell(_summary(run), options)
