@@ -55,8 +55,6 @@ from yarnscale.yarn.material import YarnMaterial
 
 Array = NDArray[np.float64]
 PATTERNS = ("stockinette", "rib-1x1", "honeycomb", "basket-2x2", "satin-5")
-SAMPLED = StrainRange(stretch=(-0.45, 0.7), curvature=0.2)
-"""What the scenes ask for: knits pulled along narrow to 0.6, and edges roll up to a curvature of 180/m."""
 FRAME = 1 / 30
 STANDING, FALLING = 0.5, 0.8
 """Seconds that the bars stand still, and that the drape takes."""
@@ -208,7 +206,10 @@ def by_cloth(asked: Scenario, folder: Path, options: argparse.Namespace) -> Run:
     path = folder / "material.json"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        write_material(path, homogenize(asked.cell, folder, range=SAMPLED, resume=True).material)
+        sampled = StrainRange(
+            stretch=(options.narrowing, StrainRange().stretch[1]), curvature=options.curvature
+        )
+        write_material(path, homogenize(asked.cell, folder, range=sampled, resume=True).material)
     cloth = cloth_of(asked, read_material(path), options.spacing)
     start, states = ClothState.flat(cloth.mesh), []
     solver = ClothSolver(cloth)
@@ -314,6 +315,16 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=float, default=0.1, help="of yarns on each other")
     parser.add_argument("--time-step", type=float, default=1 / 60, help="of the yarns [s]")
     parser.add_argument("--cloth-step", type=float, default=1 / 60, help="of the cloth [s]")
+    usual = StrainRange()
+    parser.add_argument(
+        "--curvature",
+        type=float,
+        default=usual.curvature,
+        help="largest that is homogenized, times the radius",
+    )
+    parser.add_argument(
+        "--narrowing", type=float, default=usual.stretch[0], help="least stretch that is homogenized"
+    )
     parser.add_argument("--out", type=Path, required=True)
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
