@@ -191,6 +191,12 @@ def test_held_derivatives_are_all_where_nothing_is_reset():
     whole, held = jacobian(evaluations, here), jacobian(evaluations, here, held=True)
     np.testing.assert_allclose(held, whole, rtol=0.02, atol=0.005 * np.abs(whole).max())
     assert np.abs(whole[:, 2:]).max(axis=0).min() > 0.05
+    # A yarn that finds no rest has none to hold on to.
+    found = evaluations.whole(here)
+    lost = replace(
+        found, curves=tuple(replace(c, converged=np.zeros(2, bool), states=()) for c in found.curves)
+    )
+    np.testing.assert_array_equal(evaluations.objective.held_jacobian(lost), np.zeros((4, 5)))
 
 
 def test_pear_loops_fix_the_bending_that_forces_leave_open():

@@ -129,6 +129,10 @@ class Crossing:
 def test_states_of_crossed_yarns_do_not_count(rested):
     curve = pulled(Crossing(rested, 0.05), Direction.WEFT, STRETCHES)
     assert curve.converged.tolist() == [True, False, False]
+    derivatives = differentiated(rested, curve)
+    for values in (*derivatives.stress.values(), *derivatives.contraction.values()):
+        assert np.isfinite(values[0]).all() and np.isnan(values[1:]).all()
+    assert not differentiated(rested, replace(curve, converged=np.zeros(3, bool))).stress
 
 
 def test_derivatives_with_the_rest_shape_held(model, rested):

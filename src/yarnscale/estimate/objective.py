@@ -106,13 +106,18 @@ class YarnObjective:
         )
 
     def held_jacobian(self, evaluation: Evaluation) -> Array:
-        """d(residuals)/d(unknowns of the yarn) (m, 5) by exact sensitivities, the rest shape held; zero for bending."""
+        """d(residuals)/d(unknowns of the yarn) (m, 5) by exact sensitivities, the rest shape held.
+
+        Zero for bending, and for states that did not converge.
+        """
         rows = []
         slopes = self.model.slopes(evaluation.unknowns)[: len(PARAMETERS)]
         for target, curve in zip(self.data.curves, evaluation.curves, strict=True):
             derivatives = differentiated(evaluation.rested.cell, curve)
-            stress = self.model.by_parameter(derivatives.stress) * slopes
-            contraction = self.model.by_parameter(derivatives.contraction) * slopes
+            stress = contraction = np.zeros((len(target.stretch), len(PARAMETERS)))
+            if derivatives.stress:
+                stress = self.model.by_parameter(derivatives.stress) * slopes
+                contraction = self.model.by_parameter(derivatives.contraction) * slopes
             rows.append(self._scaled(target, stress / (1.0 + target.stretch)[:, None], contraction))
         rows.append(np.zeros((len(evaluation.bending), len(PARAMETERS))))
         return np.nan_to_num(np.vstack(rows))

@@ -56,7 +56,6 @@ class CurveDerivatives:
 
     stress: dict[str, Array]
     contraction: dict[str, Array]
-    modulus: Array
 
 
 class _Map(Protocol):
@@ -254,29 +253,24 @@ def differentiated(cell: PeriodicCell, curve: YarnCurve) -> CurveDerivatives:
     """Derivatives of a curve's stress and contraction by all that ``Sensitivities`` names, by ``rest_length`` too.
 
     The rest shape is held. dc/dp = −ψ,cp/ψ,cc and dσ/dp = ψ,sp + ψ,sc dc/dp, ψ the energy density as a function of
-    (s, c, p). States that did not converge get nan.
+    (s, c, p). States that did not converge, or are on the verge of buckling, get nan; where all do, nothing is named.
     """
-    stress: dict[str, list[Array]] = {}
-    contraction: dict[str, list[Array]] = {}
-    modulus = []
-    for k, state in enumerate(curve.states):
+    count = len(curve.stretch)
+    stress: dict[str, Array] = {}
+    contraction: dict[str, Array] = {}
+    for k in np.flatnonzero(curve.converged):
+        state = curve.states[k]
+        try:
+            answer = cell.sensitivities(state)
+        except ArithmeticError:
+            continue
         along, across, twice, mixed = strain_slopes(
             curve.direction.angle, curve.stretch[k], curve.contraction[k]
         )
-        answer = cell.sensitivities(state)
         by_width = across @ answer.moduli @ across + state.stress @ twice
         by_both = along @ answer.moduli @ across + state.stress @ mixed
-        named = {**answer.stress, "rest_length": answer.stress_by_rest_length}
-        good = curve.converged[k]
-        for name, change in named.items():
+        for name, change in {**answer.stress, "rest_length": answer.stress_by_rest_length}.items():
             wider = -(across @ change) / by_width
-            stress.setdefault(name, []).append(
-                np.asarray(along @ change + by_both * wider) * (1.0 if good else np.nan)
-            )
-            contraction.setdefault(name, []).append(np.asarray(wider) * (1.0 if good else np.nan))
-        modulus.append(by_width)
-    return CurveDerivatives(
-        {name: np.array(values) for name, values in stress.items()},
-        {name: np.array(values) for name, values in contraction.items()},
-        np.array(modulus),
-    )
+            for values, value in ((stress, along @ change + by_both * wider), (contraction, wider)):
+                values.setdefault(name, np.full((count, *np.shape(value)), np.nan))[k] = value
+    return CurveDerivatives(stress, contraction)
