@@ -87,5 +87,7 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
         "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
     )
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
-    command.add_argument("--resume", action="store_true", help="go on with the evaluations in DIR that the same code made")
+    command.add_argument(
+        "--resume", action="store_true", help="go on with the evaluations in DIR that the same code made"
+    )
     add_json(command)
