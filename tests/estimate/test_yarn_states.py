@@ -115,6 +115,18 @@ def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here,
     )
 
 
+@pytest.mark.parametrize("there", [(True, False, True), (False, False, False)])
+def test_beside_a_curve_that_failed_states_are_found_from_their_own(rested, there):
+    whole = pulled(rested, Direction.WEFT, STRETCHES)
+    states = whole.states if any(there) else ()
+    lost = replace(
+        whole, converged=np.array(there), states=states, contraction=np.where(there, whole.contraction, 0.5)
+    )
+    found = pulled(rested, Direction.WEFT, STRETCHES, near=lost)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.stress, whole.stress, rtol=1e-4)
+
+
 class Crossing:
     """A cell whose yarns pass through each other beyond a stretch."""
 
