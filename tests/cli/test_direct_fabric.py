@@ -43,6 +43,20 @@ def test_a_scene_writes_its_frames_and_numbers(
     assert np.isfinite(last).all() and (radii == 1e-3).all()
 
 
+def test_a_drawing_comes_to_rest_before_it_is_cut(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Plain weave as drawn is 5 % wider than it is at rest."""
+    widths = []
+    for k, extra in enumerate(((), ("--as-drawn",))):
+        out = tmp_path / str(k)
+        step = ("--duration", "0.001", "--time-step", "0.001", "--out", str(out))
+        assert main([*SMALL, *extra, *step]) == 0
+        captured = capsys.readouterr()
+        assert ("settling plain" in captured.err) == (not extra)
+        first, _ = read_curve_frames(out).points(0)
+        widths.append(float(np.ptp(first[:, 0])))
+    assert widths[0] < 0.98 * widths[1], widths
+
+
 def test_a_knitted_piece_is_one_yarn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     piece = [
         "fabric",

@@ -8,7 +8,7 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, writable_folder
-from yarnscale.cli.yarns import material_for, pattern_of
+from yarnscale.cli.yarns import material_for, pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, Springs, glue
@@ -25,11 +25,14 @@ from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.obj_garment import read_garment
-from yarnscale.files.patterns import stitches_of
+from yarnscale.files.patterns import is_drawing, stitches_of
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
 
+USUAL_FRICTION = 0.1
+"""Of yarns on each other: with none cut yarns draw back and weaves come apart, with 0.3 fabric creeps and hardly curls
+(docs/fabric.md)."""
 Laid = tuple[YarnSheet, Materials, Springs]
 """A sheet, its materials, and what keeps its borders."""
 
@@ -37,7 +40,8 @@ Laid = tuple[YarnSheet, Materials, Springs]
 def sheet_at_rest(options: argparse.Namespace) -> Laid:
     """The sheet asked for, its materials, and what keeps its borders.
 
-    Loops of a cut sheet are those of the relaxed periodic cell; a knitted piece has come to ease as it was drawn.
+    Loops of a cut sheet are those of the periodic cell at rest; drawings settle first, unless they shall stay as drawn.
+    A knitted piece has come to ease as it was drawn.
     """
     pattern = pattern_of(options.pattern, options.radius)
     material = material_for(pattern, None if options.material is None else [options.material])
@@ -45,6 +49,8 @@ def sheet_at_rest(options: argparse.Namespace) -> Laid:
         if options.tube or options.on is not None:
             raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")
         return _knitted(options, pattern, material)
+    if is_drawing(options.pattern) and not (options.as_drawn or options.count):
+        pattern = settled_drawing(pattern, material)
     if options.on is not None:
         if options.tube:
             raise InputError("--tube", expected="a sheet of --rows and --columns", found="--on")
@@ -117,7 +123,8 @@ def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], boo
         return counts, True
     energy = FabricEnergy(sheet, material, springs=borders)
     scene = _scene(options, sheet)
-    friction = YarnFriction(options.friction) if options.friction else None
+    coefficient = USUAL_FRICTION if options.friction is None else options.friction
+    friction = YarnFriction(coefficient) if coefficient else None
     parts = (
         energy, MotionSettings(scene.gravity, options.damping, friction), scene.holds,
         scene.obstacles(energy, friction=options.ball_friction), PassageCount(energy, energy.start()),

@@ -42,7 +42,9 @@ def fabric(options: argparse.Namespace) -> int:
         return _direct(options)
     if options.scene != "hang":
         raise InputError("--scene", expected="hang, or --method direct or volume", found=options.scene)
-    plain = {"border": "glued", "on": None, "tube": False, "friction": 0.0, "ball_friction": 0.0}
+    plain = {
+        "border": "glued", "on": None, "tube": False, "as_drawn": False, "friction": None, "ball_friction": 0.0,
+    }  # fmt: skip
     for name, value in plain.items():
         if getattr(options, name) != value:
             option = f"--{name.replace('_', '-')}"

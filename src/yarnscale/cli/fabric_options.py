@@ -78,6 +78,10 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         "on, turns at the selvedges and is bound off, for built-in knits and charts (glued)",
     )  # fmt: skip
     command.add_argument(
+        "--as-drawn", action="store_true",
+        help="of rods: a built-in pattern or chart as it is drawn, not as fabric at rest; knitted pieces always are",
+    )  # fmt: skip
+    command.add_argument(
         "--material", metavar="MATERIAL", help="preset or TOML file (wool; direct: what suits the pattern)"
     )
     command.add_argument(
@@ -92,9 +96,8 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--friction",
         type=not_negative,
-        default=0.0,
         metavar="MU",
-        help="of yarns on each other, not of splines (0)",
+        help="of yarns on each other, not of splines (0.1); without any, loose weaves come apart",
     )
     command.add_argument(
         "--ball-friction",

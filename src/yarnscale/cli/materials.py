@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cell.rest import settled
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
-from yarnscale.cli.yarns import material_for
+from yarnscale.cli.yarns import material_for, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
@@ -71,8 +70,9 @@ def homogenize(options: argparse.Namespace) -> int:
         raise InputError("output exists", where=folder / "samples", expected="a new folder, or --resume")
     if (folder / "samples").exists():
         SampleStore(folder / "samples")  # refuses what is no store before anything is settled
-    source = "" if options.as_drawn else options.pattern
-    cell = PeriodicCell(_at_rest(drawn, source, material, folder / PATTERN), material)
+    if is_drawing(options.pattern) and not options.as_drawn:
+        drawn = _at_rest(drawn, material, folder / PATTERN)
+    cell = PeriodicCell(drawn, material)
     outcome = homogenize_into(
         cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
         in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
@@ -85,16 +85,10 @@ def homogenize(options: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _at_rest(drawn: YarnPattern, source: str, material: Materials, kept: Path) -> YarnPattern:
-    """Fabric at rest, where ``source`` names a drawing (built in or a chart); kept in a file, for ``--resume`` too."""
-    if not is_drawing(source):
-        return drawn
+def _at_rest(drawn: YarnPattern, material: Materials, kept: Path) -> YarnPattern:
+    """Fabric at rest of a drawing; kept in a file, for ``--resume`` too."""
     if not kept.is_file():
-        print(f"settling {drawn.name} to its rest shape", file=sys.stderr, flush=True)
-        shape = settled(drawn, material)
-        if not shape.converged:
-            print(f"{drawn.name} is not quite at rest: {shape.status.value}", file=sys.stderr, flush=True)
-        write_pattern(shape.pattern, kept)
+        write_pattern(settled_drawing(drawn, material), kept)
     return read_pattern(kept)
 
 

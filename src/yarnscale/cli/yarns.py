@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,15 @@ def material_for(pattern: YarnPattern, names: list[str] | None) -> Materials:
         return YarnMaterial.preset(library.structure(pattern.name).material)
     own = f"hylc2020-{pattern.name}"
     return PRESETS[own if own in PRESETS else FALLBACK]
+
+
+def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
+    """Fabric at rest of a drawing, told on the console, also where it is not quite at rest."""
+    print(f"settling {drawn.name} to its rest shape", file=sys.stderr, flush=True)
+    shape = settled(drawn, material)
+    if not shape.converged:
+        print(f"{drawn.name} is not quite at rest: {shape.status.value}", file=sys.stderr, flush=True)
+    return shape.pattern
 
 
 def pattern(options: argparse.Namespace) -> int:
