@@ -94,7 +94,10 @@ class Descent:
         if self._held or not trusted or (little and not fresh):
             # Only fresh slopes tell that there is nothing more to gain.
             self._age = _LASTING
-        self._slow = (self._slow + 1 if gain < _SMALLEST_GAIN else 0) if fresh else self._slow
+        if gain >= _SMALLEST_GAIN:
+            self._slow = 0
+        elif fresh:
+            self._slow += 1
         self.ended = self._slow == 2 or (length < _SHORTEST and fresh) or value < _SOLVED
         self._damping = min(self._damping, 1.0)
 
