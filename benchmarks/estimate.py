@@ -17,7 +17,7 @@ from scipy.stats import qmc
 
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.fabric_shell import fit_shell
-from yarnscale.estimate.gauss_newton import gauss_newton, jacobian
+from yarnscale.estimate.gauss_newton import jacobian
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import YarnObjective, coarser
 from yarnscale.estimate.one_yarn import SharedEvaluations, with_one_yarn
@@ -176,8 +176,8 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
     evaluations = SharedEvaluations(
         tuple(Evaluations(part, executor, _store(options)(part)) for part in parts)
     )
-    first = _first_yarn(options, evaluations, starts)
-    end = gauss_newton(evaluations, first, iterations=options.iterations)  # pyright: ignore[reportArgumentType]
+    firsts = _first_yarns(options, evaluations, starts)[: options.refined]
+    end = race(evaluations, firsts, iterations=options.iterations)  # pyright: ignore[reportArgumentType]
     yarn = models[0].values(evaluations.split(end)[0])[:5]
     rows: list[dict] = [{"parameters": yarn.tolist(), "unknowns": end.tolist(),
                          "objective": evaluations.many([end])[0].objective, "solves": evaluations.solves,
@@ -194,10 +194,11 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
     return rows
 
 
-def _first_yarn(
+def _first_yarns(
     options: argparse.Namespace, evaluations: SharedEvaluations, starts: list[np.ndarray]
-) -> np.ndarray:
-    """Where to begin: the middle of the yarns or one of them in all fabrics, each in the best of some shapes."""
+) -> list[np.ndarray]:
+    """Where to begin: the middle of the yarns and each of them in all fabrics, each in the best of some shapes; the
+    best first."""
     joined = evaluations.joined(starts)
     found = []
     for name, yarn in zip(["middle", *options.samples], [joined, *starts], strict=True):
@@ -212,7 +213,7 @@ def _first_yarn(
             (float(np.mean(objectives)), np.concatenate([yarn[:5], *(point[5:] for point in shaped)]))
         )
         _tell(options, {"yarn of": name, "objective": found[-1][0], "objectives": objectives})
-    return min(found, key=lambda pair: pair[0])[1]
+    return [unknowns for _, unknowns in sorted(found, key=lambda pair: pair[0])]
 
 
 def _left(options: argparse.Namespace, part: str, key: str) -> dict[str, dict]:
