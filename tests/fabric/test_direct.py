@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from yarnscale.yarn.material import YarnMaterial
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)
 """A yarn that bends and twists as a solid rod does."""
+Crossing = Callable[[float], FabricEnergy]
 RADIUS = 1e-3
 
 
@@ -202,8 +204,8 @@ def test_a_light_yarn_beside_a_held_one_begins_to_fall_however_short_the_steps(r
     assert fallen == pytest.approx(9.81 * 15 / rate**2, rel=1e-3)
 
 
-def test_a_step_depends_on_its_motion_alone_and_not_on_steps_made_before() -> None:
-    energy = _crossing(1.6)
+def test_a_step_depends_on_its_motion_alone_and_not_on_steps_made_before(crossing: Crossing) -> None:
+    energy = crossing(1.6)
     dynamics = FabricDynamics(energy, MotionSettings(iterations=60))
     start = dynamics.start()
     first = dynamics.implicit(start, 1 / 240)
@@ -220,16 +222,10 @@ def test_a_step_depends_on_its_motion_alone_and_not_on_steps_made_before() -> No
     np.testing.assert_allclose(held_back.motion.x, first.motion.x, rtol=0, atol=1e-2)
 
 
-def _crossing(gap: float) -> FabricEnergy:
-    """Two straight yarns, the second one ``gap`` radii above the first."""
-    along = np.linspace(-0.01, 0.01, 21)
-    zero = np.zeros(21)
-    lines = [np.stack([along, zero, zero], 1), np.stack([zero, along, zero + gap * RADIUS], 1)]
-    return FabricEnergy(YarnSheet.from_lines(lines, RADIUS), SOLID)
-
-
-def test_a_yarn_that_is_forced_through_another_is_counted_and_safe_steps_stop_before() -> None:
-    energy = _crossing(2.5)
+def test_a_yarn_that_is_forced_through_another_is_counted_and_safe_steps_stop_before(
+    crossing: Crossing,
+) -> None:
+    energy = crossing(2.5)
     start = energy.start()
     through = start.copy()
     energy.positions(through)[21:, 2] -= 5.0
@@ -246,8 +242,8 @@ def test_a_yarn_that_is_forced_through_another_is_counted_and_safe_steps_stop_be
     assert watched.passages == 0
 
 
-def test_steps_stop_yarns_that_fly_at_each_other() -> None:
-    energy = _crossing(4.0)
+def test_steps_stop_yarns_that_fly_at_each_other(crossing: Crossing) -> None:
+    energy = crossing(4.0)
     count = PassageCount(energy, energy.start())
     dynamics = FabricDynamics(energy, MotionSettings(gravity=(0.0, 0.0, 0.0), iterations=60), count=count)
     motion = dynamics.start()
@@ -259,8 +255,8 @@ def test_steps_stop_yarns_that_fly_at_each_other() -> None:
     assert middle[31, 2] > middle[10, 2]
 
 
-def test_friction_resists_sliding_with_the_share_of_the_pressure() -> None:
-    energy = _crossing(1.6)
+def test_friction_resists_sliding_with_the_share_of_the_pressure(crossing: Crossing) -> None:
+    energy = crossing(1.6)
     start = energy.start()
     pressed = energy.contacts(start).stencils
     push = pressed.elements(start)[1].reshape(-1, 4, 3)[:, :2].sum(axis=1)

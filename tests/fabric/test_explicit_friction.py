@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -16,17 +17,11 @@ from yarnscale.fabric.yarn_friction import Rubbing, YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)
+Crossing = Callable[[float], FabricEnergy]
 RADIUS = 1e-3
 SLOPE = math.radians(30.0)
 GRAVITY = 9.81
 DOWN_SLOPE = (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
-
-
-def _crossing(gap: float) -> FabricEnergy:
-    """A yarn along x and one along y, ``gap`` radii above it."""
-    along, zero = np.linspace(-0.01, 0.01, 21), np.zeros(21)
-    lines = [np.stack([along, zero, zero], 1), np.stack([zero, along, zero + gap * RADIUS], 1)]
-    return FabricEnergy(YarnSheet.from_lines(lines, RADIUS), SOLID)
 
 
 def _on_rails(friction: float) -> FabricDynamics:
@@ -91,8 +86,8 @@ def test_a_yarn_slides_down_a_plane_as_coulomb_says(friction: float) -> None:
         assert abs(way) < 1e-2 * 0.5 * GRAVITY * 0.005**2
 
 
-def test_impulses_keep_momentum_stop_slip_and_are_bounded_by_the_pressure() -> None:
-    energy = _crossing(1.6)
+def test_impulses_keep_momentum_stop_slip_and_are_bounded_by_the_pressure(crossing: Crossing) -> None:
+    energy = crossing(1.6)
     x, n = energy.start(), energy.count
     contacts = energy.contacts(x).stencils
     pairs = Rubbing.of(contacts, x)
@@ -115,11 +110,11 @@ def test_impulses_keep_momentum_stop_slip_and_are_bounded_by_the_pressure() -> N
     assert mass @ (stuck**2).sum(axis=1) < mass @ (velocity**2).sum(axis=1)
 
 
-def test_friction_takes_energy_at_steps_as_long_as_without_it() -> None:
+def test_friction_takes_energy_at_steps_as_long_as_without_it(crossing: Crossing) -> None:
     """Yarns that rub and vibrate at the largest stable step lose energy; without friction they keep it."""
     ends = []
     for coefficient in (0.0, 0.5):
-        energy = _crossing(1.9)
+        energy = crossing(1.9)
         dynamics = FabricDynamics(energy, MotionSettings((0.0, 0.0, 0.0), friction=YarnFriction(coefficient)))
         velocity = np.zeros(4 * energy.count)
         energy.positions(velocity)[21:] = [30.0, 30.0, -30.0]
