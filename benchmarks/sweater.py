@@ -102,7 +102,9 @@ def draw(scene: Scene, states: list[ClothState], path: Path) -> None:
     chosen = [states[round(k)] for k in np.linspace(0, len(states) - 1, min(8, len(states)))]
     frames = [
         ClothFrame(
-            s.positions, solids=[Solid(bodies.vertices(s.time), bodies.triangles)], title=f"{s.time:.2f} s"
+            s.positions,
+            solids=[Solid(bodies.vertices(s.time, s.obstacles), bodies.triangles)],
+            title=f"{s.time:.2f} s",
         )
         for s in chosen
     ]

@@ -44,6 +44,15 @@ centre = [0.0, 0.0, -0.03]
 radius = 0.02
 """
 
+PIN = """name = "driven"
+vertex = [-0.05, 0.05]
+displacement = [0.0, 0.0, -0.02]
+duration = 0.02"""
+PLANE = """[[obstacles]]
+shape = "plane"
+point = [0.0, 0.0, -0.005]
+"""
+
 
 @pytest.fixture(autouse=True, scope="module")
 def renderer() -> None:
@@ -120,6 +129,20 @@ def test_another_scene_is_not_resumed(tmp_path: Path, capsys) -> None:
     assert "another scene" in capsys.readouterr().err
     assert sorted((out / "frames").iterdir()) == frames
     assert main(["simulate", str(short), "--out", str(out)]) == 0
+
+
+def test_a_pin_that_a_floor_stops_is_told(tmp_path: Path, capsys) -> None:
+    scene = written(tmp_path / "scene", 0.03)
+    text = scene.read_text(encoding="utf-8").replace("vertex = [-0.05, 0.05]", PIN)
+    scene.write_text(text + PLANE, encoding="utf-8")
+    assert main(["simulate", str(scene), "--out", str(tmp_path / "a"), "--json"]) == 1
+    (found,) = json.loads(capsys.readouterr().out)["unfulfilled"]
+    assert found["what"] == "handle 'driven'" and found["distance"] == pytest.approx(0.015, abs=1e-4)
+    page = (tmp_path / "a" / "index.html").read_text(encoding="utf-8")
+    assert "handle &#39;driven&#39; is off its prescribed place" in page
+    scene.write_text("may_give_way = true" + scene.read_text(encoding="utf-8"), encoding="utf-8")
+    assert main(["simulate", str(scene), "--out", str(tmp_path / "b")]) == 0
+    assert "not carried out: handle 'driven' is off" in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")

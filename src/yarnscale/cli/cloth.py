@@ -84,9 +84,22 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
         print_json(summary)
     else:
         for name, value in summary.items():
-            print(f"{name:<18} {value:.6g}" if isinstance(value, float) else f"{name:<18} {value}")
-        print(f"{folder}: frames and pictures")
-    return 0 if result.converged else 1
+            if name != "unfulfilled":
+                print(f"{name:<18} {value:.6g}" if isinstance(value, float) else f"{name:<18} {value}")
+        for line in _unfulfilled(result):
+            print(line)
+        print(f"{folder}: frames, pictures and a page")
+    return 0 if result.succeeded else 1
+
+
+def _unfulfilled(result: SceneResult) -> list[str]:
+    """What was not carried out, a sentence each, and what that means for the run."""
+    if not result.unfulfilled:
+        return []
+    allowed = (
+        "as the scene allows" if result.scene.may_give_way else "may_give_way = true in a scene allows it"
+    )
+    return [f"not carried out: {entry}" for entry in result.unfulfilled] + [f"({allowed})"]
 
 
 def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneResult:
@@ -119,8 +132,30 @@ def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneR
     mesh = cloth.mesh
     text = obj_text(result.state.positions, mesh.triangles, mesh.material, mesh.corners)
     write_text(folder / "last.obj", text)
-    draw_cloth(folder)
+    _write_page(folder, result, draw_cloth(folder))
     return result
+
+
+def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None:
+    """``index.html``: numbers of a run, motions that were not carried out, pictures."""
+    from yarnscale.show.report import Picture, Section, Table, write_report
+
+    numbers = {name: value for name, value in result.summary().items() if name != "unfulfilled"}
+    off = [[entry.what, entry.first, entry.distance, entry.remaining] for entry in result.unfulfilled]
+    columns = ["not carried out", "first [s]", "off its place by up to [m]", "at the end [m]"]
+    captions = ("Moments of the run, bodies where they are.", "At the end.")
+    section = Section(
+        "Cloth",
+        _unfulfilled(result),
+        [Table(["", "value"], list(numbers.items())), *([Table(columns, off)] if off else [])],  # type: ignore[arg-type]
+        [Picture(path, caption, True) for path, caption in zip(pictures, captions, strict=True)],
+    )
+    write_report(
+        folder / "index.html",
+        f"Cloth: {result.scene.name}",
+        [section],
+        summary=f"Status: {result.status.value}.",
+    )
 
 
 def draw_cloth(folder: Path) -> list[Path]:

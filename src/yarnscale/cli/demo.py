@@ -125,4 +125,4 @@ def _cloth_section(material, folder: Path) -> tuple[Section, dict[str, float | i
     text = [
         "Simulated as a thin shell with the material above, implicit time steps, self-contact in the drape."
     ]
-    return Section("Cloth", text, tables, pictures), measures, pulled.converged and draped.converged
+    return Section("Cloth", text, tables, pictures), measures, pulled.succeeded and draped.succeeded

@@ -1,4 +1,4 @@
-"""Surfaces of the obstacles of a scene as triangles, at any time."""
+"""Surfaces of the obstacles of a scene as triangles, where the obstacles are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.shell.contact.obstacles import Obstacle, Sphere
+from yarnscale.shell.contact.obstacles import Obstacle, Sphere, current_points
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -20,28 +20,33 @@ class BodySurface:
     """
 
     def __init__(self, obstacles: Sequence[Obstacle]) -> None:
-        self._parts: list[Obstacle] = []
+        self._obstacles = tuple(obstacles)
+        self._shown: list[int] = []
         lists, start = [np.zeros((0, 3), np.int64)], 0
-        for obstacle in obstacles:
+        for number, obstacle in enumerate(obstacles):
             if isinstance(obstacle, Sphere):
                 triangles, count = ball()[1], len(ball()[0])
             else:
                 triangles, count = getattr(obstacle, "triangles", None), len(obstacle.points(0.0))
             if triangles is None:
                 continue
-            self._parts.append(obstacle)
+            self._shown.append(number)
             lists.append(np.asarray(triangles) + start)
             start += count
         self.triangles: Integers = np.vstack(lists)
 
     def __bool__(self) -> bool:
-        return bool(self._parts)
+        return bool(self._shown)
 
-    def vertices(self, time: float) -> Floats:
-        """Vertices at a time [s], (n, 3) [m]."""
+    def vertices(self, time: float, moved: Floats | None = None) -> Floats:
+        """Vertices at a time [s], (n, 3) [m].
+
+        moved: where the points of moving obstacles are, as in ``ClothState``; None: where their motion takes them.
+        """
         places = [np.zeros((0, 3))]
-        for part in self._parts:
-            points = part.points(time)
+        everything = current_points(self._obstacles, time, moved)
+        for number in self._shown:
+            part, points = self._obstacles[number], everything[number]
             places.append(points[:1] + part.radius * ball()[0] if isinstance(part, Sphere) else points)
         return np.vstack(places)
 

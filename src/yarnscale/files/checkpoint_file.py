@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import time
 from pathlib import Path
@@ -18,6 +19,7 @@ from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.state import ClothState, Earlier
+from yarnscale.unfulfilled import Unfulfilled, plain
 
 NAME = "checkpoint.npz"
 _INNER = {"state": ClothState, "before": Earlier}
@@ -67,6 +69,8 @@ class CheckpointFile:
             values = _nested(arrays)
             if "status" in values:
                 values["status"] = Status[str(values["status"])]
+            found = json.loads(str(values.get("unfulfilled", "[]")))
+            values["unfulfilled"] = tuple(Unfulfilled(**entry) for entry in found)
             return Checkpoint(**values)  # type: ignore[arg-type]
         except (TypeError, ValueError, KeyError) as error:
             raise InputError(f"file is no {what}", where=self.path, found=str(error)[:80]) from None
@@ -86,6 +90,8 @@ def _flat(value: Checkpoint | ClothState | Earlier, prefix: str) -> dict[str, ND
             found |= _flat(content, f"{name}.")
         elif isinstance(content, Status):
             found[name] = np.array(content.name)
+        elif isinstance(content, tuple):
+            found[name] = np.array(json.dumps(plain(content)))
         elif content is not None:
             found[name] = np.asarray(content)
     return found

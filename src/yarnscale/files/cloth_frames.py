@@ -31,8 +31,8 @@ class FrameFolder:
     The mesh holds material points (nm, 2) [m], triangles (nt, 3) in space and their corners (nt, 3) among the points.
 
     A frame holds positions [m], velocities [m/s], both (nv, 3), and time [s]. Where there are obstacles with a
-    surface, ``bodies.npz`` holds their triangles and every frame their vertices as ``bodies`` (nb, 3) [m]. Pass
-    ``write`` as ``on_frame``.
+    surface, ``bodies.npz`` holds their triangles and every frame their vertices as ``bodies`` (nb, 3) [m]: where they
+    are, which is not where their motion takes them if they gave way. Pass ``write`` as ``on_frame``.
 
     keep: frames of an earlier run, from the first on, that stay; all others are removed at the start. Raises
     InputError where the folder cannot be written.
@@ -66,7 +66,7 @@ class FrameFolder:
 
     def write(self, number: int, state: ClothState) -> None:
         """Write one frame; a file of that number is replaced in one step."""
-        bodies = {"bodies": self._bodies.vertices(state.time)} if self._bodies else {}
+        bodies = {"bodies": self._bodies.vertices(state.time, state.obstacles)} if self._bodies else {}
         write_arrays(
             self.folder / frame_name(number),
             positions=state.positions,

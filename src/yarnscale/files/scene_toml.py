@@ -33,9 +33,9 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     material = read_material(root.beside(root.text("material")))
     name = root.text_or("name", path.stem)
     if "scene" in root.content or "garment" in root.content:
-        return replace(_ready(root, material), name=name)
-    root.known("name", "material", "gravity", "damping", "stiffness_damping", "air_drag", "free_edges", "mesh",
-               "schedule", "handles", "contact", "obstacles")  # fmt: skip
+        return replace(_ready(root, material), name=name, may_give_way=_may_give_way(root))
+    root.known("name", "material", "may_give_way", "gravity", "damping", "stiffness_damping", "air_drag",
+               "free_edges", "mesh", "schedule", "handles", "contact", "obstacles")  # fmt: skip
     section = root.section("mesh")
     mesh = read_mesh(section)
     start = read_start(section, mesh)
@@ -56,14 +56,19 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
             free_edges=root.choice_or("free_edges", "extrapolate", ("extrapolate", "zero")),  # type: ignore[arg-type]
         )
     )
-    return Scene(name, cloth, start, *_schedule(root.section("schedule")))
+    schedule, options = _schedule(root.section("schedule"))
+    return Scene(name, cloth, start, schedule, options, may_give_way=_may_give_way(root))
+
+
+def _may_give_way(root: Section) -> bool:
+    return root.flag_or("may_give_way", False)
 
 
 def _ready(root: Section, material: ElementMaterial) -> Scene:
     """A ready scene, with what the file says otherwise."""
     key = "scene" if "scene" in root.content else "garment"
-    root.known("name", "material", key, "spacing", "gravity", "damping", "air_drag", "schedule", "contact",
-               "obstacles")  # fmt: skip
+    root.known("name", "material", "may_give_way", key, "spacing", "gravity", "damping", "air_drag", "schedule",
+               "contact", "obstacles")  # fmt: skip
     name = root.choice_or(key, "", tuple(READY))
     spacing = root.number("spacing", positive=True) if "spacing" in root.content else None
     scene = root.build(lambda: ready_scene(name, material, spacing=spacing))

@@ -118,6 +118,12 @@ class TriangleMesh:
         return sums.astype(np.float64)
 
     @property
+    def median_edge(self) -> float:
+        """Median length of the sides of the triangles in the fabric [m]."""
+        sides = self.material[self.corners] - self.material[np.roll(self.corners, 1, axis=1)]
+        return float(np.median(np.linalg.norm(sides, axis=2)))
+
+    @property
     def edges(self) -> Integers:
         """Every edge in space once, shape (ne, 2), smaller index first."""
         pairs = np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)])

@@ -6,6 +6,7 @@ mesh. Contact follows the points in a straight line during a step; their places 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -157,6 +158,23 @@ class AnimatedMesh:
 
 
 Shape = Sphere | Plane
+
+
+def current_points(obstacles: Sequence[Obstacle], time: float, moved: Floats | None) -> list[Floats]:
+    """Where the points of every obstacle are [m]; moved: those of all that move, as in ``ClothState.obstacles``."""
+    places, start = [], 0
+    for obstacle in obstacles:
+        points = obstacle.points(time)
+        if obstacle.moves and moved is not None:
+            points, start = moved[start : start + len(points)], start + len(points)
+        places.append(points)
+    return places
+
+
+def obstacle_name(obstacle: Obstacle, number: int) -> str:
+    """How messages name the obstacle of a number, counted from 0 as in the list of obstacles."""
+    shapes = {Sphere: "sphere", Plane: "plane"}
+    return f"obstacles[{number}] ({shapes.get(type(obstacle), 'mesh')})"
 
 
 def _triangles(triangles: object, count: int) -> Integers:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.state import ClothState
+from yarnscale.unfulfilled import Unfulfilled
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +17,7 @@ class Checkpoint:
     the next is due [s]; shown: whether the state is the last frame. steps, iterations, loose, crossed: work done and
     frames that intersect, as in ``Run``. rest_step: length of the next step on the way to rest [s], None during the
     dynamics; rest_steps: done of these. unrest: of the last step. status: how the run ended, None while it goes on.
+    unfulfilled: motions that were not carried out up to now.
     """
 
     state: ClothState
@@ -31,3 +33,4 @@ class Checkpoint:
     unrest: float = 0.0
     status: Status | None = None
     crossed: int = 0
+    unfulfilled: tuple[Unfulfilled, ...] = ()

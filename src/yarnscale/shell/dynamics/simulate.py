@@ -18,6 +18,7 @@ from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.dynamics.quasi_static import LoadSteps, follow_load
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions, StepResult
 from yarnscale.shell.state import ClothState
+from yarnscale.unfulfilled import Unfulfilled, updated
 
 __all__ = ["ClothSolver", "Progress", "Run", "Schedule", "SolverOptions", "StepResult", "simulate"]
 
@@ -73,6 +74,8 @@ class Schedule:
         )
 
 
+OFF_PLACE, OFF_PLACE_SHARE = 5e-4, 0.05
+"""How far from its place a handle or body has left its motion: this [m], or this share of an edge if that is less."""
 ANIMATION_STEP, ANIMATION_ITERATIONS = 1 / 30, 20
 """Step [s] and iterations a step of an animation."""
 
@@ -102,6 +105,8 @@ class Run:
     unrest: float
     intersections: int = 0
     """Frames, the last state among them, in which surfaces cross that are to meet: 0, or contact has failed."""
+    unfulfilled: tuple[Unfulfilled, ...] = ()
+    """Motions of handles and obstacles that were not carried out."""
 
     @property
     def converged(self) -> bool:
@@ -147,6 +152,8 @@ class _Runner:
     rest_steps: int = 0
     unrest: float = 0.0
     crossed: int = 0
+    unfulfilled: tuple[Unfulfilled, ...] = ()
+    off_place: float = 0.0
 
     def run(self, place: Checkpoint) -> Run:
         state, schedule = place.state, self.schedule
@@ -154,6 +161,8 @@ class _Runner:
         self.steps, self.iterations, self.loose = place.steps, place.iterations, place.loose
         self.frames, self.next_frame, self.unrest = place.frames, place.next_frame, place.unrest
         self.shown, self.crossed = state if place.shown else None, place.crossed
+        self.unfulfilled = place.unfulfilled
+        self.off_place = min(OFF_PLACE, OFF_PLACE_SHARE * self.solver.cloth.mesh.median_edge)
         if place.status is not None:
             return self._finish(state, place.status)
         if place.steps == 0:
@@ -228,6 +237,8 @@ class _Runner:
         self.iterations += result.iterations
         self.loose += result.residual > self.solver.options.tolerance
         self.unrest = result.unrest
+        distances = self.solver.distances_from_places(result.state)
+        self.unfulfilled = updated(self.unfulfilled, result.state.time, distances, self.off_place)
         if self.on_step is not None:
             span = self.schedule.duration
             share = 1.0 - max(end - result.state.time, 0.0) / span if span else 1.0
@@ -267,10 +278,20 @@ class _Runner:
                 self.unrest,
                 status,
                 self.crossed,
+                self.unfulfilled,
             )
         )
 
     def _finish(self, state: ClothState, status: Status) -> Run:
         self._frame(state, last=True)
         self._checkpoint(state, status)
-        return Run(state, status, self.steps, self.iterations, self.loose, self.unrest, self.crossed)
+        return Run(
+            state,
+            status,
+            self.steps,
+            self.iterations,
+            self.loose,
+            self.unrest,
+            self.crossed,
+            self.unfulfilled,
+        )

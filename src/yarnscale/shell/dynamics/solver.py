@@ -19,6 +19,7 @@ from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 from yarnscale.shell.contact.cloth_contact import ClothContact
+from yarnscale.shell.contact.obstacles import current_points, obstacle_name
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.integrator import Integrator, StepRule, checked_integrator, step_rule
@@ -180,6 +181,22 @@ class ClothSolver:
     def intersects(self, state: ClothState) -> bool:
         """Whether the cloth crosses itself or an obstacle, by a test of its own over the whole of both."""
         return self.contact is not None and self.contact.intersects(self._with_obstacles(state))
+
+    def distances_from_places(self, state: ClothState) -> dict[str, float]:
+        """How far handles and moving obstacles are from where their motion takes them, by name [m].
+
+        Of each the vertex that is farthest. Handles are held by stiff springs, obstacles by springs of limited force.
+        """
+        found = {}
+        for handle in self.cloth.handles:
+            away = state.positions[handle.vertices] - handle.motion.place(handle.rest, state.time)
+            found[f"handle '{handle.name}'"] = float(np.linalg.norm(away, axis=1).max())
+        places = current_points(self.cloth.obstacles, state.time, state.obstacles)
+        for number, (obstacle, place) in enumerate(zip(self.cloth.obstacles, places, strict=True)):
+            if obstacle.moves:
+                away = np.linalg.norm(place - obstacle.points(state.time), axis=1)
+                found[obstacle_name(obstacle, number)] = float(away.max())
+        return found
 
     def closest(self, state: ClothState) -> float:
         """Smallest distance [m] between surfaces that may meet; inf beyond the thickness of contact."""

@@ -22,6 +22,7 @@ from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
+from yarnscale.unfulfilled import Unfulfilled, plain
 
 Floats = NDArray[np.float64]
 Measure = Callable[[ClothSolver, ClothState], Mapping[str, float]]
@@ -42,7 +43,10 @@ BAR_GAP = SHEET - 2 * BAR_INSET - BAR_WIDTH
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Something to simulate: name, cloth, first state, schedule and what to measure of the last state."""
+    """Something to simulate: name, cloth, first state, schedule and what to measure of the last state.
+
+    may_give_way: whether handles and obstacles may be kept from their motion; else such a run counts as failed.
+    """
 
     name: str
     cloth: Cloth
@@ -50,6 +54,7 @@ class Scene:
     schedule: Schedule
     options: SolverOptions = field(default_factory=SolverOptions)
     measure: Measure | None = None
+    may_give_way: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +71,19 @@ class SceneResult:
     seconds: float
     measures: Mapping[str, float] = field(default_factory=dict)
     intersections: int = 0
+    unfulfilled: tuple[Unfulfilled, ...] = ()
 
     @property
     def converged(self) -> bool:
         """Whether the whole schedule was reached."""
         return self.status is Status.CONVERGED
 
-    def summary(self) -> dict[str, float | int | str]:
+    @property
+    def succeeded(self) -> bool:
+        """Whether the whole schedule was reached, with every motion carried out that may not give way."""
+        return self.converged and (self.scene.may_give_way or not self.unfulfilled)
+
+    def summary(self) -> dict[str, object]:
         """Everything but the shape, as plain values."""
         return {
             "scene": self.scene.name,
@@ -83,6 +94,7 @@ class SceneResult:
             "newton_iterations": self.newton_iterations,
             "loose_steps": self.loose_steps,
             "intersections": self.intersections,
+            "unfulfilled": plain(self.unfulfilled),
             "simulated_seconds": self.simulated_seconds,
             "seconds": self.seconds,
         }
@@ -120,6 +132,7 @@ def run_scene(
         time.perf_counter() - begin,
         measures,
         run.intersections,
+        run.unfulfilled,
     )
 
 

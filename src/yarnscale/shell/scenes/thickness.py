@@ -24,5 +24,4 @@ def cloth_thickness(material: ElementMaterial, mesh: TriangleMesh) -> float:
     provenance = getattr(material, "provenance", {})
     told = provenance.get("thickness") if isinstance(provenance, Mapping) else None
     thickness = float(told) if isinstance(told, int | float) and 0 < told < np.inf else UNKNOWN_THICKNESS
-    sides = mesh.material[mesh.corners] - mesh.material[np.roll(mesh.corners, 1, axis=1)]
-    return min(thickness, _LARGEST_SHARE * float(np.median(np.linalg.norm(sides, axis=2))))
+    return min(thickness, _LARGEST_SHARE * mesh.median_edge)
