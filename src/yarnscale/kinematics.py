@@ -78,3 +78,27 @@ class ShellStrain:
     def is_flat(self) -> bool:
         """Whether the curvature is exactly zero."""
         return self.II11 == 0.0 and self.II12 == 0.0 and self.II22 == 0.0
+
+
+def line_stretch(
+    strain: NDArray[np.float64], angle: float
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Stretch λ = |F u| of the material line that lies along an angle φ [rad] from the course at rest.
+
+    λ² = uᵀ I u = a² c² + 2 s_a a b c s + b² s² with a = 1 + s_x, b = 1 + s_y, c = cos φ, s = sin φ. Returns λ, its
+    gradient (6,) and its second derivative (6, 6) by the strain vector (6,).
+    """
+    a, shear, b = 1 + strain[0], strain[1], 1 + strain[2]
+    c, s = math.cos(angle), math.sin(angle)
+    square = (a * c) ** 2 + 2 * shear * a * b * c * s + (b * s) ** 2
+    stretch = math.sqrt(square)
+    slope = np.array(
+        [a * c * c + shear * b * c * s, a * b * c * s, b * s * s + shear * a * c * s, 0.0, 0.0, 0.0]
+    )
+    bend = np.zeros((6, 6))
+    bend[:3, :3] = [
+        [c * c, b * c * s, shear * c * s],
+        [b * c * s, 0.0, a * c * s],
+        [shear * c * s, a * c * s, s * s],
+    ]
+    return stretch, slope / stretch, bend / stretch - np.outer(slope, slope) / stretch**3
