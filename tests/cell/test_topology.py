@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell, periodic
 from yarnscale.cell.energy import CellEnergy
-from yarnscale.cell.topology import _lasting, crossed, crossings, jump_is_safe
+from yarnscale.cell.topology import (
+    _lasting,
+    _remainder,
+    crossed,
+    crossings,
+    jump_is_safe,
+    linked_differently,
+    safe_move,
+)
 from yarnscale.homogenize.worker import CODE_OF, record
 from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.newton import minimise
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.segment_cuts import pair_cuts
@@ -144,15 +154,85 @@ def test_a_crossed_state_is_recorded_as_such() -> None:
     assert record(state)["status"] == CODE_OF["crossed"]
 
 
-@pytest.mark.parametrize("cut", [False, True])
-def test_a_state_that_seems_crossed_is_followed_from_rest(cut: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a way without a cut leads to is not crossed, whatever the straight motion from rest says."""
-    cell, strain = PeriodicCell(library.build("plain"), MATERIAL), ShellStrain(0.3, 0.2, 0.1)
-    expected = cell.relax(strain)
-    monkeypatch.setattr(periodic, "crossed", lambda energy, _: bool(energy.strain.vector.any()))
-    if cut:
-        monkeypatch.setattr(periodic, "safe_move", lambda energy, *_: energy.strain.s_x < 0.2)
-    state = cell.relax(strain)
-    assert state.converged
-    assert state.crossed == cut
-    assert state.energy_density == pytest.approx(expected.energy_density, rel=1e-6)
+def test_links_change_where_a_weft_is_lifted_and_not_where_a_course_is() -> None:
+    """Warp and weft are linked, over and under; a course of loops can be pulled out of those beside it."""
+    weave = PeriodicCell(library.build("basket-2x2"), MATERIAL).energy(ShellStrain())
+    knit = PeriodicCell(library.build("stockinette").repeated(1, 2), MATERIAL).energy(ShellStrain())
+    for energy, linked in ((weave, True), (knit, False)):
+        x = _moved(energy, 0, _lifted)
+        assert crossed(energy, x)
+        assert linked_differently(energy, x) == linked
+        assert not linked_differently(energy, energy.start())
+
+
+@pytest.mark.parametrize("first", [(1, 0), (0, 2), (0, 0)])
+@pytest.mark.parametrize("second", [(0, 1), (2, 1), (0, 3), (0, 0), (-1, 2)])
+def test_tiles_that_differ_by_shifts_are_the_same(first: tuple[int, int], second: tuple[int, int]) -> None:
+    one, two = np.array(first), np.array(second)
+    tile = np.array([3, -5])
+    for a, b in ((1, 0), (0, 1), (-2, 3)):
+        assert _remainder(tile + a * one + b * two, one, two) == _remainder(tile, one, two)
+    if not one.any():
+        assert len({_remainder(tile + np.array((k, 0)), one, np.zeros(2, int)) for k in range(4)}) == 4
+
+
+def test_a_yarn_moved_by_more_than_the_cell_is_seen_to_cross() -> None:
+    """A warp that jumps over the next warps ends where a copy was: wefts are cut on the way down, tiles away."""
+    energy = PeriodicCell(library.build("plain"), MATERIAL).energy(ShellStrain())
+    period = energy.pattern.period / energy.pattern.radius
+    number = next(k for k, shift in enumerate(energy.pattern.yarn_shift) if shift[1])
+    chain = energy.pattern.yarns[number]
+    fluctuation = np.zeros((energy.count, 3))
+    fluctuation[chain, 0], fluctuation[chain, 2] = 3.5 * period[0], 0.2
+    assert crossed(energy, np.concatenate([fluctuation.ravel(), energy.pattern.twist]))
+
+
+def test_a_course_lifted_out_of_its_loops_is_no_start() -> None:
+    """Linking numbers do not see it; no motion from the drawing leads to it."""
+    cell = PeriodicCell(library.build("stockinette").repeated(1, 2), MATERIAL)
+    rest = cell.relax()
+    wrong = _moved(cell.energy(ShellStrain()), 0, _lifted)
+    fluctuation = wrong[: 3 * len(rest.twist)].reshape(-1, 3) * cell.pattern.radius
+    state = cell.relax(ShellStrain(s_x=0.1), start=replace(rest, fluctuation=fluctuation))
+    assert state.usable
+    assert state.energy_density == pytest.approx(cell.relax(ShellStrain(s_x=0.1)).energy_density, rel=1e-6)
+
+
+def test_a_start_known_to_be_crossed_is_left_aside() -> None:
+    cell = PeriodicCell(library.build("plain"), MATERIAL)
+    rest = cell.relax()
+    state = cell.relax(start=replace(rest, fluctuation=np.full_like(rest.fluctuation, np.nan), crossed=True))
+    assert state.usable
+    assert state.energy_density == pytest.approx(rest.energy_density, rel=1e-6)
+
+
+def test_a_state_that_a_straight_motion_takes_for_crossed_is_good(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loops may swing around each other on their way; no step of the solver cuts, and its equilibrium is kept."""
+    pattern = library.build("stockinette")
+    monkeypatch.setattr(periodic, "crossed", lambda *_: True)  # as where the straight motion is of no use
+    cell = PeriodicCell(pattern, MATERIAL)
+    rest = cell.relax()
+    state = cell.relax(ShellStrain(s_x=0.2), start=rest)
+    assert rest.usable and state.usable
+    monkeypatch.undo()
+    assert state.energy_density == pytest.approx(
+        cell.relax(ShellStrain(s_x=0.2), start=rest).energy_density, rel=1e-6
+    )
+
+
+def test_no_step_of_a_solve_takes_yarns_through_each_other() -> None:
+    """Every step of the way, looked at by itself: the step bound is what keeps the fabric as it was drawn."""
+    energy = PeriodicCell(library.build("single-jersey"), MATERIAL).energy(ShellStrain(-0.25, 0.3, -0.2))
+    points = [energy.start()]
+    minimise(
+        energy,
+        points[0],
+        constraints=energy.constraints,
+        bound=energy.bound,
+        after_step=lambda x: points.append(x.copy()),
+        max_iterations=80,
+    )
+    moved = points[-1][: 3 * energy.count].reshape(-1, 3)
+    assert len(points) > 10 and np.linalg.norm(moved, axis=1).max() > 1.0
+    for before, after in pairwise(points):
+        assert safe_move(energy, before, after)

@@ -34,6 +34,8 @@ STEP_LIMIT = 0.3
 """Largest move of a vertex in one step [r]."""
 TWIST_LIMIT = 1.0
 """Largest change of a twist in one step [rad]."""
+SLACK = 2.0
+"""How much farther than they touch copies are enumerated [r]."""
 GAP_SHARE = 0.8
 """Share of its distance that a pair may close in one step: yarns never pass through each other."""
 
@@ -124,10 +126,9 @@ class CellEnergy:
         self.unit = self.stiffness.unit
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
-        self.images = Images.of(pattern, self._rings())
-        tiles = np.repeat(self.images.tiles, n, axis=0)
-        self.reference = np.tile(pattern.vertices / radius, (len(self.images.tiles), 1))
-        self.reference[:, :2] += tiles * pattern.period / radius
+        self._rings = self._rings_within(SLACK)
+        self.images = Images.of(pattern, self._rings)
+        self.reference = self.placed(self.images)
         offset, rotation = self.surface.at(self.reference)
         self.turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
         source = np.tile(np.arange(n), len(self.images.tiles))
@@ -145,13 +146,25 @@ class CellEnergy:
 
     # --- set-up ---------------------------------------------------------------------------------------
 
-    def _rings(self) -> tuple[int, int]:
-        """How many tiles away a copy can touch the primary tile."""
+    def copies_within(self, reach: float) -> Images:
+        """Copies that can touch the primary tile after moves of ``reach`` [r] against each other."""
+        rings = self._rings if reach <= SLACK else self._rings_within(reach)
+        return self.images if rings == self._rings else Images.of(self.pattern, rings)
+
+    def placed(self, images: Images) -> Array:
+        """Reference coordinates of copies (T·n, 3) [r]."""
+        pattern, radius = self.pattern, self.pattern.radius
+        reference = np.tile(pattern.vertices / radius, (len(images.tiles), 1))
+        reference[:, :2] += np.repeat(images.tiles, len(pattern.edges), axis=0) * pattern.period / radius
+        return reference
+
+    def _rings_within(self, slack: float) -> tuple[int, int]:
+        """How many tiles away a copy can touch the primary tile when both have moved."""
         pattern, first = self.pattern, self.strain.first_form
         edge = np.linalg.norm(pattern.edge_vectors(), axis=1).max()
         smallest = math.sqrt(np.linalg.eigvalsh(first)[0])
         arc = 1.0 if self.strain.is_flat else math.pi / 2
-        reach = ((contact_reach(self.stiffness.rule) + 2.0) * pattern.radius + edge) / smallest * arc
+        reach = ((contact_reach(self.stiffness.rule) + slack) * pattern.radius + edge) / smallest * arc
         extent = np.ptp(pattern.vertices[:, :2], axis=0)
         rings = np.ceil((extent + reach) / pattern.period).astype(int)
         return int(rings[0]), int(rings[1])

@@ -14,7 +14,7 @@ from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
-from yarnscale.cell.topology import crossed, jump_is_safe, safe_move
+from yarnscale.cell.topology import crossed, jump_is_safe, linked_differently, safe_move
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Solution, Status, minimise
@@ -31,8 +31,9 @@ FEWEST_STEPS = 4
 """Steps from rest to a state where the direct way was no good."""
 PATIENCE = 4
 """How many times the usual iterations a state gets in the end that no way has relaxed."""
-FOLLOWED_STEPS = 8
-"""Steps from rest to a state that seems to be crossed, each looked at."""
+
+
+_Reached = tuple[CellEnergy, Solution]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,60 +136,73 @@ class PeriodicCell:
         """The equilibrium under a macroscopic state, from rest or from a neighbouring equilibrium.
 
         Where the direct way does not converge or would take yarns through each other, intermediate states are
-        relaxed first. Look at ``status`` and ``crossed``.
+        relaxed first; a start that is crossed is left aside. Look at ``status`` and ``crossed``.
         """
         strain = ShellStrain() if strain is None else strain
-        seed = None if start is None else (start.strain, start.fluctuation, start.twist)
+        seed = None if start is None or start.crossed else (start.strain, start.fluctuation, start.twist)
         return self.relax_from(strain, seed)
 
     @on_one_thread
     def relax_from(self, strain: ShellStrain, seed: tuple[ShellStrain, Array, Array] | None) -> Equilibrium:
         """``relax`` from a state's strain, fluctuation (n, 3) [m] and twist (n,); None: from rest."""
         began = time.perf_counter()
-        ways: list[Callable[[], tuple[CellEnergy, Solution]]] = []
+        ways: list[Callable[[], _Reached | None]] = []
         rest, target = np.zeros(6), strain.vector
         if seed is not None:
-            scaled = seed[1] / self.pattern.radius, seed[2]
-            ways.append(lambda: self._continued(seed[0].vector, target, scaled, LARGEST_HALVING))
+            ways.append(lambda: self._from_seed(target, seed))
         ways.append(lambda: self._continued(rest, target, None, LARGEST_HALVING))
         if target.any():
             ways.append(lambda: self._stepwise(target))
-        energy, solution, intact = self._first_good(ways)
+        energy, solution = self._first_good(ways)
         if self.sliding:
             solution = self._released(energy, solution, seed)
         if self.starts > 1:
             solution = self._lowest(energy, solution)
-        intact = intact or not (math.isfinite(solution.value) and crossed(energy, solution.x))
-        return self._equilibrium(energy, solution, time.perf_counter() - began, crossed=not intact)
+        # No step of any way takes yarns through each other (``CellEnergy.bound``); this checks the whole.
+        crossed = math.isfinite(solution.value) and linked_differently(energy, solution.x)
+        return self._equilibrium(energy, solution, time.perf_counter() - began, crossed=crossed)
 
-    def _first_good(
-        self, ways: list[Callable[[], tuple[CellEnergy, Solution]]]
-    ) -> tuple[CellEnergy, Solution, bool]:
-        """The first way to an equilibrium that converges and is not crossed; else the best outcome of all.
-
-        Also whether it was followed from rest without a cut, which outweighs its comparison with the rest shape: yarns
-        that swing around each other on a curved way seem to have passed through on a straight one.
-        """
-        best, rank = None, -1
+    def _first_good(self, ways: list[Callable[[], _Reached | None]]) -> _Reached:
+        """The first way to an equilibrium that converges; else the first outcome, given more time where it needs it."""
+        best: _Reached | None = None
         for way in ways:
-            energy, solution = way()
-            intact = math.isfinite(solution.value) and not crossed(energy, solution.x)
-            if solution.converged and intact:
-                return energy, solution, False
-            # Not converged is better than crossed: it is the right fabric.
-            here = 2 * intact + solution.converged
-            if here > rank:
-                best, rank = (energy, solution), here
+            found = way()
+            if found is not None and found[1].converged:
+                return found
+            if best is None or not math.isfinite(best[1].value):
+                best = found or best
         assert best is not None
         if best[1].status is Status.ITERATION_LIMIT:
             best = best[0], self._given_time(*best)
-            if best[1].converged and not crossed(best[0], best[1].x):
-                return *best, False
-        if best[1].converged:
-            followed = self._followed(best[0].strain.vector)
-            if followed is not None:
-                return *followed, True
-        return *best, False
+        return best
+
+    def _from_seed(self, target: Array, seed: tuple[ShellStrain, Array, Array]) -> _Reached | None:
+        """The way from a seed, at once or through intermediate states; None where it is another fabric."""
+        scaled = seed[1] / self.pattern.radius, seed[2]
+        energy = self.energy(ShellStrain.from_vector(target))
+        start = energy.start(*scaled)
+        direct: _Reached | None = None
+        if not crossed(energy, start):
+            direct = energy, self._minimised(energy, start)
+            if direct[1].converged:
+                return direct
+        if not self._is_this_fabric(seed[0], scaled):
+            return direct
+        return self._continued(seed[0].vector, target, scaled, LARGEST_HALVING, direct)
+
+    def _is_this_fabric(self, strain: ShellStrain, scaled: tuple[Array, Array]) -> bool:
+        """Whether yarns can move from the drawing to a fluctuation [r] and twist without passing through each other.
+
+        Looked for on two ways: the straight one, and the one by the equilibrium that the drawing relaxes to.
+        """
+        energy = self.energy(strain)
+        x = energy.start(*scaled)
+        if not crossed(energy, x):
+            return True
+        if linked_differently(energy, x):
+            return False
+        relaxed = self._minimised(energy, energy.start())
+        return relaxed.converged and safe_move(energy, relaxed.x, x)
 
     def _given_time(self, energy: CellEnergy, solution: Solution) -> Solution:
         """A solve that was still on its way, taken on: loose yarns touch and part many times before they rest."""
@@ -200,32 +214,6 @@ class PeriodicCell:
             factorisations=solution.factorisations + further.factorisations,
         )
 
-    def _followed(self, strain: Array) -> tuple[CellEnergy, Solution] | None:
-        """The equilibrium reached from rest in equal steps, on none of which a yarn passes another; None: no such way.
-
-        Both motions of a step are looked at: with the state at fixed fluctuation, and to the new equilibrium.
-        """
-        n, energy = len(self.pattern.edges), self.energy(ShellStrain())
-        solution = self._minimised(energy, energy.start())
-        intact = solution.converged and not crossed(energy, solution.x)
-        spent = np.array([solution.iterations, solution.factorisations])
-        for step in range(1, FOLLOWED_STEPS + 1):
-            if not intact:
-                return None
-            before, energy = (
-                energy.strain,
-                self.energy(ShellStrain.from_vector(step / FOLLOWED_STEPS * strain)),
-            )
-            start = energy.start(solution.x[: 3 * n].reshape(n, 3), solution.x[3 * n :])
-            if not jump_is_safe(energy, start, before):
-                return None
-            solution = self._minimised(energy, start)
-            spent += solution.iterations, solution.factorisations
-            intact = solution.converged and safe_move(energy, start, solution.x)
-        if not intact:
-            return None
-        return energy, replace(solution, iterations=int(spent[0]), factorisations=int(spent[1]))
-
     def _released(
         self, energy: CellEnergy, solution: Solution, seed: tuple[ShellStrain, Array, Array] | None
     ) -> Solution:
@@ -236,25 +224,26 @@ class PeriodicCell:
         held = replace(self, sliding=False).relax_from(energy.strain, seed)
         other = self._minimised(energy, energy.start(held.fluctuation / self.pattern.radius, held.twist))
         better = other.converged and (not solution.converged or other.value < solution.value)
-        best = other if better and not crossed(energy, other.x) else solution
         return replace(
-            best,
+            other if better else solution,
             iterations=solution.iterations + held.iterations + other.iterations,
             factorisations=solution.factorisations + held.factorisations + other.factorisations,
         )
 
-    def _stepwise(self, strain: Array) -> tuple[CellEnergy, Solution]:
+    def _stepwise(self, strain: Array) -> _Reached | None:
         """From rest in equal steps, each from the equilibrium before."""
         n, seed = len(self.pattern.edges), None
-        spent = np.zeros(2, int)
-        for step in range(1, FEWEST_STEPS):
+        spent, reached = np.zeros(2, int), None
+        for step in range(1, FEWEST_STEPS + 1):
             before, here = (step - 1) / FEWEST_STEPS * strain, step / FEWEST_STEPS * strain
-            _, solution = self._continued(before, here, seed, LARGEST_HALVING)
+            reached = self._continued(before, here, seed, LARGEST_HALVING)
+            if reached is None:
+                return None
+            solution = reached[1]
             spent += solution.iterations, solution.factorisations
             seed = solution.x[: 3 * n].reshape(n, 3), solution.x[3 * n :]
-        energy, solution = self._continued((1 - 1 / FEWEST_STEPS) * strain, strain, seed, LARGEST_HALVING)
-        spent += solution.iterations, solution.factorisations
-        return energy, replace(solution, iterations=int(spent[0]), factorisations=int(spent[1]))
+        assert reached is not None
+        return reached[0], replace(reached[1], iterations=int(spent[0]), factorisations=int(spent[1]))
 
     def _lowest(self, energy: CellEnergy, solution: Solution) -> Solution:
         """The lowest equilibrium found from perturbed starts about a first one."""
@@ -263,8 +252,7 @@ class PeriodicCell:
         for _ in range(self.starts - 1):
             other = self._minimised(energy, perturbed(energy, solution.x, generator))
             spent += other.iterations, other.factorisations
-            better = other.converged and (not best.converged or other.value < best.value)
-            if better and not crossed(energy, other.x):
+            if other.converged and (not best.converged or other.value < best.value):
                 best = other
         return replace(best, iterations=int(spent[0]), factorisations=int(spent[1]))
 
@@ -280,34 +268,38 @@ class PeriodicCell:
         )
 
     def _continued(
-        self, origin: Array, strain: Array, seed: tuple[Array, Array] | None, halvings: int
-    ) -> tuple[CellEnergy, Solution]:
+        self,
+        origin: Array,
+        strain: Array,
+        seed: tuple[Array, Array] | None,
+        halvings: int,
+        direct: _Reached | None = None,
+    ) -> _Reached | None:
         """Solve at ``strain`` from a seed at ``origin``; where that fails, by way of the state half-way.
 
-        A seed that yarns would have to pass each other for, were the state changed at once, fails without a try.
+        A seed that yarns would have to pass each other for, were the state changed at once, fails without a try. None
+        where no way was found on which they do not. direct: the outcome at once, where it is known.
         """
         energy = self.energy(ShellStrain.from_vector(strain))
         start = energy.start(*(seed or (None, None)))
         last = halvings == 0 or np.array_equal(origin, strain)
-        if seed is None or last or jump_is_safe(energy, start, ShellStrain.from_vector(origin)):
-            solution = self._minimised(energy, start)
-            if solution.converged or last:
-                return energy, solution
-        else:
-            solution = None
+        if direct is None and (seed is None or jump_is_safe(energy, start, ShellStrain.from_vector(origin))):
+            direct = energy, self._minimised(energy, start)
+        if last or (direct is not None and direct[1].converged):
+            return direct
         middle = 0.5 * (origin + strain)
-        _, half = self._continued(origin, middle, seed, halvings - 1)
-        if not half.converged:
-            return energy, solution or self._minimised(energy, start)
-        n = len(self.pattern.edges)
-        seed = half.x[: 3 * n].reshape(n, 3), half.x[3 * n :]
-        tried = (0, 0) if solution is None else (solution.iterations, solution.factorisations)
-        spent = tried[0] + half.iterations, tried[1] + half.factorisations
-        energy, solution = self._continued(middle, strain, seed, halvings - 1)
-        return energy, replace(
-            solution,
-            iterations=solution.iterations + spent[0],
-            factorisations=solution.factorisations + spent[1],
+        half = self._continued(origin, middle, seed, halvings - 1)
+        if half is None or not half[1].converged:
+            return direct
+        n, x = len(self.pattern.edges), half[1].x
+        further = self._continued(middle, strain, (x[: 3 * n].reshape(n, 3), x[3 * n :]), halvings - 1)
+        if further is None:
+            return direct
+        tried = [half[1]] if direct is None else [half[1], direct[1]]
+        return further[0], replace(
+            further[1],
+            iterations=further[1].iterations + sum(other.iterations for other in tried),
+            factorisations=further[1].factorisations + sum(other.factorisations for other in tried),
         )
 
     def _equilibrium(

@@ -2,13 +2,16 @@
 
 Both shapes are joined by straight motions of all vertices. Two segments cut through each other where the volume of the
 tetrahedron of their four ends, a cubic in time, changes its sign while the segments meet; the sign of the change tells
-from which side. The motion is no record of what happened, so a cut that is taken back near the same place of the same
-two yarns counts for nothing: what is left tells that no motion joins the shapes without a cut.
+from which side. A straight motion is no record of what happened. Where it has no cut, or only cuts that are taken back
+near the same place of the same two yarns, both shapes are the same fabric. Where it has others, they may be: a loop
+that swings around another is cut twice on the straight way and not at all on its own. But the cuts of two different
+yarns, or of two copies of one, add up to the change of their linking number, which no motion without a cut changes.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,8 +19,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.neighbours import Images
 from yarnscale.yarn.segment_cuts import pair_cuts
 
 if TYPE_CHECKING:
@@ -31,66 +36,121 @@ UNDO_WITHIN = 4.0
 """Two opposite cuts undo each other when they lie so near along both yarns [r]."""
 
 
-def crossings(energy: CellEnergy, before: Array, after: Array) -> Array:
-    """Cuts of straight motions between two sets of nodes, (k, 6), those that are undone left out.
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A straight motion of all copies of a cell's vertices.
 
-    before, after: (T·n, 3) positions of all copies [r]. Columns: primary segment i, copied segment g (its node), time,
-    places on both segments in [0, 1], and sign of the change of the volume.
+    before, after: (T·n, 3) positions [r] of the copies in ``images``. turning: rotation vectors of the copies (T·n, 3);
+    None: flat.
     """
-    found = _cuts(energy, before, after)
-    return found[_lasting(energy, found)]
+
+    energy: CellEnergy
+    images: Images
+    before: Array
+    after: Array
+    turning: Array | None = None
+
+    @classmethod
+    def between(
+        cls, energy: CellEnergy, before: tuple[ShellStrain, Array], after: tuple[ShellStrain, Array]
+    ) -> Motion:
+        """From one strain and fluctuation (n, 3) [r] to another, with as many copies as can meet on the way."""
+        moved = after[1] - before[1]
+        images = energy.copies_within(2.0 * float(np.sqrt((moved * moved).sum(axis=1).max())))
+        reference = energy.placed(images)
+        nodes = []
+        for strain, fluctuation in (before, after):
+            surface = energy.surface if strain is energy.strain else cell_midsurface(energy.pattern, strain)
+            points, rotation = surface.at(reference)
+            copied = np.tile(fluctuation, (len(images.tiles), 1))
+            nodes.append(points + np.einsum("nij,nj->ni", rotation, copied))
+        bent = next((strain for strain, _ in (after, before) if not strain.is_flat), None)
+        turning = None
+        if bent is not None:
+            turning = Midsurface(bent, length=energy.pattern.radius).rotation_vectors(reference)
+        return cls(energy, images, nodes[0], nodes[1], turning)
+
+    def crossings(self) -> Array:
+        """Cuts that are not undone, (k, 6).
+
+        Columns: primary segment i, copied segment g (its node), time, places on both segments in [0, 1], and sign of
+        the change of the volume.
+        """
+        found = self._cuts()
+        return found[_lasting(self.energy, found, self.images)]
+
+    def changes_links(self) -> bool:
+        """Whether linking numbers of yarns, or of copies of one yarn, differ between both ends of the motion."""
+        found = self.crossings()
+        sums: Counter[tuple[int, ...]] = Counter()
+        for pair, sign in zip(_Strands.of(self.energy, found, self.images).pairs(), found[:, 5], strict=True):
+            if pair is not None:
+                sums[pair] += int(sign)
+        return any(sums.values())
+
+    def _cuts(self) -> Array:
+        """All cuts; pairs that the contact list leaves out are left out."""
+        energy, ends, n = self.energy, self.images.segment_end, self.energy.count
+        before, after = np.ascontiguousarray(self.before), np.ascontiguousarray(self.after)
+        first, second = _swept_pairs(before, after, ends, n)
+        if len(first) == 0:
+            return np.empty((0, 6))
+        found = pair_cuts(before, after, ends, first, second)
+        if len(found) == 0:
+            return found
+        i, g = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64)
+        tile = self.images.tiles[g // n]
+        # A segment meets its copies in tiles t and −t alike.
+        twice = (i == g % n) & ((tile[:, 0] < 0) | ((tile[:, 0] == 0) & (tile[:, 1] < 0)))
+        kept = ~twice & ~_along_yarn(energy, i, g % n, tile)
+        if self.turning is not None:
+            turned = self.turning[g] - self.turning[i]
+            kept &= (turned * turned).sum(axis=1) < math.pi**2
+        return found[kept]
+
+
+def crossings(energy: CellEnergy, before: Array, after: Array) -> Array:
+    """Lasting cuts of straight motions between two sets of nodes (T·n, 3) [r] of the cell; see ``Motion.crossings``."""
+    turning = None if energy.strain.is_flat else energy.turning
+    return Motion(energy, energy.images, before, after, turning).crossings()
+
+
+def from_drawing(energy: CellEnergy, x: Array) -> Motion:
+    """The motion to a free vector from the rest shape carried to its state, û = 0, which is entangled as drawn."""
+    fluctuation = x[: 3 * energy.count].reshape(-1, 3)
+    return Motion.between(energy, (energy.strain, np.zeros_like(fluctuation)), (energy.strain, fluctuation))
 
 
 def crossed(energy: CellEnergy, x: Array) -> bool:
-    """Whether yarns of a free vector have passed through each other since the rest shape.
+    """Whether the straight motion from the drawing to a free vector takes yarns through each other.
 
-    The rest shape carried to the macroscopic state, û = 0, has the topology of the drawing.
+    If not, both are the same fabric; if so, they may be.
     """
-    return len(crossings(energy, energy.nodes.offset, _node_positions(energy, x))) > 0
+    return len(from_drawing(energy, x).crossings()) > 0
+
+
+def linked_differently(energy: CellEnergy, x: Array) -> bool:
+    """Whether linking numbers of a free vector are not those of the drawing: it is another fabric then."""
+    return from_drawing(energy, x).changes_links()
 
 
 def jump_is_safe(energy: CellEnergy, x: Array, origin: ShellStrain) -> bool:
     """Whether a fluctuation may be taken over from the state ``origin``: no yarn passes another on the way."""
     if np.array_equal(origin.vector, energy.strain.vector):
         return True
-    points, rotation = cell_midsurface(energy.pattern, origin).at(energy.reference)
-    fluctuation = x[: 3 * energy.count].reshape(-1, 3)[energy.nodes.source]
-    before = points + np.einsum("nij,nj->ni", rotation, fluctuation)
-    return len(crossings(energy, before, _node_positions(energy, x))) == 0
+    fluctuation = x[: 3 * energy.count].reshape(-1, 3)
+    return len(Motion.between(energy, (origin, fluctuation), (energy.strain, fluctuation)).crossings()) == 0
 
 
 def safe_move(energy: CellEnergy, before: Array, after: Array) -> bool:
     """Whether no yarn passes another on the straight way between two free vectors of one state."""
-    return len(crossings(energy, _node_positions(energy, before), _node_positions(energy, after))) == 0
+    ends = ((energy.strain, x[: 3 * energy.count].reshape(-1, 3)) for x in (before, after))
+    return len(Motion.between(energy, *ends).crossings()) == 0
 
 
-def _node_positions(energy: CellEnergy, x: Array) -> Array:
-    return energy.nodes.expand(x)[: 3 * len(energy.nodes.source)].reshape(-1, 3)
-
-
-def _cuts(energy: CellEnergy, before: Array, after: Array) -> Array:
-    """All cuts in the columns of ``crossings``; pairs that the contact list leaves out are left out."""
-    ends = energy.images.segment_end
-    first, second = _swept_pairs(
-        np.ascontiguousarray(before), np.ascontiguousarray(after), ends, energy.count
-    )
-    if len(first) == 0:
-        return np.empty((0, 6))
-    found = pair_cuts(before, after, ends, first, second)
-    if len(found) == 0:
-        return found
-    i, g = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64)
-    kept = ~_along_yarn(energy, i, g)
-    if not energy.strain.is_flat:
-        turned = energy.turning[g] - energy.turning[i]
-        kept &= (turned * turned).sum(axis=1) < math.pi**2
-    return found[kept]
-
-
-def _along_yarn(energy: CellEnergy, i: Indices, g: Indices) -> NDArray[np.bool_]:
-    """Whether segments lie so near each other along one yarn that they do not touch."""
-    pattern, n = energy.pattern, energy.count
-    j, tile = g % n, energy.images.tiles[g // n]
+def _along_yarn(energy: CellEnergy, i: Indices, j: Indices, tile: Indices) -> NDArray[np.bool_]:
+    """Whether segments i and (tile, j) lie so near each other along one yarn that they do not touch."""
+    pattern = energy.pattern
     yarn, place, walked = pattern.yarn_of_vertex, pattern.position_along_yarn, pattern.tile_along_yarn
     neighbours = energy.stiffness.rule.neighbours
     near = np.zeros(len(i), bool)
@@ -102,11 +162,11 @@ def _along_yarn(energy: CellEnergy, i: Indices, g: Indices) -> NDArray[np.bool_]
     return near & (yarn[i] == yarn[j])
 
 
-def _lasting(energy: CellEnergy, found: Array) -> Indices:
-    """Rows that no opposite cut near them undoes, matched nearest first."""
+def _lasting(energy: CellEnergy, found: Array, images: Images | None = None) -> Indices:
+    """Rows that no opposite cut near them undoes, matched nearest first; images: those of the cell by default."""
     if len(found) < 2:
         return np.arange(len(found))
-    strands = _Strands.of(energy, found)
+    strands = _Strands.of(energy, found, images or energy.images)
     opposite = np.argwhere(np.triu(found[:, 5][:, None] * found[:, 5] < 0))
     near = sorted((strands.apart(int(a), int(b)), int(a), int(b)) for a, b in opposite)
     left = np.ones(len(found), bool)
@@ -130,17 +190,27 @@ class _Strands:
     shift: Indices
 
     @classmethod
-    def of(cls, energy: CellEnergy, found: Array) -> _Strands:
+    def of(cls, energy: CellEnergy, found: Array, images: Images) -> _Strands:
         pattern, n = energy.pattern, energy.count
         length = pattern.rest_length / pattern.radius
         start, period = np.empty(n), np.array([length[chain].sum() for chain in pattern.yarns])
         for chain in pattern.yarns:
             start[chain] = np.cumsum(length[chain]) - length[chain]
         nodes = found[:, :2].astype(np.int64)
-        vertex, tile = nodes % n, energy.images.tiles[nodes // n]
+        vertex, tile = nodes % n, images.tiles[nodes // n]
         place = start[vertex] + found[:, 3:5] * length[vertex]
         lines = tile - pattern.tile_along_yarn[vertex]
         return cls(pattern.yarn_of_vertex[vertex], place, lines, period, pattern.yarn_shift)
+
+    def pairs(self) -> list[tuple[int, ...] | None]:
+        """Which two yarns each cut joins and how many tiles apart, the same for all copies; None: one with itself."""
+        names: list[tuple[int, ...] | None] = []
+        for yarn, tile in zip(self.yarn, self.tile, strict=True):
+            (one, two), apart = sorted(yarn), tile[1] - tile[0]
+            ways = [apart] if yarn[0] < yarn[1] else [-apart] if yarn[0] > yarn[1] else [apart, -apart]
+            reduced = min(_remainder(way, self.shift[one], self.shift[two]) for way in ways)
+            names.append(None if one == two and reduced == (0, 0) else (int(one), int(two), *reduced))
+        return names
 
     def apart(self, a: int, b: int) -> float:
         """How far two cuts lie apart along their yarns [r]; inf where they are cuts of other yarns.
@@ -164,6 +234,19 @@ class _Strands:
                 along_two = self.place[b, q] + turns * self.period[two] - self.place[a, 1]
                 best = min(best, max(abs(along_one), abs(along_two)))
         return best
+
+
+def _remainder(tile: Indices, first: Indices, second: Indices) -> tuple[int, int]:
+    """The same member of tile + Z first + Z second for every tile of this set."""
+    (a, b), (c, d) = (map(int, shift) for shift in (first, second))
+    while c:  # Euclid: the second shift ends along y
+        a, b, c, d = c, d, a - a // c * c, b - a // c * d
+    x, y = map(int, tile)
+    if a:
+        x, y = x - x // a * a, y - x // a * b
+    else:
+        d = math.gcd(b, d)
+    return x, y % abs(d) if d else y
 
 
 @numba.njit(**_JIT)
