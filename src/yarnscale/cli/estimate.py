@@ -27,6 +27,7 @@ from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, evaluation_folder
 from yarnscale.files.measurements import read_measurements
+from yarnscale.files.measurements_csv import LogSettings
 from yarnscale.files.patterns import is_drawing, read_pattern
 from yarnscale.homogenize.executors import dask_workers, local_workers
 
@@ -39,9 +40,13 @@ fabric. Fabrics of all sizes behave alike, so that it moves the values of parame
 
 def estimate(options: argparse.Namespace) -> int:
     """Estimate a yarn and write the report."""
-    measurements = read_measurements(options.measurements, sample=options.sample)
+    length, width = options.swatch or (None, None)
+    settings = LogSettings(swatch_length=length, swatch_width=width)
+    measurements = read_measurements(options.measurements, sample=options.sample, settings=settings)
+    for note in measurements.notes:
+        _say(note)
     model = _model(options, measurements)
-    settings = FitOptions(
+    search = FitOptions(
         options.solver, options.seed, options.starts, options.refined, iterations=options.iterations,
         held=options.held,
     )  # fmt: skip
@@ -60,10 +65,10 @@ def estimate(options: argparse.Namespace) -> int:
             executor = stack.enter_context(local_workers(worker_count(options)))
         folder = writable_folder(options.out)
         found = estimate_yarn(
-            measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=settings,
+            measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=search,
             weights=weights, executor=executor,
             store=lambda objective: _store(folder, objective, resume=options.resume),
-            told=_progress(measurements.name, work_ahead(settings, len(model.names))),
+            told=_progress(measurements.name, work_ahead(search, len(model.names))),
         )  # fmt: skip
     _report(folder, found, as_json=options.json)
     return 0 if found.fit.evaluation.failed == 0 else 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 from yarnscale.cli.shared_options import add_json
@@ -21,6 +22,14 @@ def _directions(text: str) -> tuple[str, ...]:
     return names
 
 
+def _swatch(text: str) -> tuple[float, float]:
+    """Length and width of a swatch [m] of a text such as 100x50, in mm."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)(?:mm)?", text.strip())
+    if match is None or not min(float(match[1]), float(match[2])) > 0:
+        raise argparse.ArgumentTypeError(f"expected LENGTHxWIDTH in mm, such as 100x50; found {text!r}")
+    return 1e-3 * float(match[1]), 1e-3 * float(match[2])
+
+
 def add_estimate_options(command: argparse.ArgumentParser) -> None:
     """The options of ``estimate``."""
     command.add_argument(
@@ -36,6 +45,10 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--sample", metavar="NAME-PREFIX", help="the fabric, where a table holds several: how its name begins"
     )
+    command.add_argument(
+        "--swatch", type=_swatch, metavar="LENGTHxWIDTH",
+        help="distance of the clamps before the test and width of the swatch [mm], where a log leaves them out",
+    )  # fmt: skip
     command.add_argument(
         "--directions", type=_directions, metavar="weft,bias,warp", help="directions to fit (all measured)"
     )

@@ -28,8 +28,8 @@ COMFORT_LOAD = 2.0 / 0.06
 POWER_LOAD = 5.0 / 0.06
 """Largest line load of sportswear [N/m] (EST22 §4.3)."""
 
-_FIRST_READINGS = 5
-"""Readings that the extrapolation to zero force looks at."""
+_STEP, _FIRST_STEPS = 0.01, 5
+"""Steps of force that the extrapolation to zero force uses: size as a share of the largest force, and number."""
 
 
 class Direction(Enum):
@@ -110,17 +110,22 @@ class StretchRun:
 
 
 def at_zero_force(force: Array, value: Array) -> float:
-    """Value at zero force: of a parabola through the first five readings, or a line where that bends the wrong way.
+    """Value at zero force of readings whose force does not fall, (n,) both.
 
-    Fabric stiffens, so a length grows less and less with force. Readings at zero force are taken as they are.
+    The last reading at zero force is taken as it is: those before are slack. Without one, readings are averaged in
+    steps of a hundredth of the largest force, and a parabola through the first five steps is extrapolated; a line where
+    the parabola bends the wrong way, since fabric stiffens and a length grows less and less with force.
     """
-    if (at_rest := force == 0).any():
-        return float(value[at_rest].mean())
-    force, value = force[:_FIRST_READINGS], value[:_FIRST_READINGS]
+    if (at_rest := np.flatnonzero(force == 0)).size:
+        return float(value[at_rest[-1]])
+    step = ((force - force[0]) / (_STEP * force[-1])).astype(int)
+    _, place, counts = np.unique(step, return_inverse=True, return_counts=True)
+    force = (np.bincount(place, force) / counts)[:_FIRST_STEPS]
+    value = (np.bincount(place, value) / counts)[:_FIRST_STEPS]
     scaled = force / force[-1]
-    if len(np.unique(force)) > 3:
+    if len(force) > 3:
         bend, slope, start = np.polyfit(scaled, value, 2)
-        # The slope must keep its sign from zero force to the last of these readings while it shrinks.
+        # The slope must keep its sign from zero force to the last of these steps while it shrinks.
         if bend * slope < 0 and abs(slope) >= 2 * abs(bend):
             return float(start)
     return float(np.polyfit(scaled, value, 1)[-1])

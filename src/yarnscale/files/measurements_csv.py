@@ -1,38 +1,62 @@
-"""Stretch and pear-loop readings as CSV files; the form is described in docs/measurement_format.md.
+"""Stretch and pear-loop readings of tables; the form is described in docs/measurement_format.md.
 
-Read too: tables of tracked pins with the columns sample, video, force_N, stress_N_per_mm, axial_length_mm,
-lateral_length_mm, fabric_width_at_clamp_mm, whose samples end in X (course) or Y (wale).
+Tables of the project's own form, tables of tracked pins, whose samples end in X (course) or Y (wale), and logs of
+testing machines are read alike. What a log leaves out, such as the size of the swatch, is given by ``LogSettings``.
 """
 
 from __future__ import annotations
 
+import difflib
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.measurements import BendTest, Direction, StretchRun, StretchTest
-from yarnscale.files.measurements_table import Column, MeasuredTable
+from yarnscale.estimate.loading import Cycle, loading
+from yarnscale.estimate.measurements import POWER_LOAD, BendTest, Direction, StretchRun, StretchTest
+from yarnscale.files.measurements_table import Column, MeasuredTable, Row, read_tables
 from yarnscale.files.source_text import read_source
 
-STRETCH_COLUMNS = ("fabric", "direction", "run", "force", "clamp_distance", "mid_width", "swatch_width")
-BEND_COLUMNS = ("fabric", "direction", "run", "clamp_distance", "loop_ratio", "swatch_length", "swatch_width")
-DIRECTIONS = {
-    **dict.fromkeys(("weft", "course", "x", "0"), Direction.WEFT),
-    **dict.fromkeys(("bias", "45"), Direction.BIAS),
-    **dict.fromkeys(("warp", "wale", "y", "90"), Direction.WARP),
-}
-"""Names a direction goes by in files."""
+Array = NDArray[np.float64]
 
+DIRECTIONS = {
+    **dict.fromkeys(
+        ("weft", "course", "x", "0", "crosswise", "quer", "schuss", "maschenreihe"), Direction.WEFT
+    ),
+    **dict.fromkeys(("bias", "45", "diagonal"), Direction.BIAS),
+    **dict.fromkeys(("warp", "wale", "y", "90", "lengthwise", "längs", "laengs", "kette"), Direction.WARP),
+}
+"""Names a direction goes by in files; in titles and names of files those of four letters or more."""
+
+_READ = ("force", "clamp_distance", "extension")
+"""Quantities that a table of stretch readings holds."""
 _ALIKE = 4.0
 """Runs of one swatch differ by less than this factor; more is a wrong unit."""
+_OTHER_SIZE = 1.2
+"""Swatches of a direction differ in width by less than this factor; forces are scaled to their mean width."""
 _NOISE = 0.1
 """Part of a run's extension by which a length may fall while the force grows."""
+_USED = 1.1
+"""Forces are read up to this multiple of the power range."""
 
-_Row = tuple[int, tuple[str, ...]]
+
+@dataclass(frozen=True)
+class LogSettings:
+    """What a log may leave out: direction and run, width of the swatch and length between the clamps [m].
+
+    cycle: which of several loadings of a swatch counts, the first or the last that reaches the full force.
+    """
+
+    direction: Direction | None = None
+    run: str | None = None
+    swatch_width: float | None = None
+    swatch_length: float | None = None
+    cycle: Cycle = "first"
 
 
 @dataclass(frozen=True)
@@ -44,102 +68,144 @@ class StretchReadings:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class _Swatch:
+    """The readings of one swatch."""
+
+    fabric: str
+    direction: Direction
+    run: str
+    table: MeasuredTable
+    columns: dict[str, Column]
+    rows: list[Row]
+    settings: LogSettings
+
+
 def read_stretch(
-    path: str | os.PathLike[str], *, fabric: str | None = None, single_run: bool = False
-) -> StretchReadings:
+    path: str | os.PathLike[str], *, fabric: str | None = None, single_run: bool = False,
+    settings: LogSettings | None = None,
+) -> StretchReadings:  # fmt: skip
     """Stretch tests of one fabric: the only one, or the one whose name begins with ``fabric``.
 
-    single_run: accept directions measured once, whose spread is unknown. Raises InputError with row and column.
+    single_run: make no remark on directions measured once, whose spread is unknown. settings: what the table leaves
+    out. Raises InputError with row and column.
     """
-    table = MeasuredTable.parse(path, read_source(path))
-    pins = "axial_length_mm" in table.names
-    columns = _pin_columns(table) if pins else _stretch_columns(table)
-    name, rows = _of_fabric(table, columns, fabric, _pin_place if pins else _place)
-    tests, notes = [], []
+    return read_logs([(Path(path), settings or LogSettings())], fabric=fabric, single_run=single_run)
+
+
+def read_logs(
+    logs: Iterable[tuple[Path, LogSettings]], *, fabric: str | None = None, single_run: bool = False
+) -> StretchReadings:
+    """As ``read_stretch`` for swatches spread over several files."""
+    swatches: list[_Swatch] = []
+    notes: list[str] = []
+    for path, settings in logs:
+        tables = read_tables(path, read_source(path, other_encodings=True), needed=_READ)
+        for number, table in enumerate(tables, 1):
+            columns = _stretch_columns(table, settings)
+            swatches += _swatches(table, columns, settings, number)
+        notes += _unread(tables)
+    name = _chosen({swatch.fabric for swatch in swatches}, fabric, swatches[0].table.path)
+    tests = []
     for direction in Direction:
-        chosen = [row for row, found in rows if found is direction]
+        chosen = [swatch for swatch in swatches if swatch.fabric == name and swatch.direction is direction]
         if chosen:
-            test = _stretch_test(table, columns, direction, chosen, single_run=single_run)
+            test, remarks = _stretch_test(direction, chosen, single_run=single_run)
             tests.append(test)
-            notes += _remarks(test)
-    return StretchReadings(name, tuple(tests), tuple(notes))
+            notes += remarks
+    return StretchReadings(name, tuple(tests), tuple(dict.fromkeys(notes)))
 
 
 def read_bend(path: str | os.PathLike[str], *, fabric: str | None = None) -> tuple[BendTest, ...]:
     """Pear-loop tests of one fabric, chosen as in ``read_stretch``; runs are averaged at equal distance."""
-    table = MeasuredTable.parse(path, read_source(path))
-    table.refuse_others(BEND_COLUMNS)
-    columns = {
-        name: table.find(name, "length") for name in ("clamp_distance", "swatch_length", "swatch_width")
-    } | {name: table.find(name) for name in ("direction", "loop_ratio", "run")}
-    found = {name: column for name, column in columns.items() if column is not None}
+    table = read_tables(
+        path, read_source(path, other_encodings=True), needed=("loop_ratio", "clamp_distance")
+    )[0]
+    quantities = ("clamp_distance", "swatch_length", "swatch_width", "direction", "loop_ratio", "run")
+    columns = {name: column for name in quantities if (column := table.find(name)) is not None}
     if (sample := table.find("fabric", needed=False)) is not None:
-        found["fabric"] = sample
-    _one_unit(table, found)
-    _, rows = _of_fabric(table, found, fabric, _place)
+        columns["fabric"] = sample
+    _one_unit(table, columns)
+    swatches = _swatches(table, columns, LogSettings(), 1)
+    name = _chosen({swatch.fabric for swatch in swatches}, fabric, table.path)
     tests = []
     for direction in Direction:
-        chosen = [row for row, place in rows if place is direction]
-        if chosen:
-            tests.append(_bend_test(table, found, direction, chosen))
+        rows = [
+            row
+            for swatch in swatches
+            if swatch.fabric == name and swatch.direction is direction
+            for row in swatch.rows
+        ]
+        if rows:
+            tests.append(_bend_test(table, columns, direction, rows))
     return tuple(tests)
 
 
 def _bend_test(
-    table: MeasuredTable, columns: dict[str, Column], direction: Direction, rows: list[_Row]
+    table: MeasuredTable, columns: dict[str, Column], direction: Direction, rows: list[Row]
 ) -> BendTest:
-    length = _constant(table, columns["swatch_length"], rows, direction)
-    width = _constant(table, columns["swatch_width"], rows, direction)
-    distance = np.array([_positive(table, row, columns["clamp_distance"]) for row in rows])
-    ratio = np.array([_positive(table, row, columns["loop_ratio"]) for row in rows])
-    levels, place = np.unique(distance.round(7).astype(np.float64), return_inverse=True)
+    length = _constant(table, columns["swatch_length"], rows)
+    width = _constant(table, columns["swatch_width"], rows)
+    distance = table.numbers(columns["clamp_distance"], rows, positive=True)
+    ratio = table.numbers(columns["loop_ratio"], rows, positive=True)
+    levels, place = np.unique(distance.round(7), return_inverse=True)
     groups = [ratio[place == k] for k in range(len(levels))]
     spread = [float(group.std(ddof=1)) if len(group) > 1 else 0.0 for group in groups]
     mean = np.array([group.mean() for group in groups])
     return BendTest(direction, length, width, levels, mean, np.array(spread))
 
 
-def _stretch_columns(table: MeasuredTable) -> dict[str, Column]:
-    table.refuse_others(STRETCH_COLUMNS)
-    columns = {
-        "direction": table.find("direction"),
-        "run": table.find("run"),
-        "force": table.find("force", "force"),
-        "clamp_distance": table.find("clamp_distance", "length"),
-        "swatch_width": table.find("swatch_width", "length"),
-        "mid_width": table.find("mid_width", "length", needed=False),
-        "fabric": table.find("fabric", needed=False),
-    }
-    found = {name: column for name, column in columns.items() if column is not None}
-    _one_unit(table, found)
-    return found
-
-
-def _pin_columns(table: MeasuredTable) -> dict[str, Column]:
-    """Columns of the tables of tracked pins, after a check of their stress, which repeats force and width."""
-    columns = {
-        "fabric": table.find("sample"),
-        "run": table.find("video"),
-        "force": table.find("force", "force"),
-        "clamp_distance": table.find("axial_length", "length"),
-        "mid_width": table.find("lateral_length", "length"),
-        "swatch_width": table.find("fabric_width_at_clamp", "length"),
-        "stress": table.find("stress_N_per_mm"),
-    }
-    found = {name: column for name, column in columns.items() if column is not None}
-    stress = found.pop("stress")
-    for row in table.rows:
-        load = table.number(row, found["force"]) / max(table.number(row, found["swatch_width"]), 1e-9)
-        given = 1e3 * table.number(row, stress)
-        if abs(given - load) > 0.01 * load:
-            raise table.fault(
-                row[0], stress, f"force over width, {load / 1e3:.4g} N/mm", f"{given / 1e3:.4g}"
+def _stretch_columns(table: MeasuredTable, settings: LogSettings) -> dict[str, Column]:
+    """The columns that a stretch table needs and has. InputError for what neither it nor the settings say."""
+    for name in table.names:
+        near = difflib.get_close_matches(name.text.rpartition("_")[0], ("mid_width", "swatch_width"), 1, 0.8)
+        if name.quantity is None and near:
+            raise InputError(
+                f"unknown column '{name.text:.60}'",
+                where=f"{table.path}:{table.header}",
+                expected=f"{near[0]}_mm",
             )
-    return found
+    quantities = (
+        "fabric",
+        "direction",
+        "run",
+        *_READ,
+        "mid_width",
+        "swatch_width",
+        "swatch_length",
+        "stress",
+    )
+    columns = {name: column for name in quantities if (column := _column(table, name)) is not None}
+    if "force" not in columns:
+        raise table.missing("force", "force_N, or a machine's name for it, such as Load (N) or Kraft [N]")
+    if "clamp_distance" in columns:
+        columns.pop("extension", None)
+    elif "extension" not in columns:
+        raise table.missing("clamp_distance", "clamp_distance_mm, or Extension (mm) or Strain (%)")
+    known = dict(table.settings)
+    for name, needed in (("swatch_width", True), ("swatch_length", "extension" in columns)):
+        if needed and name not in columns and getattr(settings, name) is None and name not in known:
+            raise table.missing(
+                name,
+                f"a column {name}_mm, '{name}_mm = …' under [[stretch]] in a fabric file, "
+                "or --swatch LENGTHxWIDTH in mm",
+            )
+    if "direction" in columns and "run" not in columns and settings.run is None:
+        raise table.missing("run")
+    _one_unit(table, columns)
+    return columns
+
+
+def _column(table: MeasuredTable, quantity: str) -> Column | None:
+    """A column that may be missing; a stress in a unit that is no force per width is not read."""
+    if quantity == "stress":
+        found = [name for name in table.names if name.quantity == "stress" and name.unit == "N_per_mm"]
+        return table.find("stress") if found else None
+    return table.find(quantity, needed=False)
 
 
 def _one_unit(table: MeasuredTable, columns: dict[str, Column]) -> None:
-    lengths = [c for name, c in columns.items() if name.startswith(("clamp", "mid", "swatch"))]
+    lengths = [c for name, c in columns.items() if c.kind == "length"]
     for column in lengths[1:]:
         if column.factor != lengths[0].factor:
             raise InputError(
@@ -148,113 +214,205 @@ def _one_unit(table: MeasuredTable, columns: dict[str, Column]) -> None:
             )  # fmt: skip
 
 
-_Place = Callable[[MeasuredTable, _Row, dict[str, Column]], tuple[str, Direction]]
+def _swatches(
+    table: MeasuredTable, columns: dict[str, Column], settings: LogSettings, number: int
+) -> list[_Swatch]:
+    """The readings of a table, one swatch each."""
+    direction, run = columns.get("direction"), columns.get("run")
+    sample = columns.get("fabric")
+    by_name = direction is None and settings.direction is None and sample is not None
+    known = None if direction is not None or by_name else settings.direction or _direction_of(table)
+    groups: dict[tuple[str, str, str], list[Row]] = {}
+    for row in table.rows:
+        cells = row[1]
+        key = (
+            "" if sample is None else cells[sample.place],
+            "" if direction is None else cells[direction.place],
+            (settings.run or table.title or str(number)) if run is None else cells[run.place],
+        )
+        if (group := groups.get(key)) is None:
+            groups[key] = group = []
+        group.append(row)
+    found = []
+    for (fabric, text, name), rows in groups.items():
+        along = known
+        if by_name and sample is not None:
+            fabric, _, axis = fabric.rpartition(" ")
+            along = DIRECTIONS.get(axis.lower()) if axis in ("X", "Y") else None
+            if along is None:
+                raise table.fault(rows[0][0], sample, "a name that ends in X or Y", f"'{fabric} {axis}'")
+        elif direction is not None:
+            along = DIRECTIONS.get(text.lower())
+            if along is None:
+                raise table.fault(rows[0][0], direction, "weft, bias or warp", f"'{text:.40}'")
+        assert along is not None
+        found.append(_Swatch(fabric, along, name, table, columns, rows, settings))
+    return found
 
 
-def _place(table: MeasuredTable, row: _Row, columns: dict[str, Column]) -> tuple[str, Direction]:
-    text = row[1][columns["direction"].place]
-    if text.lower() not in DIRECTIONS:
-        raise table.fault(row[0], columns["direction"], "weft, bias or warp", f"'{text:.40}'")
-    sample = row[1][columns["fabric"].place] if "fabric" in columns else ""
-    return sample, DIRECTIONS[text.lower()]
+def _direction_of(table: MeasuredTable) -> Direction:
+    """The direction that the title of a table or the name of its file says."""
+    for text in (table.title, table.text, Path(table.path).stem):
+        words = re.split(r"[\W\d_]+", text.lower())
+        words += [word.removesuffix("s") for word in words]
+        found = {DIRECTIONS[word] for word in words if len(word) > 3 and word in DIRECTIONS}
+        if len(found) == 1:
+            return found.pop()
+    raise table.missing(
+        "direction",
+        "a column, a title such as 'Specimen 1 - weft' above, or direction = \"weft\" under [[stretch]] "
+        "in a fabric file",
+    )
 
 
-def _pin_place(table: MeasuredTable, row: _Row, columns: dict[str, Column]) -> tuple[str, Direction]:
-    sample, _, axis = row[1][columns["fabric"].place].rpartition(" ")
-    if axis not in ("X", "Y"):
-        raise table.fault(row[0], columns["fabric"], "a name that ends in X or Y", f"'{sample} {axis}'")
-    return sample, DIRECTIONS[axis.lower()]
-
-
-def _of_fabric(
-    table: MeasuredTable, columns: dict[str, Column], fabric: str | None, place: _Place
-) -> tuple[str, list[tuple[_Row, Direction]]]:
-    """Name of the fabric, and its rows with their direction."""
-    rows = [(row, *place(table, row, columns)) for row in table.rows]
-    names = sorted({name for _, name, _ in rows})
-    wanted = [name for name in names if name == fabric] or [n for n in names if n.startswith(fabric or "")]
+def _chosen(names: set[str], fabric: str | None, path: str) -> str:
+    """The fabric whose name begins so."""
+    known = sorted(names)
+    wanted = [name for name in known if name == fabric] or [n for n in known if n.startswith(fabric or "")]
     if len(wanted) != 1:
-        expected = f"the beginning of one of: {', '.join(names)}"
+        expected = f"the beginning of one of: {', '.join(known)}"
         found = f"'{fabric}'" if fabric else "none chosen"
-        raise InputError("sample", where=table.path, expected=f"{expected:.200}", found=f"{found:.80}")
-    return wanted[0], [(row, direction) for row, name, direction in rows if name == wanted[0]]
+        raise InputError("sample", where=path, expected=f"{expected:.200}", found=f"{found:.80}")
+    return wanted[0]
 
 
 def _stretch_test(
-    table: MeasuredTable,
-    columns: dict[str, Column],
-    direction: Direction,
-    rows: list[_Row],
-    *,
-    single_run: bool,
-) -> StretchTest:
-    groups: dict[str, list[_Row]] = {}
-    for row in rows:
-        groups.setdefault(row[1][columns["run"].place], []).append(row)
-    if len(groups) == 1 and not single_run:
-        raise InputError(
-            f"one run only along {direction.value}", where=f"{table.path}:{rows[0][0]}",
-            expected="two or more, for a spread (or 'single_run = true')", found=f"run '{next(iter(groups)):.40}'",
-        )  # fmt: skip
-    runs = [_run(table, columns, name, group) for name, group in groups.items()]
-    for quantity, values in (
-        ("clamp_distance", [run.length[0] for run in runs]),
-        ("mid_width", [run.width[0] for run in runs if run.width is not None]),
-        ("force", [run.force[-1] for run in runs]),
-    ):
-        middle = 0.0 if not values else np.median(values) if len(values) > 2 else values[0]
-        for group, value in zip(groups.values(), values, strict=False):
-            if not middle / _ALIKE < value < middle * _ALIKE:
+    direction: Direction, swatches: Sequence[_Swatch], *, single_run: bool
+) -> tuple[StretchTest, list[str]]:
+    """The test along a direction, and what is to be said of it."""
+    notes = []
+    widths = np.array([_size(swatch, "swatch_width") for swatch in swatches])
+    width = float(widths.mean())
+    for swatch, own in zip(swatches, widths, strict=True):
+        if not width / _OTHER_SIZE < own < width * _OTHER_SIZE:
+            expected = f"swatches of about one width along {direction.value}, {width:.3g} m"
+            raise swatch.table.fault(swatch.rows[0][0], "swatch_width", expected, f"{own:.3g} m")
+    names = [swatch.run for swatch in swatches]
+    if len(set(names)) < len(names):
+        names = [
+            f"{Path(swatch.table.path).stem} {name}" for swatch, name in zip(swatches, names, strict=True)
+        ]
+    _refuse_unlike(swatches)
+    runs, said = [], {}
+    for swatch, name, own in zip(swatches, names, widths, strict=True):
+        run, remarks = _run(swatch, name, float(own), width)
+        runs.append(run)
+        for remark in remarks:
+            said.setdefault(remark, []).append(name)
+    notes += [f"{direction.value}, {', '.join(of)}: {remark}" for remark, of in said.items()]
+    if len(runs) == 1 and not single_run:
+        notes.append(f"{direction.value}: one run only, whose spread over swatches is unknown")
+    test = StretchTest(direction, width, tuple(runs))
+    return test, notes + _remarks(test)
+
+
+def _refuse_unlike(swatches: Sequence[_Swatch]) -> None:
+    """InputError where one swatch of a direction was far longer or wider, or pulled far harder, than the others."""
+    for quantity in ("clamp_distance", "mid_width", "force"):
+        if not all(quantity in swatch.columns for swatch in swatches):
+            continue
+        values = []
+        for swatch in swatches:
+            column, rows = swatch.columns[quantity], swatch.rows
+            pulled = quantity == "force"
+            numbers = swatch.table.numbers(column, rows if pulled else rows[:1], positive=not pulled)
+            values.append(float(numbers.max()))
+        middle = np.median(values) if len(values) > 2 else values[0]
+        for swatch, value in zip(swatches, values, strict=True):
+            if middle > 0 and not middle / _ALIKE < value < middle * _ALIKE:
                 expected = f"values like the other runs', about {middle:.3g} (SI)"
-                raise table.fault(group[0][0], columns[quantity], expected, f"{value:.3g}: mixed units?")
-    return StretchTest(direction, _constant(table, columns["swatch_width"], rows, direction), tuple(runs))
+                column = swatch.columns[quantity]
+                raise swatch.table.fault(swatch.rows[0][0], column, expected, f"{value:.3g}: mixed units?")
 
 
-def _run(table: MeasuredTable, columns: dict[str, Column], name: str, rows: list[_Row]) -> StretchRun:
-    force = np.array([table.number(row, columns["force"]) for row in rows])
-    length = np.array([_positive(table, row, columns["clamp_distance"]) for row in rows])
-    width = None
-    if "mid_width" in columns:
-        width = np.array([_positive(table, row, columns["mid_width"]) for row in rows])
-    falls = np.flatnonzero(np.diff(force) < 0)
-    if len(falls):
-        at = int(falls[0]) + 1
-        found = f"{force[at]:g} N after {force[at - 1]:g} N in run '{name}'"
-        raise table.fault(rows[at][0], columns["force"], "loading only: force that does not fall", found)
-    _refuse_shrinking(table, columns["clamp_distance"], rows, length)
+def _size(swatch: _Swatch, quantity: str) -> float:
+    """Width of a swatch, or its length between the clamps before the test [m]: of the table, else of the settings."""
+    if quantity in swatch.columns:
+        return _constant(swatch.table, swatch.columns[quantity], swatch.rows)
+    given = getattr(swatch.settings, quantity)
+    return dict(swatch.table.settings)[quantity] if given is None else given
+
+
+def _run(swatch: _Swatch, name: str, width: float, mean_width: float) -> tuple[StretchRun, tuple[str, ...]]:
+    table, columns, rows = swatch.table, swatch.columns, swatch.rows
+    force = table.numbers(columns["force"], rows) * mean_width / width
+    if columns["force"].kind == "line load":
+        force = force * width
+    if (worst := int(np.argmin(force))) >= 0 and -force[worst] >= max(force.max(), 0.0):
+        raise table.fault(
+            rows[worst][0], columns["force"], "tension that counts as positive", f"{force[worst]:g} N"
+        )
+    if "stress" in columns:
+        _check_stress(table, columns, rows, width)
+    length = _length(swatch)
+    middle = table.numbers(columns["mid_width"], rows, positive=True) if "mid_width" in columns else None
+    _refuse_shrinking(table, columns.get("clamp_distance") or columns["extension"], rows, force, length)
     try:
-        return StretchRun(name, force, length, width)
+        found = loading(
+            force, length, middle, largest_force=_USED * POWER_LOAD * mean_width, cycle=swatch.settings.cycle
+        )
+        return StretchRun(name, found.force, found.length, found.width), found.remarks
     except InputError as error:
         where = f"{table.path}:{rows[0][0]}"
-        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+        raise InputError(
+            f"{error.what} of run '{name:.40}'" if name not in error.what else error.what, where=where,
+            expected=error.expected, found=error.found,
+        ) from None  # fmt: skip
+
+
+def _length(swatch: _Swatch) -> Array:
+    """Length between the clamps of every reading [m]."""
+    if "clamp_distance" in swatch.columns:
+        return swatch.table.numbers(swatch.columns["clamp_distance"], swatch.rows, positive=True)
+    column, gauge = swatch.columns["extension"], _size(swatch, "swatch_length")
+    values = swatch.table.numbers(column, swatch.rows)
+    length = gauge * (1.0 + values) if column.kind == "strain" else gauge + values
+    if (shortest := int(np.argmin(length))) >= 0 and length[shortest] <= 0.5 * gauge:
+        raise swatch.table.fault(
+            swatch.rows[shortest][0],
+            column,
+            f"an extension of a swatch of {gauge:g} m",
+            f"{values[shortest]:g} (SI)",
+        )
+    return length
+
+
+def _check_stress(table: MeasuredTable, columns: dict[str, Column], rows: list[Row], width: float) -> None:
+    """Stress of tracked pins repeats force over width."""
+    load, given = table.numbers(columns["force"], rows) / width, table.numbers(columns["stress"], rows)
+    wrong = np.flatnonzero(np.abs(given - load) > 0.01 * np.abs(load))
+    if len(wrong):
+        k = int(wrong[0])
+        expected = f"force over width, {load[k] / 1e3:.4g} N/mm"
+        raise table.fault(rows[k][0], columns["stress"], expected, f"{given[k] / 1e3:.4g}")
 
 
 def _refuse_shrinking(
-    table: MeasuredTable, column: Column, rows: list[_Row], length: NDArray[np.float64]
+    table: MeasuredTable, column: Column, rows: list[Row], force: Array, length: Array
 ) -> None:
-    highest = np.maximum.accumulate(length)
-    drop = highest - length
-    worst = int(np.argmax(drop))
-    if drop[worst] > _NOISE * (highest[-1] - length[0]):
-        found = f"{length[worst]:.4g} m after {highest[worst]:.4g} m"
-        raise table.fault(rows[worst][0], column, "a length that grows with the force", found)
+    """InputError where the length falls much from one reading to the next while the force grows much."""
+    fall, rise = -np.diff(length), np.diff(force)
+    wrong = (fall > _NOISE * np.ptp(length)) & (rise > _NOISE * np.ptp(force))
+    if wrong.any():
+        k = int(np.argmax(wrong)) + 1
+        found = f"{length[k]:.4g} m after {length[k - 1]:.4g} m"
+        raise table.fault(rows[k][0], column, "a length that grows with the force", found)
 
 
-def _constant(table: MeasuredTable, column: Column, rows: list[_Row], direction: Direction) -> float:
-    """The value that all rows of a test share."""
-    value = _positive(table, rows[0], column)
-    for row in rows[1:]:
-        if abs(_positive(table, row, column) - value) > 1e-6 * value:
-            expected = f"one size of swatches along {direction.value}, {value:g} m"
-            raise table.fault(row[0], column, expected, f"{table.number(row, column):g} m")
-    return value
+def _constant(table: MeasuredTable, column: Column, rows: list[Row]) -> float:
+    """The value that all rows of a swatch share."""
+    values = table.numbers(column, rows, positive=True)
+    other = np.flatnonzero(np.abs(values - values[0]) > 1e-6 * values[0])
+    if len(other):
+        expected = f"one size of a swatch, {values[0]:g} m"
+        raise table.fault(rows[int(other[0])][0], column, expected, f"{values[other[0]]:g} m")
+    return float(values[0])
 
 
-def _positive(table: MeasuredTable, row: _Row, column: Column) -> float:
-    value = table.number(row, column)
-    if value == 0:
-        raise table.fault(row[0], column, "more than zero", "0")
-    return value
+def _unread(tables: Sequence[MeasuredTable]) -> list[str]:
+    """Columns that nothing is known of."""
+    names = dict.fromkeys(name.text for table in tables for name in table.names if name.quantity is None)
+    return [f"{Path(tables[0].path).name}: columns not read: {', '.join(names)}"] if names else []
 
 
 def _remarks(test: StretchTest) -> list[str]:

@@ -1,125 +1,336 @@
-"""A table of readings as CSV text: numbers with units in the names of the columns, faults by row and column."""
+"""Tables of readings as machines write them: separators, decimal marks, units, several specimens in a file.
+
+A table begins with a line of column names, below which a line of units may stand. Lines of text before, between and
+after tables are titles; those of the form "width, 50, mm" are kept as settings.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
-import math
 import os
-from dataclasses import dataclass
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.files.measurements_names import KINDS, UNITS, ColumnName, column_name, factor, is_unit
 
-UNITS = {
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "force": {"N": 1.0, "cN": 1e-2, "mN": 1e-3, "gf": 9.80665e-3},
+Array = NDArray[np.float64]
+Row = tuple[int, tuple[str, ...]]
+
+_SPACES = str.maketrans("", "", "\u00a0\u202f'\u2019 ")
+_DECIMALS = {
+    mark: re.compile(rf"[+-]?(\d+|[1-9]\d{{0,2}}(\{group}\d{{3}})+)?(\{mark}\d*)?(e[+-]?\d+)?", re.I)
+    for mark, group in ((".", ","), (",", "."))
 }
-"""Unit → factor to SI, by kind of quantity."""
+"""Decimal mark → what numbers with it look like, thousands set apart by the other mark or not."""
+_SAMPLED = 2000
+"""Readings of a table in which the decimal mark is looked for."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity is found in a table: name and place of the column, factor to SI."""
+    """Where a quantity is found in a table: name, place and kind of the column, factor to SI."""
 
     name: str
     place: int
+    kind: str = ""
     factor: float = 1.0
 
 
 @dataclass(frozen=True)
 class MeasuredTable:
-    """Rows of text with their line in the file; ``names`` are those of the columns."""
+    """Readings below one line of column names.
+
+    names: what the columns hold; header: line of the names. rows: line in the file and cells. decimal: mark of
+    decimals. text: all that stands above since the last table; title, above: its last line, and the cells of that.
+    settings: quantity → value in SI, as lines of text above give it.
+    """
 
     path: str
-    names: tuple[str, ...]
-    rows: tuple[tuple[int, tuple[str, ...]], ...]
+    header: int
+    names: tuple[ColumnName, ...]
+    rows: tuple[Row, ...] = ()
+    decimal: str = "."
+    title: str = ""
+    above: tuple[str, ...] = ()
+    text: str = ""
+    settings: tuple[tuple[str, float], ...] = ()
 
-    @classmethod
-    def parse(cls, path: str | os.PathLike[str], text: str) -> MeasuredTable:
-        """Table of CSV text; lines that start with # are comments. Raises InputError with file and line."""
-        names: tuple[str, ...] | None = None
-        rows: list[tuple[int, tuple[str, ...]]] = []
-        reader = csv.reader(io.StringIO(text))
-        try:
-            for cells in reader:
-                cells = tuple(cell.strip() for cell in cells)
-                if not any(cells) or cells[0].startswith("#"):
-                    continue
-                if names is None:
-                    names = cells
-                elif len(cells) != len(names):
-                    raise InputError(
-                        "row",
-                        where=f"{path}:{reader.line_num}",
-                        expected=f"{len(names)} cells",
-                        found=len(cells),
-                    )
-                else:
-                    rows.append((reader.line_num, cells))
-        except csv.Error as error:
-            raise InputError("no CSV text", where=f"{path}:{reader.line_num}", found=str(error)) from None
-        if names is None or not rows:
-            raise InputError("readings", where=path, expected="a line of column names and rows", found="none")
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"column '{name:.60}'", where=path, expected="once", found=names.count(name))
-        return cls(str(path), names, tuple(rows))
-
-    def refuse_others(self, known: tuple[str, ...]) -> None:
-        """InputError where a column is none of these; quantities with units are given without."""
-        for name in self.names:
-            if name not in known and name.rpartition("_")[0] not in known:
-                raise InputError(f"unknown column '{name:.60}'", where=self.path, expected=", ".join(known))
-
-    def find(self, quantity: str, kind: str | None = None, *, needed: bool = True) -> Column | None:
-        """The column of a quantity: ``quantity`` itself, or with a kind of unit ``quantity_unit``."""
-        if kind is None:
-            if quantity in self.names:
-                return Column(quantity, self.names.index(quantity))
-            return self._missing(quantity, quantity) if needed else None
-        units = UNITS[kind]
-        found = [n for n in self.names if n == quantity or n.rpartition("_")[0] == quantity]
-        expected = " or ".join(f"{quantity}_{unit}" for unit in units)
-        if len(found) > 1:
-            raise InputError(
-                f"mixed units of {quantity}", where=self.path, expected="one column", found=", ".join(found)
-            )
+    def find(self, quantity: str, *, needed: bool = True) -> Column | None:
+        """The column of a quantity with its unit; InputError where it stands twice, lacks a unit or is missed."""
+        found = [k for k, name in enumerate(self.names) if name.quantity == quantity]
         if not found:
-            return self._missing(quantity, expected) if needed else None
-        unit = found[0].removeprefix(quantity).removeprefix("_")
-        if unit not in units:
-            found_unit = f"'{unit:.20}'" if unit else "none"
+            if needed:
+                raise self.missing(quantity)
+            return None
+        own = [
+            k
+            for k in found
+            if self.names[k].text.rpartition("_")[0] == quantity or self.names[k].text == quantity
+        ]
+        texts = [self.names[k].text for k in found]
+        if (twice := len(set(texts)) < len(texts)) or len(own) > 1:
             raise InputError(
-                f"unit of column '{found[0]:.60}'", where=self.path, expected=expected, found=found_unit
-            )
-        return Column(found[0], self.names.index(found[0]), units[unit])
+                f"column '{texts[0]:.60}'" if twice else f"mixed units of {quantity}",
+                where=f"{self.path}:{self.header}",
+                expected="one column (specimens below each other, not side by side)",
+                found=f"{', '.join(texts):.80}",
+            )  # fmt: skip
+        return self._with_unit(quantity, (own or found)[0])
 
-    def _missing(self, quantity: str, expected: str) -> None:
-        raise InputError(
-            f"column {quantity} is missing",
-            where=self.path,
-            expected=expected,
-            found=f"{', '.join(self.names):.120}",
-        )
+    def _with_unit(self, quantity: str, place: int) -> Column:
+        name = self.names[place]
+        if quantity not in KINDS:
+            return Column(name.text, place)
+        found = factor(quantity, name.unit)
+        if found is None:
+            units = " or ".join(unit for kind in KINDS[quantity] for unit in UNITS[kind])
+            raise InputError(
+                f"unit of column '{name.text:.60}'", where=f"{self.path}:{self.header}",
+                expected=f"{units}, as in '{quantity}_{'N' if quantity == 'force' else 'mm'}' or in brackets",
+                found=f"'{name.unit:.20}'" if name.unit else "none",
+            )  # fmt: skip
+        return Column(name.text, place, *found)
 
-    def number(self, row: tuple[int, tuple[str, ...]], column: Column) -> float:
-        """A cell as a number in SI that is not negative; InputError with line and column."""
-        line, cells = row
-        text = cells[column.place]
+    def missing(self, quantity: str, expected: str = "") -> InputError:
+        """The error of a quantity that the table does not hold."""
+        names = ", ".join(name.text for name in self.names)
+        return InputError(
+            f"column {quantity} is missing", where=f"{self.path}:{self.header}",
+            expected=expected or f"a column of that name ({quantity}_UNIT where it has a unit)", found=f"{names:.160}",
+        )  # fmt: skip
+
+    def numbers(self, column: Column, rows: Sequence[Row], *, positive: bool = False) -> Array:
+        """The cells of a column in SI, (n,); InputError with the line of the first bad one."""
+        cells = [cells[column.place] for _, cells in rows]
         try:
-            value = float(text)
+            values = np.array(cells).astype(np.float64) if self.decimal == "." else None
         except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or value < 0:
-            expected = (
-                "a number, zero or more"
-                if math.isfinite(value)
-                else "a number alone, its unit in the column's name"
-            )
-            raise self.fault(line, column, expected, f"'{text:.40}'")
-        return value * column.factor
+            values = None
+        if values is None:
+            values = np.array([self._number(cell) for cell in cells])
+        bad = np.flatnonzero(~np.isfinite(values) | ((values <= 0) if positive else False))
+        if len(bad):
+            number = np.isfinite(values[bad[0]])
+            expected = "more than zero" if number else "a number alone, its unit in the column's name"
+            raise self.fault(rows[int(bad[0])][0], column, expected, f"'{cells[bad[0]]:.40}'")
+        return values * column.factor
+
+    def _number(self, cell: str) -> float:
+        text = cell.translate(_SPACES)
+        if not any(character.isdigit() for character in text) or not _DECIMALS[self.decimal].fullmatch(text):
+            return np.nan
+        return float(text.replace("," if self.decimal == "." else ".", "").replace(",", "."))
 
     def fault(self, line: int, column: Column | str, expected: str, found: object) -> InputError:
         """The error of one cell."""
         name = column if isinstance(column, str) else column.name
         return InputError(f"column '{name}'", where=f"{self.path}:{line}", expected=expected, found=found)
+
+
+def read_tables(
+    path: str | os.PathLike[str], text: str, *, needed: Sequence[str]
+) -> tuple[MeasuredTable, ...]:
+    """The tables of a file, one or more, whose names hold one of the ``needed`` quantities and another known one.
+
+    Lines that begin with # are comments. Raises InputError with file and line.
+    """
+    reader = _Reader(str(path), tuple(needed))
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    told = re.match(r"sep=(.)\n", text)
+    separator = told.group(1) if told else _separator(text)
+    lines = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    try:
+        for cells in lines:
+            reader.take(lines.line_num, tuple([cell.strip() for cell in cells]))
+    except csv.Error as error:
+        raise InputError("no CSV text", where=f"{path}:{lines.line_num}", found=str(error)) from None
+    return reader.tables(separator)
+
+
+def _separator(text: str) -> str:
+    """Tab or semicolon where half of the lines hold one, else comma."""
+    lines = [line for line in text[:100_000].splitlines() if line.strip() and not line.startswith("#")]
+    for separator in "\t;":
+        if sum(separator in line for line in lines) >= 0.5 * len(lines):
+            return separator
+    return ","
+
+
+class _Reader:
+    """Sorts the lines of a file into titles, names, units and readings."""
+
+    def __init__(self, path: str, needed: tuple[str, ...]) -> None:
+        self.path, self.needed = path, needed
+        self.found: list[MeasuredTable] = []
+        self.rows: list[list[Row]] = []
+        self.text: list[tuple[int, tuple[str, ...]]] = []
+        self.settings: dict[str, float] = {}
+        self.first: tuple[int, tuple[str, ...]] | None = None
+        self.width, self.numeric = 0, ()
+
+    def take(self, line: int, cells: tuple[str, ...]) -> None:
+        """One line of the file."""
+        if self._goes_on(cells):
+            self.rows[-1].append((line, cells))
+            return
+        while cells and not cells[-1] and len(cells) > self.width:
+            cells = cells[:-1]
+        if not any(cells) or cells[0].startswith("#"):
+            return
+        self.first = self.first or (line, cells)
+        if (names := self._names(cells)) is not None:
+            self._begin(line, names)
+        elif self.found and not self.rows[-1] and not self.text and all(is_unit(c) or not c for c in cells):
+            old = self.found[-1]
+            units = (*cells, *[""] * len(old.names))
+            names = tuple(
+                replace(name, unit=unit or name.unit) for name, unit in zip(old.names, units, strict=False)
+            )
+            self.found[-1] = replace(old, names=names)
+        elif self.found and self._is_reading(line, cells):
+            if self.text:
+                old = self.found[-1]
+                self._begin(old.header, old.names)
+            self.rows[-1].append((line, cells))
+        else:
+            self._keep_text(line, cells)
+
+    def _goes_on(self, cells: tuple[str, ...]) -> bool:
+        """Whether cells are plainly another reading of the last table."""
+        if len(cells) != self.width or self.text or not self.rows[-1]:
+            return False
+        if cells[0][:1].isalpha() != self.rows[-1][0][1][0][:1].isalpha():
+            return False
+        try:
+            for k in self.numeric:
+                float(cells[k].replace(",", "."))
+        except ValueError:
+            return False
+        return True
+
+    def _names(self, cells: tuple[str, ...]) -> tuple[ColumnName, ...] | None:
+        """The names of columns that cells are, None where they are none."""
+        if len(cells) < 2 or any(_looks_like_number(cell) for cell in cells):
+            return None
+        names = tuple(column_name(cell) for cell in cells)
+        known = {name.quantity for name in names} - {None, "ignored"}
+        return names if len(known) > 1 and known & set(self.needed) else None
+
+    def _begin(self, line: int, names: tuple[ColumnName, ...]) -> None:
+        above = self.text[-1][1] if self.text else ()
+        self.found.append(
+            MeasuredTable(
+                self.path, line, names, title=" ".join(filter(None, above)), above=above,
+                text=" ".join(cell for _, cells in self.text for cell in cells), settings=tuple(self.settings.items()),
+            )
+        )  # fmt: skip
+        self.rows.append([])
+        self.text, self.width = [], len(names)
+        self.numeric = tuple(k for k, n in enumerate(names) if n.quantity in self.needed)
+
+    def _is_reading(self, line: int, cells: tuple[str, ...]) -> bool:
+        """Whether cells are a reading, not text; InputError for a reading of the wrong number of cells."""
+        numbers = [k for k, cell in enumerate(cells) if _looks_like_number(cell)]
+        if not numbers:
+            return False
+        earlier = self.rows[-1][0][1] if self.rows[-1] else None
+        if (
+            earlier is not None
+            and _looks_like_number(earlier[0])
+            and 0 not in numbers
+            and cells[0][:1].isalpha()
+        ):
+            return False
+        if len(cells) == self.width:
+            return True
+        if self.text or not set(self.numeric) & set(numbers):
+            return False
+        hint = ", decimal commas where commas separate columns?" if len(cells) > self.width else ""
+        raise InputError(
+            "row", where=f"{self.path}:{line}", expected=f"{self.width} cells", found=f"{len(cells)}{hint}"
+        )
+
+    def _keep_text(self, line: int, cells: tuple[str, ...]) -> None:
+        self.text.append((line, cells))
+        name = column_name(cells[0].rstrip(":= "))
+        if name.quantity not in ("swatch_width", "swatch_length") or len(cells) < 2:
+            return
+        parts = [*cells[1].split(), *cells[2:3], name.unit or ""]
+        found = factor(name.quantity, next((part for part in parts[1:] if part), None))
+        number = parts[0].replace(",", ".") if parts else ""
+        if found is not None and _looks_like_number(number):
+            self.settings[name.quantity] = float(number) * found[1]
+
+    def tables(self, separator: str) -> tuple[MeasuredTable, ...]:
+        """What was found. Raises InputError where that is nothing."""
+        tables = [
+            replace(table, rows=tuple(rows))
+            for table, rows in zip(self.found, self.rows, strict=True)
+            if rows
+        ]
+        if not self.found and self.first is not None:
+            line, cells = self.first
+            names = ", ".join(cells)
+            raise InputError(
+                "column names", where=f"{self.path}:{line}",
+                expected=f"a line with {' and '.join(self.needed)}, or names such as Load (N) and Extension (mm), "
+                "separated by commas, semicolons or tabs",
+                found=f"{names:.160}",
+            )  # fmt: skip
+        if not tables:
+            raise InputError(
+                "readings", where=self.path, expected="a line of column names and rows", found="none"
+            )
+        mark = _decimal_mark(tables, self.needed, separator)
+        return tuple(replace(single, decimal=mark) for table in tables for single in _side_by_side(table))
+
+
+def _side_by_side(table: MeasuredTable) -> list[MeasuredTable]:
+    """The tables of specimens whose columns stand side by side under the same names."""
+    texts = [name.text for name in table.names]
+    size = next(k for k in range(1, len(texts) + 1) if texts == (texts[:k] * len(texts))[: len(texts)])
+    known = [name.quantity for name in table.names[:size] if name.quantity is not None]
+    if size == len(texts) or len(known) < 2:
+        return [table]
+    found = []
+    for number, first in enumerate(range(0, len(texts), size), 1):
+        cut = slice(first, first + size)
+        rows = tuple((line, cells[cut]) for line, cells in table.rows if any(cells[cut]))
+        title = table.above[first] if len(table.above) > first else ""
+        if rows:
+            title = title or f"{table.title} {number}".strip()
+            found.append(replace(table, names=table.names[cut], rows=rows, title=title))
+    return found
+
+
+def _looks_like_number(cell: str) -> bool:
+    text = cell.translate(_SPACES)
+    digits = text[-1:].isdigit() and any(form.fullmatch(text) for form in _DECIMALS.values())
+    return digits or text in ("nan", "inf")
+
+
+def _decimal_mark(tables: Sequence[MeasuredTable], needed: Sequence[str], separator: str) -> str:
+    """The mark of decimals in the readings. Raises InputError where two are met."""
+    only: dict[str, tuple[int, str]] = {}
+    commas = False
+    for table in tables:
+        places = [k for k, name in enumerate(table.names) if name.quantity in needed]
+        for line, cells in table.rows[:_SAMPLED]:
+            for cell in (cells[k].translate(_SPACES) for k in places):
+                fits = [mark for mark, form in _DECIMALS.items() if form.fullmatch(cell)]
+                commas |= "," in cell
+                if len(fits) == 1:
+                    only.setdefault(fits[0], (line, cell))
+    if len(only) > 1:
+        (line, cell), (other, mixed) = only.values()
+        raise InputError(
+            "decimal marks", where=f"{tables[0].path}:{max(line, other)}", expected="one mark in all numbers of a file",
+            found=f"'{cell:.20}' and '{mixed:.20}'",
+        )  # fmt: skip
+    return next(iter(only), "," if commas and separator != "," else ".")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -10,8 +11,11 @@ from yarnscale.errors import InputError
 LARGEST_FILE = 256 * 1024 * 1024
 
 
-def read_source(path: str | os.PathLike[str]) -> str:
-    """The text of a file; InputError when missing, a folder, unreadable, empty, binary or far too large."""
+def read_source(path: str | os.PathLike[str], *, other_encodings: bool = False) -> str:
+    """The text of a file; InputError when missing, a folder, unreadable, empty, binary or far too large.
+
+    other_encodings: accept UTF-16 and Windows-1252 (Latin-1), which machines write, beside UTF-8.
+    """
     path = Path(path)
     try:
         if path.is_dir():
@@ -31,15 +35,42 @@ def read_source(path: str | os.PathLike[str]) -> str:
         raise InputError("file cannot be read", where=path, found=reason) from None
     if not content.strip():
         raise InputError("file is empty", where=path, expected="text", found=f"{len(content)} bytes")
+    if content.startswith((b"PK\3\4", b"\xd0\xcf\x11\xe0")):
+        raise InputError(
+            "file is a spreadsheet or archive",
+            where=path,
+            expected="text: save the sheet as CSV",
+            found="binary data",
+        )
+    if other_encodings and (encoding := _utf_16(content)) is not None:
+        try:
+            return content.decode(encoding).removeprefix("\ufeff")
+        except UnicodeDecodeError as error:
+            raise InputError("file is not text", where=path, expected="UTF-16", found=error.reason) from None
     if b"\0" in content:
         raise InputError("file is not text", where=path, expected="text", found="binary data")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
+        if other_encodings:
+            # Windows-1252 leaves five bytes undefined; text has none of them, nor control characters.
+            with contextlib.suppress(UnicodeDecodeError):
+                return content.decode("cp1252")
         raise InputError(
             "file is not text",
             where=f"{path}:{line}",
-            expected="UTF-8",
+            expected="UTF-8, UTF-16 or Windows-1252 (Latin-1)" if other_encodings else "UTF-8",
             found=f"byte 0x{content[error.start]:02x}",
         ) from None
+
+
+def _utf_16(content: bytes) -> str | None:
+    """The UTF-16 encoding of a file, by its mark or by zeros in every second byte of the beginning; None for others."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    head = content[:1000]
+    for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
+        if zeros.count(0) > 0.8 * len(zeros) > 1:
+            return encoding
+    return None

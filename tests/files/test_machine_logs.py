@@ -1,0 +1,214 @@
+"""Logs as testing machines write them: separators, decimal marks, units, encodings, titles, several specimens."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.measurements import Direction
+from yarnscale.files.measurements import read_measurements
+from yarnscale.files.measurements_csv import LogSettings
+
+SWATCH = LogSettings(swatch_width=0.05, swatch_length=0.1)
+STRETCH = np.linspace(0.0, 0.4, 81)
+
+
+def force_of(stretch):
+    return 0.4 * (np.exp(5.0 * stretch) - 1.0)
+
+
+def comma(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}f}".replace(".", ",")
+
+
+def fabric_of(
+    folder: Path, content: str | bytes, *, name: str = "weft-1.csv", settings: LogSettings | None = SWATCH
+):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_measurements(path, settings=settings)
+
+
+def check(fabric, *, direction=Direction.WEFT, runs=1) -> None:
+    """The known curve."""
+    (test,) = fabric.stretch
+    assert test.direction is direction and len(test.runs) == runs
+    assert test.swatch_width == pytest.approx(0.05) and test.swatch_length == pytest.approx(0.1, rel=1e-3)
+    curve = test.curve
+    assert curve.load[-1] > 45
+    np.testing.assert_allclose(
+        np.interp(STRETCH[10:60], curve.stretch, curve.load), force_of(STRETCH[10:60]) / 0.05, rtol=0.01
+    )
+
+
+def rows(form, *, stretch=STRETCH) -> str:
+    return "\n".join(form(s, force_of(s)) for s in stretch) + "\n"
+
+
+def test_instron_specimens_below_each_other(tmp_path):
+    text = '"Sample ID","jersey"\n"Method","strip"\n\n'
+    for k in (1, 2):
+        text += (
+            f'"Specimen {k} - wale"\n"Time","Extension","Load","Tensile strain"\n"(s)","(mm)","(N)","(%)"\n'
+        )
+        text += rows(lambda s, f: f'"{600 * s:.2f}","{100 * s:.4f}","{f:.4f}","{100 * s:.4f}"')
+        text += '"Mean","12.0","1.1","30"\n\n'
+    fabric = fabric_of(tmp_path, text, name="log.csv")
+    check(fabric, direction=Direction.WARP, runs=2)
+    assert [run.name for run in fabric.stretch[0].runs] == ["Specimen 1 - wale", "Specimen 2 - wale"]
+
+
+def test_zwick_semicolons_decimal_commas_latin_1_and_a_line_of_units(tmp_path):
+    text = "Prüfer;Müller\nPrüfrichtung;Schuss\n\nStandardweg;Standardkraft;Prüfzeit\nmm;N;s\n"
+    text += rows(lambda s, f: f"{comma(100 * s)};{comma(f)};{comma(600 * s, 1)}")
+    check(fabric_of(tmp_path, text.encode("latin-1"), name="log.csv"))
+
+
+def test_shimadzu_units_below_names_and_force_first(tmp_path):
+    text = "1 _ 1\nTime,Force,Stroke\nsec,N,mm\n" + rows(lambda s, f: f"{s},{f:.4f},{100 * s:.4f}")
+    check(fabric_of(tmp_path, text))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+def test_encodings(tmp_path, encoding):
+    text = "Längenänderung [mm]\tPrüfkraft [N]\r\n" + rows(lambda s, f: f"{100 * s:.4f}\t{f:.4f}").replace(
+        "\n", "\r\n"
+    )
+    check(fabric_of(tmp_path, text.encode(encoding)))
+
+
+@pytest.mark.parametrize(
+    ("header", "form"),
+    [
+        ("Load (N),Extension (mm)", lambda s, f: f"{f:.4f},{100 * s:.4f}"),
+        ("Extension mm,Load N", lambda s, f: f"{100 * s:.4f},{f:.4f}"),
+        ("Kraft in cN;Weg in cm", lambda s, f: f"{comma(100 * f)};{comma(10 * s)}"),
+        ("Dehnung [%];Kraft [mN]", lambda s, f: f"{comma(100 * s)};{comma(1000 * f)}"),
+        ("Tensile strain (Extension) (%),Load (kgf)", lambda s, f: f"{100 * s:.4f},{f / 9.80665:.7f}"),
+        ("Strain [mm/mm]\tForce [kN]", lambda s, f: f"{s:.6f}\t{f / 1000:.8f}"),
+        ("Force per width [N/m],Strain [%]", lambda s, f: f"{f / 0.05:.4f},{100 * s:.4f}"),
+        ("Grip separation / mm,Force / N", lambda s, f: f"{100 * (1 + s):.4f},{f:.4f}"),
+        ("Crosshead displacement (mm);Last (N)", lambda s, f: f'"{comma(100 * s)}";"{comma(f)}"'),
+        ('"Extension (mm)","Load (mN)"', lambda s, f: f'"{100 * s:.4f}","{1000 * f:,.2f}"'),
+        (
+            "Weg [µm];Kraft [mN]",
+            lambda s, f: f"{1e5 * s:,.1f};{1e3 * f:,.1f}".translate(str.maketrans(",.", ".,")),
+        ),
+    ],
+)
+def test_names_units_and_numbers(tmp_path, header, form):
+    check(fabric_of(tmp_path, header + "\n" + rows(form)))
+
+
+def test_specimens_side_by_side(tmp_path):
+    text = "course 1,,course 2,\nExtension,Load,Extension,Load\n(mm),(N),(mm),(N)\n"
+    for k, s in enumerate(STRETCH):
+        second = f"{100 * s:.4f},{force_of(s):.4f}" if k < 79 else ","
+        text += f"{100 * s:.4f},{force_of(s):.4f},{second}\n"
+    check(fabric_of(tmp_path, text, name="log.csv"), runs=2)
+
+
+def test_sizes_above_the_table(tmp_path):
+    text = "Gauge length;100;mm\nSpecimen width: ;50,0 mm\nDirection: weft\nExtension (mm);Load (N)\n"
+    check(
+        fabric_of(
+            tmp_path, text + rows(lambda s, f: f"{comma(100 * s)};{comma(f)}"), name="log.csv", settings=None
+        )
+    )
+
+
+def test_one_file_a_specimen(tmp_path):
+    for k in (1, 2):
+        (tmp_path / f"log{k}.txt").write_text(
+            "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}")
+        )
+    text = "".join(
+        f'[[stretch]]\nfile = "log{k}.txt"\ndirection = "weft"\nswatch_width_mm = 50\nswatch_length_mm = 100\n'
+        for k in (1, 2)
+    )
+    check(fabric_of(tmp_path, text, name="fabric.toml", settings=None), runs=2)
+
+
+@pytest.mark.parametrize("readings", [40, 400, 40_000])
+def test_sampling_rate_noise_slack_and_offset(tmp_path, readings):
+    random = np.random.default_rng(1)
+    stretch = np.linspace(-0.1, 0.4, readings)
+    force = force_of(np.maximum(stretch, 0)) + 0.08 + 0.004 * random.normal(size=readings)
+    text = "Extension (mm),Load (N)\n" + "".join(
+        f"{100 * s + 10:.5f},{f:.5f}\n" for s, f in zip(stretch, force, strict=True)
+    )
+    fabric = fabric_of(tmp_path, text, settings=LogSettings(swatch_width=0.05, swatch_length=0.09))
+    (test,) = fabric.stretch
+    assert test.swatch_length == pytest.approx(0.1, rel=0.01)
+    assert len(test.runs[0].force) <= 202
+    load = np.interp(STRETCH[10:60], test.curve.stretch, test.curve.load)
+    slope = 5.0 * (force_of(STRETCH[10:60]) + 0.4)
+    assert np.abs((0.05 * load - force_of(STRETCH[10:60])) / slope).max() < 0.013
+    assert any("slack" in note for note in fabric.notes)
+
+
+def test_what_is_left_out_is_said(tmp_path):
+    text = "Extension (mm),Load (N),Humidity\n" + rows(
+        lambda s, f: f"{100 * s:.4f},{f:.4f},65", stretch=np.concatenate([STRETCH, STRETCH[::-1]])
+    )
+    fabric = fabric_of(tmp_path, text)
+    check(fabric)
+    notes = " | ".join(fabric.notes)
+    for word in ("Humidity", "readings after the loading", "one run only"):
+        assert word in notes
+
+
+GOOD = "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}")
+
+
+@pytest.mark.parametrize(
+    ("content", "settings", "words"),
+    [
+        (GOOD, None, (":1", "swatch_width", "swatch_width_mm", "--swatch")),
+        (GOOD, LogSettings(swatch_width=0.05), (":1", "swatch_length", "--swatch")),
+        (GOOD.replace("(N)", ""), SWATCH, (":1", "unit", "Load", "none")),
+        (GOOD.replace("(N)", "(MPa)"), SWATCH, (":1", "unit", "MPa", "n/m")),
+        (GOOD.replace("Load (N)", "Torque (Nm)"), SWATCH, (":1", "Torque", "Load (N)")),
+        (GOOD.replace("Extension (mm)", "Temperature"), SWATCH, (":1", "Temperature")),
+        (GOOD.replace("Extension (mm)", "Strain"), SWATCH, (":1", "unit", "Strain", "%")),
+        (GOOD.replace("\n5.0000,", "\n5.0.0,"), SWATCH, (":12", "Extension", "5.0.0")),
+        (GOOD.replace("\n5.0000,", "\n5,0000,"), SWATCH, (":12", "2 cells", "decimal commas")),
+        (GOOD.replace("\n5.0000,", '\n"5,0000",'), SWATCH, ("decimal marks", "5,0000")),
+        (GOOD.replace(",", ",-"), SWATCH, ("Load", "positive")),
+        ("no,log\nat,all\n", SWATCH, (":1", "column names", "no, log")),
+        ("Extension (mm),Load (N)\n", SWATCH, ("readings", "none")),
+        (b"PK\x03\x04" + 50 * b"\0", SWATCH, ("spreadsheet", "CSV")),
+        ("Weg [mm];Kraft\x81 [N]\n0;1\n".encode("latin-1"), SWATCH, (":1", "Windows-1252", "0x81")),
+    ],
+)  # fmt: skip
+def test_refusals_say_what_to_do(tmp_path, content, settings, words):
+    with pytest.raises(InputError) as caught:
+        fabric_of(tmp_path, content, settings=settings)
+    said = str(caught.value)
+    assert "weft-1.csv" in said and "\n" not in said
+    for word in words:
+        assert word in said
+
+
+def test_an_unknown_direction_is_asked_for(tmp_path):
+    with pytest.raises(InputError, match=r"log\.csv:1: column direction is missing.*\[\[stretch\]\]"):
+        fabric_of(tmp_path, GOOD, name="log.csv")
+
+
+@pytest.mark.parametrize(
+    ("entry", "word"),
+    [
+        ('file = "log.csv"\nwidth = 50', "stretch.width"),
+        ('file = "log.csv"\nswatch_width_mm = -5', "swatch_width_mm"),
+        ('file = "log.csv"\ndirection = "up"', "weft, bias or warp"),
+        ('file = "log.csv"\ncycle = "third"', "first or last"),
+        ("swatch_width_mm = 5", "file"),
+    ],
+)
+def test_faults_of_stretch_tables_are_told(tmp_path, entry, word):
+    with pytest.raises(InputError, match=r"fabric\.toml") as caught:
+        fabric_of(tmp_path, f"[[stretch]]\n{entry}\n", name="fabric.toml")
+    assert word in str(caught.value)
