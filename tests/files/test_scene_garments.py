@@ -13,13 +13,15 @@ from yarnscale.errors import InputError
 from yarnscale.files.material_json import write_material
 from yarnscale.files.obj import obj_text
 from yarnscale.files.scene_toml import read_scene
-from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Sphere
+from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Plane, Sphere
 from yarnscale.shell.garments.mannequin import MovingMannequin
 from yarnscale.shell.garments.wardrobe import T_SHIRT, shirt
 from yarnscale.shell.materials.orthotropic import JERSEY
+from yarnscale.shell.mesh import rectangle
 
 HEAD = 'material = "cloth.json"\n'
 SCHEDULE = "[schedule]\nduration = 0.02\n"
+SQUARE = rectangle(0.1, 0.1, 0.02)
 
 
 @pytest.fixture
@@ -66,6 +68,35 @@ poses = [{time = 0, depth = 0.15}, {time = 0.5, lowered = 40, turned = 90}]
     assert isinstance(body, MovingMannequin) and body.poses[1].turned == pytest.approx(0.5 * math.pi)
     # Turned by a quarter, the arms lie along y.
     assert np.ptp(body.points(0.5)[:, 1]) > 1.0 > 2 * np.ptp(body.points(0.5)[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("mesh", "rest", "meets"),
+    [
+        ('shape = "tshirt"\nspacing = 0.05\n', "", True),
+        ('file = "own.obj"\n', "", True),
+        ('file = "own.obj"\n', "[contact]\nself_contact = false\n", False),
+        ("width = 0.1\nheight = 0.1\nspacing = 0.02\n", "", False),
+    ],
+)
+def test_garments_meet_themselves_and_sheets_where_told(
+    folder: Path, mesh: str, rest: str, meets: bool
+) -> None:
+    text = obj_text(SQUARE.assembled, SQUARE.triangles, SQUARE.material, SQUARE.corners)
+    (folder / "own.obj").write_text(text)
+    cloth = scene_of(folder, f"[mesh]\n{mesh}{SCHEDULE}{rest}").cloth
+    assert (cloth.contact is not None and cloth.contact.self_contact) == meets
+    if meets:
+        assert cloth.contact is not None
+        assert cloth.contact.thickness == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("normal", ["[0, 0, 1]", "[0, 0, -1]"])
+def test_a_floor_below_the_cloth_is_one_whatever_its_normal(folder: Path, normal: str) -> None:
+    floor = f'[[obstacles]]\nshape = "plane"\npoint = [0, 0, -0.1]\nnormal = {normal}\n'
+    mesh = "[mesh]\nwidth = 0.1\nheight = 0.1\nspacing = 0.02\n"
+    (plane,) = scene_of(folder, mesh + SCHEDULE + floor).cloth.obstacles
+    assert isinstance(plane, Plane) and plane.normal == (0.0, 0.0, 1.0)
 
 
 def test_a_garment_from_files_with_bodies_that_move(folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -76,6 +77,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     folder = writable_folder(options.out)
     if options.animation:
         scene = replace(scene, schedule=scene.schedule.animated())
+    print(f"yarnscale: note: {_contact_note(scene)}", file=sys.stderr, flush=True)
     result = simulate_into(scene, folder, resume=options.resume)
     for kind in options.format:
         write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
@@ -85,11 +87,24 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     else:
         for name, value in summary.items():
             if name != "unfulfilled":
-                print(f"{name:<18} {value:.6g}" if isinstance(value, float) else f"{name:<18} {value}")
+                told = (
+                    f"{value:.6g}" if isinstance(value, float) else "not tested" if value is None else value
+                )
+                print(f"{name:<18} {told}")
         for line in _unfulfilled(result):
             print(line)
         print(f"{folder}: frames, pictures and a page")
     return 0 if result.succeeded else 1
+
+
+def _contact_note(scene: Scene) -> str:
+    """What may touch in a scene, and so what is tested for crossings."""
+    contact, bodies = scene.cloth.contact, bool(scene.cloth.obstacles)
+    if contact is not None and contact.self_contact:
+        return f"the cloth meets itself{' and bodies' * bodies}, from a thickness of {1e3 * contact.thickness:.3g} mm"
+    if contact is not None and bodies:
+        return "the cloth meets bodies but not itself: crossings of the cloth with itself are not tested"
+    return "nothing may touch, so crossings are not tested ([contact] in a scene file)"
 
 
 def _unfulfilled(result: SceneResult) -> list[str]:
@@ -140,7 +155,11 @@ def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None
     """``index.html``: numbers of a run, motions that were not carried out, pictures."""
     from yarnscale.show.report import Picture, Section, Table, write_report
 
-    numbers = {name: value for name, value in result.summary().items() if name != "unfulfilled"}
+    numbers = {
+        name: "not tested" if value is None else value
+        for name, value in result.summary().items()
+        if name != "unfulfilled"
+    }
     off = [[entry.what, entry.first, entry.distance, entry.remaining] for entry in result.unfulfilled]
     columns = ["not carried out", "first [s]", "off its place by up to [m]", "at the end [m]"]
     captions = ("Moments of the run, bodies where they are.", "At the end.")

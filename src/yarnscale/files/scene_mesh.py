@@ -54,6 +54,11 @@ def read_mesh(section: Section) -> TriangleMesh:
     )
 
 
+def is_garment(section: Section) -> bool:
+    """Whether the table [mesh] describes a garment or a mesh of a file, which may meet itself, and not a sheet."""
+    return "file" in section.content or section.text_or("shape", "") in CUTS
+
+
 def read_start(section: Section, mesh: TriangleMesh) -> ClothState:
     """The mesh as cut or assembled, turned about the x-axis by ``tilt`` degrees, then shifted by ``position``."""
     tilt = math.radians(section.number_or("tilt", 0.0))

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.files.material_json import read_material
-from yarnscale.files.scene_mesh import read_mesh, read_start
+from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, Section, read_root
 from yarnscale.shell.contact.cloth_contact import ContactSettings
+from yarnscale.shell.contact.obstacles import Obstacle, Plane
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.simulate import Schedule, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
@@ -39,9 +40,10 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     section = root.section("mesh")
     mesh = read_mesh(section)
     start = read_start(section, mesh)
-    obstacles = tuple(read_obstacle(item) for item in root.sections("obstacles"))
+    obstacles = tuple(_facing(read_obstacle(item), start) for item in root.sections("obstacles"))
     usual = ContactSettings(thickness=cloth_thickness(material, mesh))
-    contact = _contact(root.section("contact"), usual) if "contact" in root.content or obstacles else None
+    meets = "contact" in root.content or obstacles or is_garment(section)
+    contact = _contact(root.section("contact"), usual) if meets else None
     cloth = root.build(
         lambda: Cloth(
             mesh,
@@ -87,6 +89,15 @@ def _ready(root: Section, material: ElementMaterial) -> Scene:
     )
     schedule, options = _schedule(root.section("schedule"), scene.schedule, scene.options)
     return replace(scene, cloth=cloth, schedule=schedule, options=options)
+
+
+def _facing(obstacle: Obstacle, start: ClothState) -> Obstacle:
+    """The obstacle; a plane with the whole cloth behind it is turned round, for it was meant from the other side."""
+    if not isinstance(obstacle, Plane):
+        return obstacle
+    heights = (start.positions - obstacle.points(start.time)) @ np.asarray(obstacle.normal)
+    x, y, z = obstacle.normal
+    return replace(obstacle, normal=(-x, -y, -z)) if (heights < 0).all() else obstacle
 
 
 def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:

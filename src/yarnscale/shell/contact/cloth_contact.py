@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.shell.contact.barrier import ContactSettings
-from yarnscale.shell.contact.obstacles import Obstacle, Plane, Sphere
+from yarnscale.shell.contact.crossings import Crossing
+from yarnscale.shell.contact.obstacles import Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.shell.contact.shape_contact import ShapeContact
 from yarnscale.shell.contact.surface_contact import SurfaceContact
 from yarnscale.shell.mesh import TriangleMesh
@@ -53,13 +54,18 @@ class ClothContact:
             self.guests += len(obstacle.points(0.0))
         rows = self.count + self.guests
         self.parts: list[ShapeContact | SurfaceContact] = []
+        self._names = [obstacle_name(obstacle, number) for number, obstacle in enumerate(obstacles)]
+        self._shapes: list[int] = []
+        self._bodies: list[int] = []
         bodies = []
-        for obstacle in obstacles:
+        for number, obstacle in enumerate(obstacles):
             first = self._first.get(id(obstacle))
             if isinstance(obstacle, Sphere | Plane):
                 self.parts.append(ShapeContact(obstacle, mesh, settings, first, rows))
+                self._shapes.append(number)
             else:
                 bodies.append((obstacle, first))
+                self._bodies.append(number)
         if settings.self_contact or bodies:
             self.parts.append(SurfaceContact(mesh, bodies, settings, rows))
 
@@ -117,3 +123,13 @@ class ClothContact:
     def intersects(self, positions: Floats) -> bool:
         """Whether any surfaces cross, by tests that do not rely on what contact has searched."""
         return any(part.intersects(positions) for part in self.parts)
+
+    def crossings(self, positions: Floats) -> list[Crossing]:
+        """Which surfaces cross and where, one entry for each pair of objects; slow, for states that ``intersects``."""
+        found = []
+        for part, number in zip(self.parts, [*self._shapes, -1], strict=False):
+            if isinstance(part, ShapeContact):
+                found += part.crossings(positions, number, self._names[number])
+            else:
+                found += part.crossings(positions, self._bodies, [self._names[k] for k in self._bodies])
+        return found

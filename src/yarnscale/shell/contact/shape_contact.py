@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
+from yarnscale.shell.contact.crossings import Crossing, shape_crossing
 from yarnscale.shell.contact.obstacles import Plane, Shape, Sphere
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.motion import rotation_matrix
@@ -122,6 +123,15 @@ class ShapeContact:
 
     def intersects(self, positions: Floats) -> bool:
         return self.closest(positions) <= 0
+
+    def crossings(self, positions: Floats, body: int, name: str) -> list[Crossing]:
+        """How the cloth crosses the shape; body: its number among the obstacles."""
+        flat = isinstance(self.shape, Plane)
+        inside = self._touch(positions, math.nextafter(0.0, 1.0))
+        if not len(inside.which):
+            return []
+        kind, count = ("vertex", self.count) if flat else ("triangle", len(self.triangles))
+        return [shape_crossing(body, name, kind, inside.distances, _combine(inside, positions), count)]
 
     def _advance(self, corners: Floats, steps: Floats) -> float:
         """Fraction of steps of corners (n, 3, 3) about the centre that leaves every triangle outside.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ipctk
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from yarnscale.numerics.threads import run_parts
 from yarnscale.shell.contact import pair_hessian, pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
+from yarnscale.shell.contact.crossings import CLOTH, Crossing, surface_crossings
 from yarnscale.shell.contact.obstacles import Body
 from yarnscale.shell.contact.pair_search import PairSearch, shares
 from yarnscale.shell.mesh import TriangleMesh
@@ -80,6 +81,8 @@ class SurfaceContact:
             faces.append(body.triangles + start)
         triangles = np.concatenate(faces).astype(np.int64)
         self.search = PairSearch(triangles, len(mesh.triangles), rest, settings)
+        sizes = [len(body.triangles) for body, _ in bodies]
+        self._owners = np.repeat(np.arange(CLOTH, len(sizes)), [len(mesh.triangles), *sizes])
         self._check = _check_mesh(mesh.vertex_count, triangles, rest, settings.self_contact)
         self._grip: _Grip | None = None
 
@@ -193,6 +196,14 @@ class SurfaceContact:
 
     def intersects(self, positions: Floats) -> bool:
         return bool(ipctk.has_intersections(self._check, np.asfortranarray(self.everything(positions))))
+
+    def crossings(self, positions: Floats, numbers: Sequence[int], names: Sequence[str]) -> list[Crossing]:
+        """Where surfaces cross, by the search of ``intersects``; numbers, names: of the bodies among the obstacles."""
+        found = surface_crossings(
+            self.everything(positions), self.search.surfaces.triangles, self._owners, names,
+            within_cloth=self.settings.self_contact,
+        )  # fmt: skip
+        return [c if c.body == CLOTH else replace(c, body=numbers[c.body]) for c in found]
 
     def everything(self, positions: Floats) -> Floats:
         """Every vertex."""

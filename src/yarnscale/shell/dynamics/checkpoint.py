@@ -14,10 +14,10 @@ class Checkpoint:
     """A run between two steps.
 
     state: reached. begin: time at which the schedule began [s]. frames: written so far; next_frame: time from which
-    the next is due [s]; shown: whether the state is the last frame. steps, iterations, loose, crossed: work done and
-    frames that intersect, as in ``Run``. rest_step: length of the next step on the way to rest [s], None during the
-    dynamics; rest_steps: done of these. unrest: of the last step. status: how the run ended, None while it goes on.
-    unfulfilled: motions that were not carried out up to now.
+    the next is due [s]; shown: whether the state is the last frame. steps, iterations, loose: work done. crossed,
+    crossed_bodies: frames in which anything, or the cloth and a body, cross. rest_step: length of the next step on the
+    way to rest [s], None during the dynamics; rest_steps: done of these. unrest: of the last step. status: how the run
+    ended, None while it goes on. unfulfilled: motions that were not carried out up to now.
     """
 
     state: ClothState
@@ -33,4 +33,5 @@ class Checkpoint:
     unrest: float = 0.0
     status: Status | None = None
     crossed: int = 0
+    crossed_bodies: int = 0
     unfulfilled: tuple[Unfulfilled, ...] = ()

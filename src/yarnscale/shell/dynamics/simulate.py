@@ -14,6 +14,7 @@ import numpy as np
 
 from yarnscale.errors import InputError
 from yarnscale.numerics.newton import Status
+from yarnscale.shell.contact.crossings import CLOTH
 from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.dynamics.quasi_static import LoadSteps, follow_load
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions, StepResult
@@ -103,8 +104,10 @@ class Run:
     loose_steps: int
     """Steps kept with a residual above the tolerance (but acceptable)."""
     unrest: float
-    intersections: int = 0
-    """Frames, the last state among them, in which surfaces cross that are to meet: 0, or contact has failed."""
+    intersections: int | None = None
+    """Frames, the last state among them, in which the cloth crosses itself or a body; None: not tested."""
+    body_intersections: int | None = None
+    """Frames in which the cloth crosses a body; None without bodies."""
     unfulfilled: tuple[Unfulfilled, ...] = ()
     """Motions of handles and obstacles that were not carried out."""
 
@@ -152,6 +155,7 @@ class _Runner:
     rest_steps: int = 0
     unrest: float = 0.0
     crossed: int = 0
+    crossed_bodies: int = 0
     unfulfilled: tuple[Unfulfilled, ...] = ()
     off_place: float = 0.0
 
@@ -161,15 +165,12 @@ class _Runner:
         self.steps, self.iterations, self.loose = place.steps, place.iterations, place.loose
         self.frames, self.next_frame, self.unrest = place.frames, place.next_frame, place.unrest
         self.shown, self.crossed = state if place.shown else None, place.crossed
-        self.unfulfilled = place.unfulfilled
+        self.crossed_bodies, self.unfulfilled = place.crossed_bodies, place.unfulfilled
         self.off_place = min(OFF_PLACE, OFF_PLACE_SHARE * self.solver.cloth.mesh.median_edge)
         if place.status is not None:
             return self._finish(state, place.status)
         if place.steps == 0:
-            if self.solver.intersects(state):
-                raise InputError(
-                    "start of the cloth", expected="surfaces that do not cross", found="some that do"
-                )
+            _refuse_crossings(self.solver, state)
             self._frame(state)
         end = self.begin + schedule.duration
         if schedule.statics:
@@ -252,7 +253,9 @@ class _Runner:
         interval = self.schedule.frame_interval
         due = interval is not None and state.time >= self.next_frame - 1e-9
         if (due or last) and state is not self.shown:
-            self.crossed += self.solver.intersects(state)
+            if self.solver.intersects(state):
+                self.crossed += 1
+                self.crossed_bodies += any(c.body != CLOTH for c in self.solver.crossings(state))
             if self.on_frame is not None:
                 self.on_frame(self.frames, state)
                 self.frames += 1
@@ -278,6 +281,7 @@ class _Runner:
                 self.unrest,
                 status,
                 self.crossed,
+                self.crossed_bodies,
                 self.unfulfilled,
             )
         )
@@ -285,6 +289,7 @@ class _Runner:
     def _finish(self, state: ClothState, status: Status) -> Run:
         self._frame(state, last=True)
         self._checkpoint(state, status)
+        contact, bodies = self.solver.cloth.contact, self.solver.cloth.obstacles
         return Run(
             state,
             status,
@@ -292,6 +297,20 @@ class _Runner:
             self.iterations,
             self.loose,
             self.unrest,
-            self.crossed,
+            self.crossed if contact is not None and contact.self_contact else None,
+            self.crossed_bodies if bodies else None,
             self.unfulfilled,
         )
+
+
+def _refuse_crossings(solver: ClothSolver, state: ClothState) -> None:
+    if not solver.intersects(state):
+        return
+    found = solver.crossings(state)
+    told = "; ".join(c.description for c in found) or "some that do"
+    remedies = "; ".join(dict.fromkeys(c.remedy for c in found))
+    raise InputError(
+        "start of the cloth",
+        expected="surfaces that do not cross",
+        found=f"{told}. {remedies[:1].upper()}{remedies[1:]}" if found else told,
+    )

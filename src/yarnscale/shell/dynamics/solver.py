@@ -19,6 +19,7 @@ from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 from yarnscale.shell.contact.cloth_contact import ClothContact
+from yarnscale.shell.contact.crossings import Crossing
 from yarnscale.shell.contact.obstacles import current_points, obstacle_name
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
@@ -181,6 +182,10 @@ class ClothSolver:
     def intersects(self, state: ClothState) -> bool:
         """Whether the cloth crosses itself or an obstacle, by a test of its own over the whole of both."""
         return self.contact is not None and self.contact.intersects(self._with_obstacles(state))
+
+    def crossings(self, state: ClothState) -> list[Crossing]:
+        """Which surfaces cross and where; empty where nothing was found or tested."""
+        return self.contact.crossings(self._with_obstacles(state)) if self.contact is not None else []
 
     def distances_from_places(self, state: ClothState) -> dict[str, float]:
         """How far handles and moving obstacles are from where their motion takes them, by name [m].

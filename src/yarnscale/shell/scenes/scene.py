@@ -70,7 +70,8 @@ class SceneResult:
     simulated_seconds: float
     seconds: float
     measures: Mapping[str, float] = field(default_factory=dict)
-    intersections: int = 0
+    intersections: int | None = None
+    body_intersections: int | None = None
     unfulfilled: tuple[Unfulfilled, ...] = ()
 
     @property
@@ -94,6 +95,7 @@ class SceneResult:
             "newton_iterations": self.newton_iterations,
             "loose_steps": self.loose_steps,
             "intersections": self.intersections,
+            "body_intersections": self.body_intersections,
             "unfulfilled": plain(self.unfulfilled),
             "simulated_seconds": self.simulated_seconds,
             "seconds": self.seconds,
@@ -132,6 +134,7 @@ def run_scene(
         time.perf_counter() - begin,
         measures,
         run.intersections,
+        run.body_intersections,
         run.unfulfilled,
     )
 
