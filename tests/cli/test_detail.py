@@ -82,7 +82,7 @@ def test_other_patterns_and_folders_are_refused(
 ) -> None:
     folder = simulated(tmp_path, 1)
     other = refused("detail", folder, "--pattern", "twill-2x2", "--samples", inputs[1])
-    assert "samples of another pattern" in other
+    assert "is not the one behind" in other
     assert "folder does not exist" in refused("detail", tmp_path / "none", "--pattern", inputs[0])
     assert "no sample store" in refused(
         "detail", folder, "--pattern", inputs[0], "--samples", tmp_path / "no"

@@ -9,6 +9,8 @@ import pytest
 from yarnscale.cli import main
 from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.estimate.yarn_fit import FitOptions
+from yarnscale.files.patterns import read_pattern, read_yarns
+from yarnscale.yarn.material import YarnMaterial
 
 QUICK = [
     "--solver",
@@ -52,6 +54,10 @@ def test_estimates_reports_and_goes_on(
     assert first["bending_error"] is None
     assert all(first[name] > 0 for name in ERRORS)
     assert "Parameters" in (out / "index.html").read_text()
+    found = read_yarns(out / "pattern.json")
+    assert isinstance(found, YarnMaterial)
+    radius = read_pattern(out / "pattern.json").radius
+    assert found.bending_stiffness(radius) == pytest.approx(first["parameters"]["k_b"])
     kept = {path: path.read_bytes() for path in (out / "evaluations").glob("*.json")}
     assert kept
 

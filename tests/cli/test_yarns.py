@@ -12,7 +12,6 @@ from yarnscale.cell import PeriodicCell, rest
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.rest import rest_stress_ratio
 from yarnscale.cli import main, yarns
-from yarnscale.cli.yarns import material_for
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library
@@ -44,13 +43,6 @@ def test_an_unsettled_pattern_is_status_1(tmp_path: Path, monkeypatch: pytest.Mo
 def test_unknown_pattern_is_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["pattern", "tweed", "--out", str(tmp_path / "fabric.pyp")]) == 2
     assert "tweed" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("name", library.names())
-def test_patterns_come_with_a_material_that_suits_them(name: str) -> None:
-    pattern = replace(library.build("plain"), name=name)
-    assert material_for(pattern, None).name == library.structure(name).material
-    assert material_for(pattern, ["wool"]).name == "wool"
 
 
 def test_relax_reports_an_equilibrium_of_a_chart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.files.pattern_json import FIELDS, read_pattern_json, write_pattern_json
+from yarnscale.files.pattern_json import FIELDS, read_pattern_json, read_yarns, write_pattern_json
 from yarnscale.files.patterns import read_pattern, write_pattern
 from yarnscale.yarn.library import build, names
+from yarnscale.yarn.material import PRESETS, ContactRule, StretchRule
 
 
 @pytest.mark.parametrize("name", names())
@@ -34,6 +35,32 @@ def test_the_file_is_plain_json_with_the_documented_fields(tmp_path: Path) -> No
     text = (Path(__file__).parents[2] / "docs" / "pattern_format.md").read_text()
     for field in FIELDS:
         assert f"`{field}`" in text
+
+
+@pytest.mark.parametrize("name", ["wool", "hylc2020-satin"])
+def test_yarn_materials_travel_with_the_pattern(tmp_path: Path, name: str) -> None:
+    pattern, yarn = build("plain"), PRESETS[name]
+    est = replace(yarn, contact=ContactRule("est2022"), stretch=StretchRule("two_phase", 0.02, 1e8))
+    for given in (yarn, est):
+        write_pattern_json(pattern, tmp_path / "p.json", yarns=given)
+        assert read_yarns(tmp_path / "p.json") == given
+        assert read_pattern(tmp_path / "p.json").content_hash() == pattern.content_hash()
+    plated = replace(pattern, yarn_material=np.arange(len(pattern.yarns)) % 2)
+    write_pattern_json(plated, tmp_path / "p.json", yarns=(yarn, replace(yarn, young_modulus=1.0)))
+    assert read_yarns(tmp_path / "p.json") == (yarn, replace(yarn, young_modulus=1.0))
+    write_pattern_json(pattern, tmp_path / "p.json")
+    assert read_yarns(tmp_path / "p.json") is None
+
+
+def test_broken_yarn_materials_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "p.json"
+    write_pattern_json(build("plain"), path, yarns=PRESETS["wool"])
+    whole = json.loads(path.read_text())
+    for value in ([], {}, [3], [{}], [whole["materials"][0] | {"density": -1}], whole["materials"] * 2):
+        path.write_text(json.dumps(whole | {"materials": value}))
+        with pytest.raises(InputError) as error:
+            read_yarns(path)
+        assert "p.json" in str(error.value) or "are of 1 materials" in str(error.value)
 
 
 def put(*place: Any) -> Callable[[dict[str, Any]], None]:

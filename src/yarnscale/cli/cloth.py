@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import sys
 import time
 from dataclasses import replace
@@ -16,12 +17,15 @@ from yarnscale.files.atomic import write_text
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder
-from yarnscale.files.material_json import read_material
+from yarnscale.files.material_json import read_material, write_material
 from yarnscale.shell.dynamics.simulate import Progress
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
 from yarnscale.shell.scenes.scene import drape as drape_scene
 from yarnscale.shell.scenes.scene import stretch as stretch_scene
 
+MATERIAL = "cloth_material.json"
+"""In the folder of a run: the shell material of its cloth."""
 FRAMES = 6
 """Moments that a contact sheet shows."""
 
@@ -81,7 +85,8 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     result = simulate_into(scene, folder, resume=options.resume)
     for kind in options.format:
         write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
-    summary = result.summary()
+    digest = hashlib.sha256((folder / MATERIAL).read_bytes()).hexdigest()
+    summary = result.summary() | {"material_hash": digest}
     if options.json:
         print_json(summary)
     else:
@@ -130,6 +135,8 @@ def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneR
     if place is None:
         checkpoints.path.unlink(missing_ok=True)
     cloth, kept = scene.cloth, place.frames if place is not None else 0
+    if isinstance(cloth.material, ShellMaterial):
+        write_material(folder / MATERIAL, cloth.material)
     frames = FrameFolder(folder / "frames", cloth.mesh, obstacles=cloth.obstacles, keep=kept)
     line, began = ProgressLine(scene.name), time.perf_counter()
     before: list[float] = []

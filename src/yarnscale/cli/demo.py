@@ -13,6 +13,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
 from yarnscale.cli.cloth import simulate_into
 from yarnscale.cli.console import print_json, writable_folder
+from yarnscale.cli.materials import PATTERN as REST
 from yarnscale.cli.materials import homogenize_into, material_sections
 from yarnscale.cli.yarns import draw_cell
 from yarnscale.files.patterns import write_pattern
@@ -38,7 +39,7 @@ def demo(options: argparse.Namespace) -> int:
         shutil.rmtree(folder / name, ignore_errors=True)
     rest = settled(library.build(PATTERN), YarnMaterial.preset(MATERIAL))
     cell = PeriodicCell(rest.pattern, YarnMaterial.preset(MATERIAL))
-    write_pattern(rest.pattern, folder / "stockinette.pyp")
+    write_pattern(rest.pattern, writable_folder(folder / "homogenized") / REST, yarns=cell.material)
     yarns, all_converged = _yarn_section(cell, folder / "yarns")
     outcome = homogenize_into(
         cell,

@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cli.cloth import MATERIAL
 from yarnscale.cli.console import ProgressLine, print_json, writable_file, writable_folder
 from yarnscale.cli.materials import worker_count
-from yarnscale.cli.yarns import material_for
+from yarnscale.cli.yarn_choice import YarnChoice, names, same_yarns, yarn_for
 from yarnscale.detail.fluctuations import FluctuationTable, detail_grid
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
+from yarnscale.files.cell_origin import CellOrigin
 from yarnscale.files.cloth_frames import MESH, ClothFrames, frame_paths, read_cloth_frames
 from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
 from yarnscale.files.patterns import read_pattern
@@ -24,6 +26,7 @@ from yarnscale.homogenize.sample import check_resumable, create_store
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.yarn.pattern import YarnPattern
 
 SAMPLES = "samples"
 ORIGIN = "origin.json"
@@ -69,13 +72,17 @@ def _frame_folder(folder: Path) -> Path:
 def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, dict[str, object]]:
     """The table from the store given, or from one of the command's own, which is made or finished."""
     pattern = read_pattern(options.pattern)
+    cloth = _cloth_origin(options.frames)
+    if cloth is not None:
+        cloth.cell_pattern(pattern, options.pattern)
+    yarn = yarn_for(options.pattern, pattern, options.material, kept=None if cloth is None else cloth.yarns)
     if options.samples is not None:
         store = SampleStore(options.samples)
-        # A store may hold cells of several tiles.
-        tiles = store.attributes["provenance"].get("tiles", (1, 1))
-        pattern = pattern if tuple(tiles) == (1, 1) else pattern.repeated(*tiles)
-        return FluctuationTable.from_store(store, pattern), _origin(store, out, resume=options.resume)
-    cell = PeriodicCell(pattern, material_for(pattern, options.material))
+        table = FluctuationTable.from_store(store, _sampled_pattern(store, pattern, yarn, options))
+        yarn.say()
+        return table, _origin(store, out, resume=options.resume) | yarn.summary
+    yarn.say()
+    cell = PeriodicCell(pattern, yarn.materials)
     axes, path = detail_grid(cell).axes, writable_folder(out) / SAMPLES
     if path.exists():
         store = SampleStore(path)
@@ -88,7 +95,33 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
         progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
     )  # fmt: skip
     table = FluctuationTable.from_store(store, pattern)
-    return table, _origin(store, out, resume=options.resume) | {"states_replaced": table.replaced}
+    return table, _origin(store, out, resume=options.resume) | yarn.summary | {
+        "states_replaced": table.replaced
+    }
+
+
+def _sampled_pattern(
+    store: SampleStore, pattern: YarnPattern, yarn: YarnChoice, options: argparse.Namespace
+) -> YarnPattern:
+    """The cell of a store; InputError where it is of another pattern, or of a yarn that contradicts what is known."""
+    origin = CellOrigin.of(store.attributes["provenance"], store.path)
+    assert origin is not None
+    cell = origin.cell_pattern(pattern, options.pattern)
+    if not yarn.is_default and not same_yarns(origin.yarns, yarn.materials):
+        raise InputError(
+            f"samples {store.path} are of another yarn than {yarn.pattern}",
+            expected=f"{names(yarn.materials)} ({yarn.origin}); sample anew, or give its --material",
+            found=names(origin.yarns),
+        )
+    return cell
+
+
+def _cloth_origin(folder: Path) -> CellOrigin | None:
+    """The cell behind the shell material of a run, None where the run has none or it names no pattern."""
+    for place in (folder, folder.parent):
+        if (place / MATERIAL).is_file() and (place == folder or folder.name == "frames"):
+            return CellOrigin.of_material(place / MATERIAL)
+    return None
 
 
 def _origin(store: SampleStore, out: Path, *, resume: bool) -> dict[str, object]:

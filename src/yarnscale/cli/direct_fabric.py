@@ -8,7 +8,8 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, writable_folder
-from yarnscale.cli.yarns import material_for, pattern_of, settled_drawing
+from yarnscale.cli.yarn_choice import yarn_for
+from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, Springs, glue
@@ -44,7 +45,9 @@ def sheet_at_rest(options: argparse.Namespace) -> Laid:
     A knitted piece has come to ease as it was drawn.
     """
     pattern = pattern_of(options.pattern, options.radius)
-    material = material_for(pattern, None if options.material is None else [options.material])
+    yarn = yarn_for(options.pattern, pattern, None if options.material is None else [options.material])
+    yarn.say()
+    material = yarn.materials
     if options.border == "knitted":
         if options.tube or options.on is not None:
             raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")

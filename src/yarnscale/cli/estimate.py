@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
-from yarnscale.cli.materials import worker_count
+from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective
@@ -28,7 +28,7 @@ from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.measurements_csv import LogSettings
-from yarnscale.files.patterns import is_drawing, read_pattern
+from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
 from yarnscale.homogenize.executors import dask_workers, local_workers
 
 EVALUATIONS = "evaluations"
@@ -120,6 +120,8 @@ def _report(folder: Path, found: FabricEstimate, *, as_json: bool) -> None:
             write_estimate_report(folder, found, pictures=False)
     finally:
         write_text(folder / "estimate.json", json.dumps(summary, indent=1) + "\n")
+        rested = found.fit.evaluation.rested.cell
+        write_pattern(rested.pattern, folder / PATTERN, yarns=rested.material)
     if as_json:
         print_json(summary)
         return

@@ -10,6 +10,7 @@ import numpy as np
 
 from yarnscale.cli import convert
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.yarn_choice import YarnChoice
 from yarnscale.cli.yarns import pattern_of
 from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveRule
@@ -71,6 +72,8 @@ def fabric(options: argparse.Namespace) -> int:
 
 def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
     material = read_material(options.material or "wool")
+    origin = "--material" if options.material else "default of spline yarns"
+    YarnChoice(options.pattern, material, origin).say()
     size = options.rows, options.columns
     if options.pattern in JERSEYS:
         return jersey(*size, material, radius=1e-3 if options.radius is None else options.radius)

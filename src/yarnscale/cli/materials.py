@@ -12,10 +12,11 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
-from yarnscale.cli.yarns import material_for, settled_drawing
+from yarnscale.cli.yarn_choice import yarn_for
+from yarnscale.cli.yarns import settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
-from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
+from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.observations import InPlane, strains_of
@@ -25,11 +26,9 @@ from yarnscale.homogenize.states import SampledStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.show.report import Picture, Section, Table, write_report
-from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stiffness import Materials
 
 PATTERN = "pattern.json"
-"""In the folder of a homogenized drawing: the fabric at rest that was sampled."""
+"""In the folder of a homogenized pattern: what was sampled, a drawing as fabric at rest, with its yarn."""
 SAMPLED = ("s_x", "s_a", "s_y", "II11", "II22")
 """Strain components behind the columns of sampled states."""
 
@@ -64,15 +63,24 @@ def homogenize(options: argparse.Namespace) -> int:
     """Sample, fit, draw, report."""
     box = _range(options)
     drawn = read_pattern(options.pattern)
-    material = material_for(drawn, options.material)
+    kept = options.out / PATTERN
+    begun = options.resume and kept.is_file()
+    yarn = yarn_for(options.pattern, drawn, options.material, kept=read_yarns(kept) if begun else None)
     folder = writable_folder(options.out)
     if (folder / "samples").exists() and not options.resume:
         raise InputError("output exists", where=folder / "samples", expected="a new folder, or --resume")
     if (folder / "samples").exists():
         SampleStore(folder / "samples")  # refuses what is no store before anything is settled
-    if is_drawing(options.pattern) and not options.as_drawn:
-        drawn = _at_rest(drawn, material, folder / PATTERN)
-    cell = PeriodicCell(drawn, material)
+    if begun and read_pattern(kept).name != drawn.name:
+        raise InputError(
+            "cannot resume: another pattern", where=kept, expected=drawn.name, found=read_pattern(kept).name
+        )
+    yarn.say()
+    if not begun:
+        if is_drawing(options.pattern) and not options.as_drawn:
+            drawn = settled_drawing(drawn, yarn.materials)
+        write_pattern(drawn, kept, yarns=yarn.materials)
+    cell = PeriodicCell(read_pattern(kept), yarn.materials)
     outcome = homogenize_into(
         cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
         in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
@@ -83,13 +91,6 @@ def homogenize(options: argparse.Namespace) -> int:
     )
     print(f"{folder / 'index.html'}: pictures and numbers")
     return 1 if failed else 0
-
-
-def _at_rest(drawn: YarnPattern, material: Materials, kept: Path) -> YarnPattern:
-    """Fabric at rest of a drawing; kept in a file, for ``--resume`` too."""
-    if not kept.is_file():
-        write_pattern(settled_drawing(drawn, material), kept)
-    return read_pattern(kept)
 
 
 def homogenize_into(

@@ -9,7 +9,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import check_size, supercell
 from yarnscale.cli.console import ProgressLine, print_json, writable_file
 from yarnscale.cli.materials import worker_count
-from yarnscale.cli.yarns import material_for
+from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.patterns import read_pattern
 from yarnscale.homogenize.executors import reach_workers
@@ -22,9 +22,8 @@ def sample(options: argparse.Namespace) -> int:
     """Sample a grid."""
     grid = read_grid(options.grid)
     pattern = read_pattern(options.pattern)
-    tile = PeriodicCell(
-        pattern, material_for(pattern, options.material), options.free_sliding, starts=options.starts
-    )
+    yarn = yarn_for(options.pattern, pattern, options.material)
+    tile = PeriodicCell(pattern, yarn.materials, options.free_sliding, starts=options.starts)
     check_size(tile, options.size)
     cell = supercell(tile, options.size)
     if options.dask is not None:
@@ -41,6 +40,7 @@ def sample(options: argparse.Namespace) -> int:
             options.out, cell, grid.axes, scattered=False, positions=options.positions, moduli=options.moduli,
             tiles=options.size,
         )  # fmt: skip
+    yarn.say()
     line = ProgressLine(f"sampling {pattern.name}")
     summary = run_sample(
         cell, store, workers=worker_count(options), dask=options.dask,
@@ -49,6 +49,7 @@ def sample(options: argparse.Namespace) -> int:
     if options.json:
         print_json(
             {
+                **yarn.summary,
                 "states": summary.states,
                 "converged": summary.converged,
                 "seconds": summary.seconds,

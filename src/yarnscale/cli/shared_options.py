@@ -11,8 +11,9 @@ Add = Callable[[str, str, str], argparse.ArgumentParser]
 """Adds a command: its name, the module of its function, what it does."""
 PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json or .chart file"
 YARN_MATERIAL = (
-    "yarn material: a preset or a TOML file (default: the one that suits the built-in pattern of that name, "
-    "else hylc2020-stockinette); repeat it to give each of the pattern's materials, in their order"
+    "yarn material: a preset or a TOML file (default: the one in the pattern file or, for 'detail', of the run; else "
+    "one for the built-in pattern, for knits or for weaves, which is printed); repeat it to give each of the pattern's "
+    "materials, in their order"
 )
 
 

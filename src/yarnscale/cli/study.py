@@ -8,7 +8,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import SizeResult
 from yarnscale.cell.supercell import study as run_study
 from yarnscale.cli.console import print_json
-from yarnscale.cli.yarns import material_for
+from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
 
@@ -17,13 +17,15 @@ def study(options: argparse.Namespace) -> int:
     """Relax cells of several sizes and compare."""
     pattern = read_pattern(options.pattern)
     sx, sa, sy, lx, ly = options.strain
-    cell = PeriodicCell(pattern, material_for(pattern, options.material), options.free_sliding)
+    yarn = yarn_for(options.pattern, pattern, options.material)
+    cell = PeriodicCell(pattern, yarn.materials, options.free_sliding)
+    yarn.say()
     results = run_study(cell, ShellStrain(sx, sa, sy, lx, 0.0, ly), options.sizes, starts=options.starts)
     if options.json:
         print_json(
             {
                 "pattern": pattern.name,
-                "material": cell.material_name,
+                **yarn.summary,
                 "strain": list(options.strain),
                 "starts": options.starts,
                 "sizes": [_entry(result) for result in results],

@@ -12,17 +12,15 @@ import numpy as np
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import settled
 from yarnscale.cli.console import print_json, writable_file
+from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
-from yarnscale.files.material_toml import read_material
 from yarnscale.files.patterns import read_pattern, write_pattern
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.yarn import library
-from yarnscale.yarn.material import PRESETS, YarnMaterial
+from yarnscale.yarn.material import PRESETS
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stiffness import Materials, materials_of
-
-FALLBACK = "hylc2020-stockinette"
+from yarnscale.yarn.stiffness import Materials
 
 
 def patterns(options: argparse.Namespace) -> int:
@@ -44,20 +42,6 @@ def pattern_of(source: str, radius: float | None) -> YarnPattern:
     return library.build(source, radius=radius)
 
 
-def material_for(pattern: YarnPattern, names: list[str] | None) -> Materials:
-    """The materials asked for; else the one that suits the built-in or published pattern of this name.
-
-    One is for all yarns; of several, each yarn has the one of its number.
-    """
-    if names is not None:
-        given = [read_material(name) for name in names]
-        return given[0] if len(given) == 1 else materials_of(pattern, given)
-    if pattern.name in library.names():
-        return YarnMaterial.preset(library.structure(pattern.name).material)
-    own = f"hylc2020-{pattern.name}"
-    return PRESETS[own if own in PRESETS else FALLBACK]
-
-
 def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
     """Fabric at rest of a drawing, told on the console, also where it is not quite at rest."""
     print(f"settling {drawn.name} to its rest shape", file=sys.stderr, flush=True)
@@ -74,14 +58,17 @@ def pattern(options: argparse.Namespace) -> int:
     if options.name not in library.names():
         raise InputError("unknown pattern", expected=", ".join(library.names()), found=repr(options.name))
     built = library.build(options.name, **({} if options.radius is None else {"radius": options.radius}))
-    material, at_rest, note = material_for(built, options.material), True, "as drawn"
+    yarn, at_rest, note = yarn_for(options.name, built, options.material), True, "as drawn"
+    yarn.say()
     if not options.as_drawn:
-        shape = settled(built, material)
+        shape = settled(built, yarn.materials)
         built, at_rest, note = shape.pattern, shape.converged, shape.status.value
     # What was reached is written in any case: it is the place to look for what went wrong.
-    write_pattern(built, options.out)
+    write_pattern(built, options.out, yarns=yarn.materials)
+    if options.out.suffix.lower() == ".pyp":
+        print(f"{options.out}: .pyp files hold no yarn material, .json files do", file=sys.stderr)
     if options.picture is not None:
-        draw_cell(options.picture, PeriodicCell(built, material), None)
+        draw_cell(options.picture, PeriodicCell(built, yarn.materials), None)
     width, height = 1e3 * built.period
     print(
         f"{options.out}: {options.name}, {len(built.edges)} vertices, period {width:.4g} × {height:.4g} mm, {note}"
@@ -96,8 +83,9 @@ def relax(options: argparse.Namespace) -> int:
     tile = read_pattern(options.pattern)
     sx, sa, sy, lx, ly = options.strain
     strain = ShellStrain(sx, sa, sy, lx, 0.0, ly)
-    material, source = material_for(tile, options.material), tile.repeated(*options.size)
-    cell = PeriodicCell(source, material, options.free_sliding, starts=options.starts)
+    yarn, source = yarn_for(options.pattern, tile, options.material), tile.repeated(*options.size)
+    cell = PeriodicCell(source, yarn.materials, options.free_sliding, starts=options.starts)
+    yarn.say()
     cell.warm_up(strain)
     state = cell.relax(strain)
     if options.out is not None:
@@ -106,11 +94,11 @@ def relax(options: argparse.Namespace) -> int:
         write_bytes(options.out, content.getvalue())
     if options.picture is not None:
         draw_cell(options.picture, cell, state)
-    _report(state, cell, as_json=options.json)
+    _report(state, cell, yarn, as_json=options.json)
     return 0 if state.usable else 1
 
 
-def _report(state: Equilibrium, cell: PeriodicCell, *, as_json: bool) -> None:
+def _report(state: Equilibrium, cell: PeriodicCell, yarn: YarnChoice, *, as_json: bool) -> None:
     if as_json:
         print_json(
             {
@@ -124,7 +112,7 @@ def _report(state: Equilibrium, cell: PeriodicCell, *, as_json: bool) -> None:
                 "residual": state.residual,
                 "energy_parts": state.energy_parts,
                 "pattern": cell.pattern.name,
-                "material": cell.material_name,
+                **yarn.summary,
             }
         )
         return

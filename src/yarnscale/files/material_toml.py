@@ -49,21 +49,31 @@ def read_material_file(path: str | os.PathLike[str]) -> YarnMaterial:
         line = re.search(r"at line (\d+)", str(error))
         number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
         raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None
+    return material_of_table(table, path, name=path.stem)
+
+
+def material_of_table(
+    table: dict[str, Any], path: str | os.PathLike[str], *, name: str = "yarn"
+) -> YarnMaterial:
+    """The material whose fields a table holds, as in a TOML file; ``name`` where the table has none.
+
+    path: of the file that errors name. Raises InputError for unknown, missing and wrong fields.
+    """
     _known(path, table, TOP_LEVEL, "")
-    for name in NUMBERS:
-        if name not in table:
-            raise InputError(f"{name} is missing", where=path, expected=", ".join(NUMBERS))
-        if isinstance(table[name], bool) or not isinstance(table[name], (int, float)):
+    for field in NUMBERS:
+        if field not in table:
+            raise InputError(f"{field} is missing", where=path, expected=", ".join(NUMBERS))
+        if isinstance(table[field], bool) or not isinstance(table[field], (int, float)):
             raise InputError(
-                f"{name} must be a number", where=path, expected="a number", found=repr(table[name])
+                f"{field} must be a number", where=path, expected="a number", found=repr(table[field])
             )
     contact = _table(path, table, "contact", CONTACT_FIELDS)
     stretch = _table(path, table, "stretch", STRETCH_FIELDS)
-    values = {name: table[name] for name in NUMBERS}
+    values = {field: table[field] for field in NUMBERS}
     try:
         return YarnMaterial(
             **values,
-            name=table.get("name", path.stem),
+            name=table.get("name", name),
             contact=ContactRule(**contact),
             stretch=StretchRule(**stretch),
         )
@@ -87,7 +97,9 @@ def write_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _table(path: Path, table: dict[str, Any], name: str, known: tuple[str, ...]) -> dict[str, Any]:
+def _table(
+    path: str | os.PathLike[str], table: dict[str, Any], name: str, known: tuple[str, ...]
+) -> dict[str, Any]:
     """The sub-table of this name, empty where there is none."""
     entry = table.get(name, {})
     if not isinstance(entry, dict):
@@ -96,7 +108,9 @@ def _table(path: Path, table: dict[str, Any], name: str, known: tuple[str, ...])
     return entry
 
 
-def _known(path: Path, table: dict[str, object], names: tuple[str, ...], prefix: str) -> None:
+def _known(
+    path: str | os.PathLike[str], table: dict[str, object], names: tuple[str, ...], prefix: str
+) -> None:
     for key in table:
         if key not in names:
             raise InputError(f"unknown field {prefix}{key}", where=path, expected=", ".join(names))

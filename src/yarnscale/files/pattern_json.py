@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,12 @@ import numpy as np
 
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
+from yarnscale.files.material_toml import material_of_table
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn.clearance import check_clearance
+from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials, materials_of
 
 FORMAT = "yarnscale-pattern"
 VERSION = 1
@@ -31,7 +35,7 @@ TABLES = {
     "reference_twist": 1,
 }
 """Field -> numbers per row; every table has one row per vertex."""
-OPTIONAL = ("yarn_material",)
+OPTIONAL = ("yarn_material", "materials")
 FIELDS = ("format", "version", "name", "units", "period", "radius", *TABLES)
 
 
@@ -56,8 +60,25 @@ def read_pattern_json(path: str | os.PathLike[str], *, check_crossings: bool = T
     return pattern
 
 
-def write_pattern_json(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
-    """Write a pattern in the native format with every digit, a row a line; whole or not at all."""
+def read_yarns(path: str | os.PathLike[str]) -> Materials | None:
+    """The yarn materials that a pattern file in the native format holds, None where it holds none.
+
+    Raises InputError as ``read_pattern_json``.
+    """
+    path = Path(path)
+    document = _parse(path, read_source(path))
+    if "materials" not in document:
+        return None
+    return _yarns(document["materials"], path, _assemble(document))
+
+
+def write_pattern_json(
+    pattern: YarnPattern, path: str | os.PathLike[str], *, yarns: Materials | None = None
+) -> None:
+    """Write a pattern in the native format with every digit, a row a line; whole or not at all.
+
+    yarns: the materials of its yarns, one for all or one for each number in ``yarn_material``.
+    """
     head: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -73,6 +94,11 @@ def write_pattern_json(pattern: YarnPattern, path: str | os.PathLike[str]) -> No
     if pattern.material_of_vertex.any():
         assert pattern.yarn_material is not None
         entries.append(f'  "yarn_material": {json.dumps(pattern.yarn_material.tolist())}')
+    if yarns is not None:
+        rows = ",\n".join(
+            "    " + json.dumps(asdict(m), ensure_ascii=False) for m in materials_of(pattern, yarns)
+        )
+        entries.append(f'  "materials": [\n{rows}\n  ]')
     write_text(path, "{\n" + ",\n".join(entries) + "\n}\n")
 
 
@@ -146,6 +172,14 @@ def _materials(value: object) -> np.ndarray | None:
     if not isinstance(value, list):
         raise InputError("yarn_material is no list", expected="an integer per yarn", found=_short(value))
     return np.array([_integer(x, f"yarn_material[{i}]") for i, x in enumerate(value)], dtype=np.int64)
+
+
+def _yarns(value: object, path: Path, pattern: YarnPattern) -> Materials:
+    """One material for all yarns, or one for each number."""
+    if not isinstance(value, list) or not value or not all(isinstance(entry, dict) for entry in value):
+        raise InputError("materials is no list", where=path, expected="yarn materials", found=_short(value))
+    found: list[YarnMaterial] = [material_of_table(entry, path) for entry in value]
+    return found[0] if len(found) == 1 else materials_of(pattern, found)
 
 
 def _table(value: object, field: str, rows: int, columns: int) -> np.ndarray:

@@ -7,16 +7,18 @@ import re
 from pathlib import Path
 
 from yarnscale.errors import InputError
+from yarnscale.files import pattern_json
 from yarnscale.files.chart import read_chart, read_stitches
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn import library
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials
 from yarnscale.yarn.stitches import StitchChart
 
 READERS = {".pyp": read_pyp, ".json": read_pattern_json, ".chart": read_chart}
-WRITERS = {".pyp": write_pyp, ".json": write_pattern_json}
+WRITERS = (".pyp", ".json")
 
 
 def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
@@ -39,6 +41,15 @@ def stitches_of(source: str | os.PathLike[str]) -> StitchChart | None:
         chart = library.structure(source).chart
         return StitchChart.read(chart) if chart else None
     return read_stitches(source) if _format(source) == ".chart" else None
+
+
+def read_yarns(source: str | os.PathLike[str]) -> Materials | None:
+    """The yarn materials that a pattern file holds; None where it has none, as all but ``.json`` files.
+
+    Raises InputError as ``read_pattern`` does.
+    """
+    drawn = isinstance(source, str) and source in library.names()
+    return pattern_json.read_yarns(source) if not drawn and _format(source) == ".json" else None
 
 
 def is_drawing(source: str | os.PathLike[str]) -> bool:
@@ -70,11 +81,19 @@ def _format(source: str | os.PathLike[str]) -> str:
     )
 
 
-def write_pattern(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
-    """Write a pattern in the format of the suffix, `.pyp` or `.json`; InputError for any other."""
+def write_pattern(
+    pattern: YarnPattern, path: str | os.PathLike[str], *, yarns: Materials | None = None
+) -> None:
+    """Write a pattern in the format of the suffix, `.pyp` or `.json`; InputError for any other.
+
+    yarns: the materials of its yarns, which a `.json` file keeps; a `.pyp` file has no place for them.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError(
             "unknown pattern format", where=path, expected=" or ".join(WRITERS), found=repr(suffix)
         )
-    WRITERS[suffix](pattern, path)
+    if suffix == ".pyp":
+        write_pyp(pattern, path)
+    else:
+        write_pattern_json(pattern, path, yarns=yarns)

@@ -202,6 +202,12 @@ class YarnPattern:
         assert self.yarn_material is not None
         return self.yarn_material[self.yarn_of_vertex]
 
+    @cached_property
+    def woven(self) -> bool:
+        """Whether yarns run in two directions, as warp and weft do; those of a knit run in one."""
+        steps = np.array([self.edges[chain, 2:].sum(axis=0) for chain in self.yarns])
+        return bool(np.linalg.matrix_rank(steps) == 2)
+
     # --- geometry -------------------------------------------------------------------------------------
 
     @property

@@ -1,0 +1,86 @@
+"""Which yarn a command works with: the one asked for, the one that comes with the pattern, or a stated default."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from yarnscale.files.material_toml import read_material
+from yarnscale.files.patterns import read_yarns
+from yarnscale.yarn import library
+from yarnscale.yarn.material import PRESETS, YarnMaterial
+from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials, materials_of
+
+KNIT_DEFAULT, WEAVE_DEFAULT = "hylc2020-stockinette", "hylc2020-basket"
+"""Yarns of patterns that say none, by their structure."""
+
+
+@dataclass(frozen=True)
+class YarnChoice:
+    """Yarn materials of a pattern, where they come from, and those that they take the place of.
+
+    is_default: whether nothing says that the fabric is made of them.
+    """
+
+    pattern: str
+    materials: Materials
+    origin: str
+    replaced: Materials | None = None
+    is_default: bool = False
+
+    @property
+    def summary(self) -> dict[str, str]:
+        """What JSON says of it."""
+        return {"material": names(self.materials), "material_from": self.origin}
+
+    def say(self) -> None:
+        """One line on the console."""
+        instead = "" if self.replaced is None else f", instead of {names(self.replaced)} that came with it"
+        text = f"yarn of {self.pattern}: {names(self.materials)} ({self.origin}){instead}"
+        print(text, file=sys.stderr, flush=True)
+
+
+def names(materials: Materials) -> str:
+    """Names of materials in one text."""
+    return " + ".join(m.name for m in _listed(materials))
+
+
+def same_yarns(one: Materials, other: Materials) -> bool:
+    """Whether materials are equal in all but their names."""
+    mine, others = _listed(one), _listed(other)
+    return len(mine) == len(others) and all(
+        {**vars(a), "name": ""} == {**vars(b), "name": ""} for a, b in zip(mine, others, strict=True)
+    )
+
+
+def yarn_for(
+    source: str | Path, pattern: YarnPattern, asked: list[str] | None, *, kept: Materials | None = None
+) -> YarnChoice:
+    """The yarn of a pattern that was read from a source.
+
+    asked: materials by name or file, one for all yarns or one for each number. kept: those that came with the pattern
+    in another way than its file. Names of files and patterns decide nothing: a file without a yarn has the default of
+    knits or of weaves. Raises InputError for materials that do not suit the pattern.
+    """
+    label = str(source)
+    own = kept if kept is not None else read_yarns(source)
+    if asked is not None:
+        given = [read_material(name) for name in asked]
+        chosen = given[0] if len(given) == 1 else materials_of(pattern, given)
+        differs = own is not None and not same_yarns(chosen, own)
+        return YarnChoice(label, chosen, "--material", own if differs else None)
+    if own is not None:
+        return YarnChoice(label, own, "of the file" if kept is None else "of the run")
+    if isinstance(source, str) and source in library.names():
+        preset = library.structure(source).material
+        return YarnChoice(
+            label, YarnMaterial.preset(preset), "default of this built-in pattern", is_default=True
+        )
+    name, kind = (WEAVE_DEFAULT, "weaves") if pattern.woven else (KNIT_DEFAULT, "knits")
+    return YarnChoice(label, PRESETS[name], f"default of {kind}; --material takes another", is_default=True)
+
+
+def _listed(materials: Materials) -> tuple[YarnMaterial, ...]:
+    return (materials,) if isinstance(materials, YarnMaterial) else tuple(materials)
