@@ -21,6 +21,14 @@ from yarnscale.yarn.stitches import StitchChart
 from yarnscale.yarn.swell import swollen
 
 CHARTS = [structure.chart for structure in library.STRUCTURES.values() if structure.chart]
+OTHER_CHARTS = [
+    ("kt", "kt", "kt", "kp"),
+    ("kf", "p-", "tk", "kb", "kk"),
+    ("kk", *["tk"] * 5),
+    ("k", *["t"] * 7),
+    ("k--p", "k-bt"),
+    ("k-k|-p-",),
+]
 WALE, COURSE = 8.0, 5.0
 
 
@@ -33,7 +41,7 @@ def schematic(chart: StitchChart, edge: float) -> YarnPattern:
     return pattern_from_curves(sampled, period, 1.0)
 
 
-@pytest.mark.parametrize("rows", [*CHARTS, ("kt", "kt", "kt", "kp"), ("kf", "p-", "tk", "kb", "kk")])
+@pytest.mark.parametrize("rows", [*CHARTS, *OTHER_CHARTS])
 def test_lines_cross_as_the_chart_says(
     rows: tuple[str, ...],
     crossing_words: Callable[[YarnPattern], list[str]],
@@ -41,8 +49,11 @@ def test_lines_cross_as_the_chart_says(
 ) -> None:
     """Also when sampled coarsely: no corner is cut off through another yarn."""
     chart = StitchChart.read(rows)
-    for word, expected in zip(crossing_words(schematic(chart, 0.5)), chart.words, strict=True):
+    lines = schematic(chart, 0.5 * min(1.0, 3.0 / max(1, chart.most_tucks)))
+    for word, expected in zip(crossing_words(lines), chart.words, strict=True):
         assert same_cycle(word, expected)
+    # One yarn above, one below: words that begin at another crossing would let two yarns meet.
+    assert closest_approach(lines).distance > 0.1
 
 
 @seed(7)
@@ -102,6 +113,9 @@ def test_swollen_loops_keep_their_crossings(
         (("kt", "kt", "kt", "kp"), (9.0, 6.0)),
         (("kf", "p-", "tk", "kb", "kk"), (9.0, 6.0)),
         (("kb", "kb", "kb", "kk"), (9.0, 5.0)),
+        (("tk", "tk", "tk", "tk", "kk"), (9.0, 5.0)),
+        (("k--k", "k-bk"), (9.0, 6.0)),
+        (("kk-|-pp",), (5.5, 4.5)),
         (("k-k|-p-", "-k-|p-p"), (5.5, 4.0)),
     ],
 )

@@ -79,7 +79,7 @@ def test_the_number_of_vertices_is_free(name: str, vertices_per_stitch: int) -> 
         (["kt", "kk"], {"wale_spacing": 3.0, "course_spacing": 2.0}, "overlap at this stitch size"),
         (["kk"], {"yarns": ["A", "B"]}, "yarns has the wrong length; expected 1 kinds of yarn; found 2"),
         (["kk"], {"yarns": ["ABC"]}, "yarns entry 1 is no kind of yarn; expected 1 to 2 letters"),
-        (["kkkb" * 8] * 33, {}, "never knitted"),
+        (["kkkt" * 8] * 33, {}, "never knitted"),
         (["kkkb" * 9, "kbkk" * 9] * 16, {}, "chart is too large; expected at most 1024 stitches"),
         (["k"], {"half_thickness": 0}, "half_thickness must be positive"),
     ],

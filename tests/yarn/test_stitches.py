@@ -39,6 +39,15 @@ def test_tucks_wait_with_the_held_loop() -> None:
     assert tuck == "OU" + "UO"
 
 
+def test_needles_out_of_work_hold_nothing() -> None:
+    """The yarn passes straight from wale to wale, in front of and behind nothing."""
+    chart = StitchChart.read(["k-p", "kbp"])
+    assert chart.empty == (False, True, False)
+    assert chart.words == [StitchChart.read("kp").words[0]] * 2
+    rib = StitchChart.read(["k-|-p"])
+    assert rib.empty == (False, True, True, False) and rib.words == StitchChart.read("kp").words
+
+
 def test_two_beds_alternate() -> None:
     chart = StitchChart.read(["k-|-p", "-k|p-"])
     assert chart.beds == 2
@@ -53,12 +62,13 @@ def test_two_beds_alternate() -> None:
     [
         (["kp", "kx"], r"chart row 2 column 2: unknown stitch; expected k, p, t, b, f, -; found 'x'", 1, 1),
         (["kp", "k"], r"chart row 2 has another length; expected 2 stitches as in row 1; found 1", 1, None),
-        (["kb", "kf"], r"chart row 1 column 2: the wale is never knitted; .* found 'bf'", 0, 1),
+        (["kb", "kt"], r"chart row 1 column 2: the wale is never knitted; .* found 'bt'", 0, 1),
+        (["-b", "bf"], r"chart row 1 column 1: no needle knits", 0, 0),
         (["kt", "kt"], r"chart row 1 column 2: the wale is never knitted", 0, 1),
-        (["kk", *["kt"] * 4], r"chart row 5 column 2: too many tucks on one loop; expected at most 3", 4, 1),
+        (["kk", *["kt"] * 9], r"chart row 10 column 2: too many tucks on one loop; expected at most 8", 9, 1),
         (["kk", *["kb"] * 12], r"chart row 1 column 2: the loop is held too long; .* found 13", 0, 1),
         (["kk|p-", "k-|-k", "kk|pq"], r"chart row 3 back needle 2: unknown stitch", 2, 3),
-        (["kk|p-", "kk|p-"], r"chart row 1 back needle 2: the wale is never knitted", 0, 3),
+        (["kk|p-", "kk|pt"], r"chart row 1 back needle 2: the wale is never knitted", 0, 3),
         (["kk|p"], r"chart row 1 has beds of different length", 0, None),
         (["kk|pp", "kk"], r"chart row 2 is for another number of needle beds", 1, None),
         (["k|p|k"], r"chart row 1 has too many needle beds", 0, None),

@@ -159,7 +159,7 @@ def _swollen_curves(
     if per_stitch is not None:
         counts = [vertex_count(curve.length(period), chart.wales, per_stitch, 1.0) for curve in curves]
     # Small against the distances of the schematic loops, so that sampling cuts no corner off through another yarn.
-    finest = float(min(0.06 * size[0], 0.1 * size[1]))
+    finest = float(min(0.06 * size[0], 0.1 * size[1])) * min(1.0, 3.0 / max(1, chart.most_tucks))
     curves = swollen(curves, period, tightness=tightness, counts=counts, finest=finest)
     return [PeriodicCurve(curve.points.round(DIGITS), curve.shift) for curve in curves]
 

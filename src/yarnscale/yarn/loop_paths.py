@@ -17,10 +17,10 @@ from scipy.interpolate import PchipInterpolator
 from yarnscale.errors import InputError
 from yarnscale.yarn.stitches import SIGNS, StitchChart
 
-LEG, TUCK_STEP = 0.365, 0.035
-"""Distance of a loop's legs from the wale's middle, and how much wider each tuck loop lies [wale spacings]."""
-HEAD, TUCK_RISE = 0.45, 0.11
-"""Height of heads over the base of the row that takes them up, and how much higher each tuck's is [rows]."""
+LEG, HEAD = 0.365, 0.45
+"""Distance of a loop's legs from the wale's middle [wale spacings]; height of heads over the row that takes them up."""
+TUCK_STEP, TUCK_RISE = 0.105, 0.33
+"""How much wider [wale spacings] and higher [rows] the outermost of three or more tuck loops lies."""
 NECK = 0.15
 STEP = 0.02
 """Distance of points along the plan [wale or course spacings]."""
@@ -44,6 +44,9 @@ def row_paths(chart: StitchChart) -> list[np.ndarray]:
             )
         heights = np.array([1.0 if letter == "O" else -1.0 for letter in words[row]])
         count = len(plan)
+        # Words begin at the sinker left of the first wale; cut corners let a line begin a little to its right.
+        late = at >= count - np.count_nonzero(plan[-count // 4 :, 0] >= chart.wales)
+        at = np.sort(np.where(late, at - count, at))
         knots = np.concatenate([at - count, at, at + count])
         z = PchipInterpolator(knots, np.tile(heights, 3))(np.arange(count)) if len(at) else np.zeros(count)
         paths.append(np.column_stack([plan, z]))
@@ -67,7 +70,8 @@ def _left_half(chart: StitchChart, row: int, column: int) -> list[tuple[float, f
         return [(-0.5, 0.0), (-0.25, 0.0), (0.0, 0.0)]
     end = chart.next_knit(row, column)
     held = chart.held(row + end, column)
-    order = held.index(end)
+    # Tucks share the room between the held loop and the next wale.
+    order = held.index(end) / max(3, len(held) - 1)
     leg = LEG + TUCK_STEP * order
     if symbol == "t":
         points = [(-0.5, 0.0), (-leg - 0.01, 0.05), (-leg, 0.15)]

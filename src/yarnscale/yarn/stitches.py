@@ -10,6 +10,8 @@ runs along x. Seen from the right side (+z):
     f  slip: the held loop waits, the yarn floats past in front of it
     -  miss: a slip whose float runs on the back of the held loop (behind a knit loop, in front of a purled one)
 
+A column of slips only is a needle out of work: no loop waits there, and the yarns pass straight on (a ladder).
+
 A row of a fabric of two needle beds is written ``front|back``, both beds with as many needles. Needle j of the
 front bed becomes column 2j, the needle of the back bed that faces it column 2j + 1; ``-`` floats then run
 between the beds. On the back bed the loops are drawn towards the back: write ``p``.
@@ -27,10 +29,11 @@ from yarnscale.errors import InputError
 from yarnscale.yarn.chart_error import ChartError
 
 SIGNS = {"k": 1, "p": -1}
-SYMBOLS = "kptbf-"
+SLIPS = "bf-"
+SYMBOLS = "kpt" + SLIPS
 LARGEST_CHART = 64
-MOST_TUCKS = 3
-"""Tuck loops that may wait on one held loop; needles break beyond about that."""
+MOST_TUCKS = 8
+"""Tuck loops that may wait on one held loop; more have no room on a needle."""
 MOST_HELD = 12
 """Rows that a loop may be held."""
 
@@ -86,7 +89,11 @@ class StitchChart:
                     expected = ", ".join(SYMBOLS)
                     raise self._error("unknown stitch", row, column, expected=expected, found=repr(symbol))
         for column in range(width):
-            self._check_wale(column)
+            if not self.empty[column]:
+                self._check_wale(column)
+        if all(self.empty):
+            expected = "k or p in at least one column"
+            raise self._error("no needle knits", 0, 0, expected=expected, found=repr(self.rows[0]))
 
     def _error(self, reason: str, row: int, column: int, *, expected: object, found: object) -> ChartError:
         written = column
@@ -115,6 +122,17 @@ class StitchChart:
         if self.beds == 1:
             return f"row {row + 1} column {column + 1}"
         return f"row {row + 1} {'back' if column % 2 else 'front'} needle {column // 2 + 1}"
+
+    @cached_property
+    def most_tucks(self) -> int:
+        """Largest number of tucks that wait on one loop."""
+        cells = [(row, column) for row in range(self.courses) for column in range(self.wales)]
+        return max(len(self.held(*cell)) - 1 for cell in cells if not self.empty[cell[1]])
+
+    @cached_property
+    def empty(self) -> tuple[bool, ...]:
+        """Whether a column's needle is out of work: slips only, so that no loop waits and yarns pass straight on."""
+        return tuple(all(row[column] in SLIPS for row in self.rows) for column in range(self.wales))
 
     def next_knit(self, row: int, column: int) -> int:
         """Rows until the wale is knitted again after `row`, 1 to the number of rows."""
@@ -158,7 +176,7 @@ class StitchChart:
         if symbol in SIGNS:
             count = len(self.held(row, column))
             signs = [-SIGNS[symbol]] * count + [SIGNS[symbol]] * count
-        elif symbol != "t":
+        elif symbol != "t" and not self.empty[column]:
             signs = [self.float_sign(row, column)] * len(self.held(row, column))
         if symbol in SIGNS or symbol == "t":
             end = self.next_knit(row, column)
