@@ -24,7 +24,7 @@ QUICK = [
     "--workers",
     "1",
 ]
-ERRORS = ("comfort_error", "power_error", "compression_error")
+ERRORS = ("comfort", "full", "compression")
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +49,13 @@ def test_estimates_reports_and_goes_on(
     arguments = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out), *QUICK]
     main([*arguments, "--json"])
     first = json.loads(capsys.readouterr().out)
-    assert {"parameters", *ERRORS, "bending_error", "shell_error", "solves", "seconds"} <= set(first)
+    assert {"error", "stages", "warnings", "parameters", "bending_error", "solves", "seconds"} <= set(first)
     assert set(first["parameters"]) == {"k_s1", "knee", "k_b", "R_1", "k_c1", "k_s2", "R_est"}
     assert first["bending_error"] is None
-    assert all(first[name] > 0 for name in ERRORS)
+    for errors in (first["error"], first["error"]["directions"]["weft"], first["stages"]["yarn"]):
+        assert all(errors[name] > 0 for name in ERRORS)
+    assert first["stages"]["yarn"]["follows"] == "measured"
+    assert first["error"]["largest"]["direction"] == "weft"
     assert "Parameters" in (out / "index.html").read_text()
     found = read_yarns(out / "pattern.json")
     assert isinstance(found, YarnMaterial)
@@ -69,7 +72,7 @@ def test_estimates_reports_and_goes_on(
     monkeypatch.setattr("yarnscale.show.estimate.write_estimate_report", lambda *_, **__: None)
     main([*arguments, "--json", "--resume"])
     second = json.loads(capsys.readouterr().out)
-    for name in (*ERRORS, "parameters", "solves", "evaluations"):
+    for name in ("error", "parameters", "solves", "evaluations"):
         assert second[name] == first[name]
     assert {path for path in (out / "evaluations").glob("*.json")} == set(kept)
 

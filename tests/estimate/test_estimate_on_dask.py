@@ -52,7 +52,7 @@ def test_a_cluster_finds_the_same_yarn(
     for name, where in (("there", ["--dask", cluster]), ("here", ["--workers", "1"])):
         main([*command, "--out", str(tmp_path / name), *where])
         found.append(json.loads(capsys.readouterr().out))
-    for name in ("parameters", "comfort_error", "solves", "evaluations"):
+    for name in ("parameters", "error", "solves", "evaluations"):
         assert found[0][name] == found[1][name]
     kept = [sorted(os.listdir(tmp_path / name / "evaluations")) for name in ("there", "here")]
     assert kept[0] == kept[1] and len(kept[0]) >= 8

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective
+from yarnscale.estimate.uniform_data import UniformErrors
 from yarnscale.estimate.yarn_estimate import (
     UNKNOWN_STIFFNESS,
     FabricEstimate,
@@ -129,12 +131,46 @@ def _report(folder: Path, found: FabricEstimate, *, as_json: bool) -> None:
     print(f"yarn of {found.measurements.name}, {fit.evaluations} tried with {fit.solves} equilibria:")
     for name, value in zip(fit.model.names, fit.values, strict=True):
         print(f"  {name:<12}{value:.4g}{'   at the end of its range' if name in fit.at_bounds else ''}")
-    for name in ("comfort_error", "power_error", "compression_error", "bending_error", "shell_error"):
-        value = summary[name]
+    failed = found.fit.evaluation.failed
+    print(
+        f"error against the measurement{f', without {failed} states that are not at rest' if failed else ''}:"
+    )
+    _errors("all directions", found.error)
+    for direction, errors in found.error.directions.items():
+        _errors(f"{direction.value} alone", errors)
+    if (largest := found.largest_deviation) is not None:
+        direction, stretch, own, measured = largest
         print(
-            f"  {name.replace('_', ' '):<18}{'not measured' if value is None else f'{100 * float(str(value)):.1f} %'}"
+            f"  largest in the comfort range: {direction.value}, stretched by {100 * stretch:.0f} %: "
+            f"{own:.3g} N/m, measured {measured:.3g} N/m"
         )
+    if found.held_out_error is not None:
+        _errors("held out", found.held_out_error)
+    print("each stage by itself:")
+    _errors("shell against the measurement", found.shell_error)
+    _errors(f"yarn against the {'shell' if found.follow == 'shell' else 'measurement'}", found.yarn_error)
+    for direction, error in found.bending.items():
+        print(f"bending along {direction.value}: off by {100 * error:.0f} %")
+    for warning in found.warnings:
+        _say(f"warning: {warning}")
     print(f"{folder / 'index.html'}: the report")
+
+
+def _errors(name: str, errors: UniformErrors) -> None:
+    """A line of errors."""
+    values = (
+        ("comfort range", errors.comfort),
+        ("full range", errors.full),
+        ("contraction", errors.compression),
+    )
+    said = ", ".join(f"{what} {_percent(value)}" for what, value in values)
+    print(f"  {name}: {said}")
+
+
+def _percent(value: float | None) -> str:
+    if value is None:
+        return "not measured"
+    return f"{100 * value:.1f} %" if math.isfinite(value) else "unknown"
 
 
 def _say(said: str) -> None:

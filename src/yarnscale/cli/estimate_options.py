@@ -11,7 +11,7 @@ from yarnscale.cli.values import not_negative, positive, positive_integer
 
 SOLVERS = ("sobol", "local", "paper")
 DIRECTIONS = ("weft", "bias", "warp")
-FOLLOW = ("shell", "measured")
+FOLLOW = ("measured", "shell")
 SHAPES = ("free", "drawn")
 
 
@@ -59,8 +59,9 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     command.add_argument("--seed", type=int, default=0, help="of the search (0)")
     command.add_argument(
-        "--follow", choices=FOLLOW, default="shell",
-        help="stress that the yarn follows: of the fitted shell, or as measured, without the clamps (shell)",
+        "--follow", choices=FOLLOW, default="measured",
+        help="what the yarn is fitted to: the measured curves without the effect of the clamps, or the fitted shell "
+        "(measured)",
     )  # fmt: skip
     command.add_argument(
         "--shape", choices=SHAPES,

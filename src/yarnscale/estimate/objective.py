@@ -8,6 +8,7 @@ Bending, which EST22 leaves out, may be added: logarithms of the ratios of the s
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,10 +98,7 @@ class YarnObjective:
         solves += int(rested.relaxed and len(bending) > 0)
         pairs = zip(self.data.curves, curves, strict=True)
         residuals = np.concatenate([*(self._residuals(*pair) for pair in pairs), self._bent(bending)])
-        errors = self.data.errors(
-            [np.where(c.converged, c.stress, np.nan) for c in curves],
-            [np.where(c.converged, c.contraction, np.nan) for c in curves],
-        )
+        errors = errors_of(curves, self.data)
         return Evaluation(
             unknowns, residuals, tuple(curves), rested, errors, solves, time.process_time() - began, bending
         )
@@ -160,6 +158,14 @@ class YarnObjective:
     @property
     def _samples(self) -> int:
         return sum(len(curve.stretch) for curve in self.data.curves)
+
+
+def errors_of(curves: Sequence[YarnCurve], data: UniformData) -> UniformErrors:
+    """Errors of a yarn's curves against data at the same stretches, without states that are not at rest."""
+    return data.errors(
+        [np.where(curve.converged, curve.stress, np.nan) for curve in curves],
+        [np.where(curve.converged, curve.contraction, np.nan) for curve in curves],
+    )
 
 
 def _none(target: UniformCurve) -> YarnCurve:

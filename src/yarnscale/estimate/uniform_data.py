@@ -11,7 +11,7 @@ Stress is the first Piola–Kirchhoff stress σ along the stretch [N/m]; errors 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,11 +87,29 @@ class UniformErrors:
     """Mean errors over the largest target of the comfort range (EST22 §7.3.1, Fig. 15), as fractions.
 
     comfort, full: of σ/(1 + s) in the comfort range and in all of it. compression: of c; None where not measured.
+    directions: the same of every direction by itself, over the same largest targets; empty within.
     """
 
     comfort: float
     full: float
     compression: float | None
+    directions: dict[Direction, UniformErrors] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, object]:
+        """Numbers by name; None where no state is at rest."""
+        values: dict[str, object] = {
+            name: value if value is not None and np.isfinite(value) else None
+            for name, value in (
+                ("comfort", self.comfort),
+                ("full", self.full),
+                ("compression", self.compression),
+            )
+        }
+        if self.directions:
+            values["directions"] = {
+                along.value: errors.summary() for along, errors in self.directions.items()
+            }
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,19 +143,19 @@ class UniformData:
         return UniformData(self.name, chosen, bending)
 
     def errors(self, stresses: Sequence[Array], contractions: Sequence[Array]) -> UniformErrors:
-        """Errors of another model's first Piola–Kirchhoff stress [N/m] and contraction at the same stretches."""
-        full, comfort, compression = [], [], []
+        """Errors of another model's first Piola–Kirchhoff stress [N/m] and contraction at the same stretches.
+
+        Values that are not finite, of states that are not at rest, are left out.
+        """
+        parts = []
         for curve, stress, contraction in zip(self.curves, stresses, contractions, strict=True):
             difference = np.abs(stress / (1.0 + curve.stretch) - curve.second_stress) / self.stress_scale
-            full.append(difference)
-            comfort.append(difference[curve.comfort])
-            if curve.contraction_measured:
-                compression.append(np.abs(contraction - curve.contraction) / self.contraction_scale)
-        return UniformErrors(
-            float(np.concatenate(comfort).mean()),
-            float(np.concatenate(full).mean()),
-            float(np.concatenate(compression).mean()) if compression else None,
-        )
+            across = np.abs(contraction - curve.contraction) / self.contraction_scale
+            across = across if curve.contraction_measured else np.empty(0)
+            parts.append((difference[curve.comfort], difference, across))
+        directions = {curve.direction: _means(*part) for curve, part in zip(self.curves, parts, strict=True)}
+        together = _means(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        return replace(together, directions=directions)
 
 
 def uniform_data(
@@ -209,6 +227,14 @@ def _in_order(fit: ShellFit, measurements: SwatchMeasurements) -> list[FittedCur
 def _range(test: StretchTest, comfort_load: float) -> tuple[float, float]:
     """Largest stretch up to the power load, and that of the comfort range."""
     return float(test.curve.up_to(POWER_LOAD).stretch[-1]), test.curve.stretch_at(comfort_load)
+
+
+def _means(comfort: Array, full: Array, compression: Array) -> UniformErrors:
+    def mean(values: Array) -> float:
+        known = values[np.isfinite(values)]
+        return float(known.mean()) if len(known) else float("nan")
+
+    return UniformErrors(mean(comfort), mean(full), mean(compression) if len(compression) else None)
 
 
 def _decay(values: Array, stretch: Array, comfort_stretch: float) -> Array:

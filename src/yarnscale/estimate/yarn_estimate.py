@@ -14,8 +14,8 @@ from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
 from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
-from yarnscale.estimate.objective import ErrorWeights, Evaluation, YarnObjective
-from yarnscale.estimate.uniform_data import UniformBend, UniformData
+from yarnscale.estimate.objective import ErrorWeights, Evaluation, YarnObjective, errors_of
+from yarnscale.estimate.uniform_data import UniformBend, UniformData, UniformErrors
 from yarnscale.estimate.yarn_bending import bending_stiffness
 from yarnscale.estimate.yarn_fit import FitOptions, YarnFit, fit_yarn
 from yarnscale.estimate.yarn_model import YarnModel
@@ -28,32 +28,120 @@ UNKNOWN_STIFFNESS = 60.0
 Fabrics stretch by their loops' bending and sliding long before such a yarn gives, so that little depends on it."""
 
 
+_OFF = 0.1
+"""Error of the shell from which it is worth a warning, and effect of clamps that must not rest on such a shell."""
+
+Follow = Literal["measured", "shell"]
+
+
 @dataclass(frozen=True, eq=False)
 class FabricEstimate:
-    """The estimated yarn of a fabric.
+    """The estimated yarn of a fabric, and how far it is from the measurement.
 
-    shell: fitted to the directions that the yarn was fitted to. held_out: data of the others, and what the yarn does
-    there; None where there are none. bending: errors of the bending stiffness by direction, as fractions.
+    follow: what the yarn was fitted to. shell: fitted to the directions that the yarn was fitted to. measured: the
+    measured curves of these directions without the effect of the clamps, which the errors refer to. held_out: the
+    measured curves of the other directions, likewise, and what the yarn does there; None where there are none.
+    bending: errors of the bending stiffness by direction, as fractions.
     """
 
     measurements: SwatchMeasurements
+    follow: Follow
     shell: FabricShell
     fit: YarnFit
+    measured: UniformData
     held_out: UniformData | None
     prediction: Evaluation | None
     bending: dict[Direction, float]
 
+    @property
+    def error(self) -> UniformErrors:
+        """Of the yarn against the measurement: what the estimate is worth."""
+        return errors_of(self.fit.evaluation.curves, self.measured)
+
+    @property
+    def shell_error(self) -> UniformErrors:
+        """Of the fitted shell against the measurement, both in uniform stretch."""
+        curves = self.shell.uniform_data(follow="shell").curves
+        return self.measured.errors([c.stress for c in curves], [c.contraction for c in curves])
+
+    @property
+    def yarn_error(self) -> UniformErrors:
+        """Of the yarn against what it was fitted to: the shell, or the measurement."""
+        return self.fit.evaluation.errors
+
+    @property
+    def held_out_error(self) -> UniformErrors | None:
+        """Of the yarn against the measurement in the directions that it was not fitted to."""
+        if self.prediction is None or self.held_out is None:
+            return None
+        return errors_of(self.prediction.curves, self.held_out)
+
+    @property
+    def largest_deviation(self) -> tuple[Direction, float, float, float] | None:
+        """Direction, stretch, stress of the yarn and measured stress [N/m] where they differ most in the comfort range.
+
+        None where no state is at rest.
+        """
+        found = [
+            (abs(own - target), curve.direction, stretch, own, target)
+            for curve, yarn in zip(self.measured.curves, self.fit.evaluation.curves, strict=True)
+            for stretch, own, target, used in zip(
+                curve.stretch.tolist(), yarn.stress.tolist(), curve.stress.tolist(),
+                (curve.comfort & yarn.converged).tolist(), strict=True,
+            )
+            if used
+        ]  # fmt: skip
+        return max(found, key=lambda entry: entry[0])[1:] if found else None
+
+    @property
+    def clamp_effect(self) -> float:
+        """Largest effect of the clamps by the shell, as a share of the measured force of the comfort range."""
+        tests = {test.direction: test.curve for test in self.measurements.stretch}
+        shares = [
+            np.abs(curve.stress / tests[curve.direction].load_at(curve.stretch) - 1.0)[curve.comfort].max()
+            for curve in self.measured.curves
+        ]
+        return float(max(shares))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on results that are not to be trusted."""
+        shell, yarn = self.shell_error.comfort, self.yarn_error.comfort
+        found = []
+        if self.follow == "shell" and shell > _OFF and shell > yarn:
+            found.append(
+                f"the shell is {100 * shell:.0f} % off the measurement in the comfort range, the yarn only "
+                f"{100 * yarn:.0f} % off the shell: what the yarn misses is the shell's error; try --follow measured"
+            )
+        if self.follow == "measured" and shell > _OFF and self.clamp_effect > _OFF:
+            found.append(
+                f"clamps change the force by up to {100 * self.clamp_effect:.0f} %, as a shell says that is itself "
+                f"{100 * shell:.0f} % off the measurement in the comfort range: longer swatches depend less on clamps"
+            )
+        return tuple(found)
+
     def summary(self) -> dict[str, object]:
         """The numbers that the command prints."""
-        errors, fit = self.fit.evaluation.errors, self.fit
+        fit, largest = self.fit, self.largest_deviation
+        names = ("direction", "stretch", "stress", "measured_stress")
+        error = self.error.summary()
+        error["largest"] = largest and dict(zip(names, (largest[0].value, *largest[1:]), strict=True))
         found: dict[str, object] = {
+            "error": error,
+            "stages": {
+                "shell": self.shell_error.summary()
+                | {
+                    "swatch_load": self.shell.membrane.load_error,
+                    "swatch_contraction": self.shell.membrane.contraction_error,
+                    "clamp_effect": self.clamp_effect,
+                },
+                "yarn": {"follows": self.follow, **self.yarn_error.summary()},
+            },
+            "warnings": [*self.warnings],
+            "notes": [*self.measurements.notes],
             "parameters": dict(zip(fit.model.names, fit.values.tolist(), strict=True))
             | {"k_s2": fit.model.stiffness, "R_est": fit.model.pattern.radius},
-            "comfort_error": errors.comfort,
-            "power_error": errors.full,
-            "compression_error": errors.compression,
             "bending_error": float(np.mean(list(self.bending.values()))) if self.bending else None,
-            "shell_error": self.shell.membrane.load_error,
             "solves": fit.solves,
             "seconds": fit.seconds + self.shell.membrane.seconds,
             "evaluations": fit.evaluations,
@@ -62,14 +150,8 @@ class FabricEstimate:
             "at_bounds": list(fit.at_bounds),
             "period": fit.evaluation.rested.cell.pattern.period.tolist(),
         }
-        if self.prediction is not None and self.held_out is not None:
-            ahead = self.prediction.errors
-            found["held_out"] = {
-                "directions": [curve.direction.value for curve in self.held_out.curves],
-                "comfort_error": ahead.comfort,
-                "power_error": ahead.full,
-                "compression_error": ahead.compression,
-            }
+        if (ahead := self.held_out_error) is not None:
+            found["held_out"] = ahead.summary()
         return found
 
 
@@ -79,7 +161,7 @@ def estimate_yarn(
     *,
     directions: Sequence[Direction] | None = None,
     holdout: Direction | None = None,
-    follow: Literal["shell", "measured"] = "shell",
+    follow: Follow = "measured",
     options: FitOptions | None = None,
     rule: RestRule | None = None,
     weights: ErrorWeights | None = None,
@@ -100,12 +182,14 @@ def estimate_yarn(
     fit = fit_yarn(
         model, data, options=options, rule=rule, weights=weights, executor=executor, store=store, told=told
     )
+    measured = shell.uniform_data(follow="measured")
     held_out, prediction = None, None
     if holdout is not None:
-        held_out = fit_shell(measurements).uniform_data(follow=follow).only(holdout)
+        held_out = fit_shell(measurements).uniform_data(follow="measured").only(holdout)
         unknowns = fit.evaluation.unknowns
         prediction = evaluate(YarnObjective(model, held_out, rule or RestRule()), unknowns, None)
-    return FabricEstimate(measurements, shell, fit, held_out, prediction, _bending(fit, data.bending))
+    bending = _bending(fit, data.bending)
+    return FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, bending)
 
 
 def fitted_directions(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import Equilibrium, PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
-from yarnscale.estimate.uniform_data import UniformCurve
+from yarnscale.estimate.uniform_data import UniformCurve, UniformErrors
 from yarnscale.estimate.yarn_estimate import FabricEstimate
 from yarnscale.estimate.yarn_model import UNITS
 from yarnscale.estimate.yarn_states import YarnCurve
@@ -67,16 +67,19 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
     ]
     if pictures:
         sections.append(Section("The fabric", _shape(estimate), (), _cells(folder, estimate)))
+    error = estimate.error
     facts: dict[str, Cell] = {
-        "comfort error": _percent(fit.evaluation.errors.comfort),
-        "full range": _percent(fit.evaluation.errors.full),
-        "compression error": _percent(fit.evaluation.errors.compression),
-        "shell error": _percent(estimate.shell.membrane.load_error),
+        "error against the measurement, comfort range": _percent(error.comfort),
+        "full range": _percent(error.full),
+        "contraction": _percent(error.compression),
+        "shell alone, comfort range": _percent(estimate.shell_error.comfort),
+        f"yarn against {_followed(estimate)}": _percent(estimate.yarn_error.comfort),
         "equilibria": fit.solves,
         "seconds": round(float(str(summary["seconds"]))),
     }
     path = folder / "index.html"
-    write_report(path, f"Yarn of {estimate.measurements.name}", sections, facts=facts)
+    said = " ".join(f"Warning: {warning}." for warning in estimate.warnings)
+    write_report(path, f"Yarn of {estimate.measurements.name}", sections, summary=said, facts=facts)
     return path
 
 
@@ -86,12 +89,14 @@ def write_summary_report(path: Path, estimates: Sequence[FabricEstimate]) -> Non
         raise InputError("summary of estimates", expected="one or more fabrics", found="none")
     errors: list[list[Cell]] = []
     for estimate in estimates:
-        found = estimate.fit.evaluation.errors
-        row: list[Cell] = [estimate.measurements.name, _percent(estimate.shell.membrane.load_error)]
+        found, ahead = estimate.error, estimate.held_out_error
+        row: list[Cell] = [estimate.measurements.name]
         row += [_percent(value) for value in (found.comfort, found.full, found.compression)]
-        ahead = None if estimate.prediction is None else estimate.prediction.errors.comfort
-        errors.append([*row, _percent(ahead), estimate.fit.solves, round(estimate.fit.cpu_seconds)])
-    columns = ["fabric", "shell", "comfort", "full", "compression", "held out", "equilibria", "CPU seconds"]
+        row += [_percent(None if ahead is None else ahead.comfort)]
+        row += [_percent(estimate.shell_error.comfort), _percent(estimate.yarn_error.comfort)]
+        errors.append([*row, estimate.fit.solves, round(estimate.fit.cpu_seconds)])
+    columns = ["fabric", "comfort", "full", "contraction", "held out", "shell alone", "yarn alone"]
+    columns += ["equilibria", "CPU seconds"]
     names = list(dict.fromkeys(name for estimate in estimates for name in estimate.fit.model.names))
     values: list[list[Cell]] = []
     for estimate in estimates:
@@ -99,7 +104,7 @@ def write_summary_report(path: Path, estimates: Sequence[FabricEstimate]) -> Non
         values.append([estimate.measurements.name, *(own.get(name) for name in names)])
     labels = ["fabric", *(f"{name} [{UNITS[name]}]" if name in UNITS else name for name in names)]
     sections = [
-        Section("Errors", (), [Table(columns, errors)]),
+        Section("Errors against the measurement", (), [Table(columns, errors)]),
         Section("Parameters", (), [Table(labels, values)]),
     ]
     write_report(path, "Estimated yarns", sections, facts={"fabrics": len(estimates)})
@@ -107,27 +112,28 @@ def write_summary_report(path: Path, estimates: Sequence[FabricEstimate]) -> Non
 
 def curves_plot(path: Path, estimate: FabricEstimate) -> None:
     """Load and contraction over stretch, a column for each direction, those held out last."""
-    panels: list[tuple[UniformCurve, YarnCurve, bool]] = [
-        (target, curve, False)
-        for target, curve in zip(estimate.fit.data.curves, estimate.fit.evaluation.curves, strict=True)
-    ]
+    shells = estimate.shell.uniform_data(follow="shell").curves
+    triples = zip(estimate.measured.curves, shells, estimate.fit.evaluation.curves, strict=True)
+    panels: list[tuple[UniformCurve, UniformCurve | None, YarnCurve]] = list(triples)
     if estimate.held_out is not None and estimate.prediction is not None:
         pairs = zip(estimate.held_out.curves, estimate.prediction.curves, strict=True)
-        panels += [(target, curve, True) for target, curve in pairs]
+        panels += [(target, None, curve) for target, curve in pairs]
     tests = {test.direction: test for test in estimate.measurements.stretch}
     with written_figure(path, max(7.0, 4.2 * len(panels)), 6.0, title="") as figure:
         grid = figure.subplots(2, len(panels), squeeze=False, sharex="col")
-        for k, (target, curve, held) in enumerate(panels):
-            _stress_panel(grid[0, k], tests[target.direction], target, curve)
-            _contraction_panel(grid[1, k], tests[target.direction], target, curve)
-            grid[0, k].set_title(f"{target.direction.value}{', held out' if held else ''}")
+        for k, (target, shell, curve) in enumerate(panels):
+            _stress_panel(grid[0, k], tests[target.direction], target, shell, curve)
+            _contraction_panel(grid[1, k], tests[target.direction], target, shell, curve)
+            grid[0, k].set_title(f"{target.direction.value}{', held out' if shell is None else ''}")
         grid[0, 0].set_ylabel("force over width [N/m]")
         grid[1, 0].set_ylabel("contraction across [%]")
         handles, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
 
 
-def _stress_panel(axes: Axes, test: StretchTest, target: UniformCurve, curve: YarnCurve) -> None:
+def _stress_panel(
+    axes: Axes, test: StretchTest, target: UniformCurve, shell: UniformCurve | None, curve: YarnCurve
+) -> None:
     measured = test.curve.up_to(POWER_LOAD)
     axes.axhspan(0, COMFORT_LOAD, color=theme.YARNS[3], alpha=0.10, linewidth=0, label="comfort range")
     axes.axhspan(COMFORT_LOAD, POWER_LOAD, color=theme.YARNS[2], alpha=0.10, linewidth=0, label="power range")
@@ -138,14 +144,22 @@ def _stress_panel(axes: Axes, test: StretchTest, target: UniformCurve, curve: Ya
         100 * measured.stretch, measured.load, color=_MEASURED, linewidth=1.2, label="swatches, measured"
     )
     axes.plot(
-        *_from_rest(target.stretch, target.stress), color=_SHELL, linestyle="--", label="shell, uniform"
+        *_from_rest(target.stretch, target.stress),
+        color=_MEASURED,
+        linestyle=":",
+        label="measured, without clamps",
     )
+    if shell is not None:
+        line = _from_rest(shell.stretch, shell.stress)
+        axes.plot(*line, color=_SHELL, linestyle="--", label="shell, without clamps")
     _yarn_line(axes, target, curve, curve.stress, 1.0)
     axes.set_ylim(0, 1.15 * POWER_LOAD)
     axes.set_xlim(left=0)
 
 
-def _contraction_panel(axes: Axes, test: StretchTest, target: UniformCurve, curve: YarnCurve) -> None:
+def _contraction_panel(
+    axes: Axes, test: StretchTest, target: UniformCurve, shell: UniformCurve | None, curve: YarnCurve
+) -> None:
     measured = test.curve.up_to(POWER_LOAD)
     if measured.contraction is not None and measured.contraction_spread is not None:
         low, high = (measured.contraction + sign * measured.contraction_spread for sign in (-1, 1))
@@ -153,7 +167,9 @@ def _contraction_panel(axes: Axes, test: StretchTest, target: UniformCurve, curv
             100 * measured.stretch, 100 * low, 100 * high, color=theme.MUTED, alpha=0.35, linewidth=0
         )
         axes.plot(100 * measured.stretch, 100 * measured.contraction, color=_MEASURED, linewidth=1.2)
-    axes.plot(*_from_rest(target.stretch, 100 * target.contraction), color=_SHELL, linestyle="--")
+        axes.plot(*_from_rest(target.stretch, 100 * target.contraction), color=_MEASURED, linestyle=":")
+    if shell is not None:
+        axes.plot(*_from_rest(shell.stretch, 100 * shell.contraction), color=_SHELL, linestyle="--")
     _yarn_line(axes, target, curve, curve.contraction, 100.0)
     axes.axvspan(0, 100 * target.comfort_stretch, color=theme.YARNS[3], alpha=0.10, linewidth=0)
     axes.axvspan(
@@ -191,30 +207,30 @@ def spread_plot(path: Path, estimate: FabricEstimate) -> None:
         figure.colorbar(image, ax=right, label="share of the unknown")
 
 
+def _followed(estimate: FabricEstimate) -> str:
+    """What the yarn was fitted to."""
+    return "the measurement" if estimate.follow == "measured" else "the shell"
+
+
 def _errors(estimate: FabricEstimate) -> Table:
-    rows: list[list[Cell]] = []
-    evaluations = [("fitted", estimate.fit.evaluation)]
-    if estimate.prediction is not None:
-        evaluations.append(("held out, predicted", estimate.prediction))
-    for name, evaluation in evaluations:
-        found = evaluation.errors
-        rows.append(
-            [
-                name,
-                _percent(found.comfort),
-                _percent(found.full),
-                _percent(found.compression),
-                evaluation.failed,
-            ]
-        )
-    columns = [
-        "directions",
-        "stress, comfort range",
-        "stress, full range",
-        "compression",
-        "states not at rest",
+    error, fit = estimate.error, estimate.fit.evaluation
+    found: list[tuple[str, UniformErrors, int | None]] = [
+        ("yarn against the measurement", error, fit.failed),
+        *((f"{along.value} alone", errors, None) for along, errors in error.directions.items()),
     ]
-    return Table(columns, rows, "Mean errors over the largest target of the comfort range (EST22 §8)")
+    if (ahead := estimate.held_out_error) is not None and estimate.prediction is not None:
+        found.append(("held out, predicted", ahead, estimate.prediction.failed))
+    found.append(("stage 1: shell against the measurement", estimate.shell_error, None))
+    found.append((f"stage 2: yarn against {_followed(estimate)}", estimate.yarn_error, None))
+    rows: list[list[Cell]] = [
+        [name, *map(_percent, (errors.comfort, errors.full, errors.compression)), failed]
+        for name, errors, failed in found
+    ]
+    columns = ["errors", "stress, comfort range", "stress, full range", "contraction", "states not at rest"]
+    caption = (
+        "Mean errors of σ/(1 + s) and of the contraction over the largest measured value of the comfort range"
+    )
+    return Table(columns, rows, caption)
 
 
 def _parameters(estimate: FabricEstimate) -> Table:
@@ -235,8 +251,16 @@ def _words(estimate: FabricEstimate) -> list[str]:
         f"Solver {fit.options.solver}, {fit.evaluations} yarns tried, {fit.solves} equilibria, "
         f"{fit.cpu_seconds:.0f} s of all processes."
     )
+    if (largest := estimate.largest_deviation) is not None:
+        along, stretch, own, measured = largest
+        text.append(
+            f"Largest deviation in the comfort range: {along.value} at a stretch of {100 * stretch:.0f} %, where the "
+            f"yarn has {own:.3g} N/m and the fabric {measured:.3g} N/m."
+        )
     if fit.evaluation.failed:
-        text.append(f"{fit.evaluation.failed} states did not come to rest; curves end there.")
+        text.append(
+            f"{fit.evaluation.failed} states are not at rest; they are left out of curves and errors."
+        )
     if fit.at_bounds:
         text.append("At the ends of their ranges: " + ", ".join(fit.at_bounds) + ".")
     for direction, error in estimate.bending.items():
@@ -297,4 +321,4 @@ def _drawn_radius(cell: PeriodicCell, states: Sequence[Equilibrium | None]) -> f
 
 
 def _percent(value: float | None) -> str | None:
-    return None if value is None or not np.isfinite(value) else f"{100 * value:.1f} %"
+    return None if value is None or not np.isfinite(value) else f"{100 * value:.1f}\N{NO-BREAK SPACE}%"
