@@ -15,7 +15,7 @@ from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.dynamics.simulate import SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.scene import Scene, drape, stretch
-from yarnscale.shell.state import ClothState, Earlier
+from yarnscale.shell.state import ClothState, Earlier, Slips
 
 MATERIAL = replace(
     JERSEY, stretch_coupling=5.0, area=0.0, log_area=0.0, bend_weft=2e-5, bend_bias=1e-5, bend_warp=2e-5
@@ -30,7 +30,8 @@ def checkpoint(frames: int = 2, status: Status | None = None) -> Checkpoint:
     rng = np.random.default_rng(3)
     earlier = Earlier(rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), 0.02)
     places = [rng.normal(size=shape) for shape in ((9, 3), (9, 3), (4, 3), (5, 3))]
-    state = ClothState(places[0], places[1], 0.3, places[2], earlier, places[3])
+    slips = Slips(rng.integers(-1, 9, (6, 5)), rng.normal(size=(6, 3)))
+    state = ClothState(places[0], places[1], 0.3, places[2], earlier, places[3], slips)
     return Checkpoint(state, 0.1, frames, 0.4, True, 7, 31, 2, 0.025, 3, 0.5, status)
 
 
@@ -50,8 +51,11 @@ def test_a_checkpoint_comes_back(tmp_path, status) -> None:
         np.testing.assert_array_equal(
             getattr(read.state.before, field.name), getattr(written.state.before, field.name)
         )
+    assert read.state.slips is not None and written.state.slips is not None
+    np.testing.assert_array_equal(read.state.slips.between, written.state.slips.between)
+    np.testing.assert_array_equal(read.state.slips.amounts, written.state.slips.amounts)
     for field in fields(ClothState):
-        if field.name == "before":
+        if field.name in ("before", "slips"):
             continue
         np.testing.assert_array_equal(getattr(read.state, field.name), getattr(written.state, field.name))
 

@@ -18,11 +18,11 @@ from yarnscale.files.fingerprint import fingerprint
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.scenes.scene import Scene
-from yarnscale.shell.state import ClothState, Earlier
+from yarnscale.shell.state import ClothState, Earlier, Slips
 from yarnscale.unfulfilled import Unfulfilled, plain
 
 NAME = "checkpoint.npz"
-_INNER = {"state": ClothState, "before": Earlier}
+_INNER = {"state": ClothState, "before": Earlier, "slips": Slips}
 """Fields that are dataclasses themselves."""
 INTERVAL = 5.0
 """Seconds between two checkpoints with no frame between them."""
@@ -81,12 +81,12 @@ def scene_fingerprint(scene: Scene) -> str:
     return fingerprint(scene.cloth, scene.start, scene.schedule, scene.options)
 
 
-def _flat(value: Checkpoint | ClothState | Earlier, prefix: str) -> dict[str, NDArray]:
+def _flat(value: Checkpoint | ClothState | Earlier | Slips, prefix: str) -> dict[str, NDArray]:
     """Fields by name, those of an inner dataclass with its name and a dot before them; None is left out."""
     found: dict[str, NDArray] = {}
     for field in dataclasses.fields(value):
         content, name = getattr(value, field.name), prefix + field.name
-        if isinstance(content, (ClothState, Earlier)):
+        if isinstance(content, (ClothState, Earlier, Slips)):
             found |= _flat(content, f"{name}.")
         elif isinstance(content, Status):
             found[name] = np.array(content.name)

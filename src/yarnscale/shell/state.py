@@ -23,13 +23,26 @@ class Earlier:
 
 
 @dataclass(frozen=True, eq=False)
+class Slips:
+    """Slip that friction has taken up at every contact.
+
+    between: (n, 5), the part of ``ClothContact`` and kind of pair, and the vertices, or the one vertex or triangle,
+    that touch; amounts: slips in units of the one from which friction is full, (n, 3), none longer than 1.
+    """
+
+    between: NDArray[np.int64]
+    amounts: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class ClothState:
     """Positions and velocities of a mesh at a time.
 
     positions: [m], velocities: [m/s], both (nv, 3); time: [s]. fold_angles: reference angles of the elastic
     energy [rad], needed only to go on from cloth folded by more than π (None: taken from the positions). before: the
     state one step earlier, for integrators that look back two (None: they begin with one step of implicit Euler).
-    obstacles: where the points of moving obstacles are [m] (None: where their motion takes them).
+    obstacles: where the points of moving obstacles are [m] (None: where their motion takes them). slips: of contacts
+    with friction (None: none).
     """
 
     positions: Floats
@@ -38,6 +51,7 @@ class ClothState:
     fold_angles: Floats | None = None
     before: Earlier | None = None
     obstacles: Floats | None = None
+    slips: Slips | None = None
 
     @classmethod
     def flat(cls, mesh: TriangleMesh, *, height: float = 0.0) -> ClothState:

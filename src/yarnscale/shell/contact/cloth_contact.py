@@ -3,7 +3,8 @@
 The barrier of Li et al. 2020 (incremental potential contact), b(d) = −(d² − t²)² ln(d²/t²) for distances d
 below the thickness t: layers come to lie somewhere between 0 and t. It is weighted with area and scaled so that
 surfaces t/2 apart press with a given pressure. Steps are cut short before anything touches, so nothing ever
-passes through. Friction is lagged: normal forces of the start of a step resist sliding during it.
+passes through. Friction is lagged: normal forces of the start of a step resist sliding during it. What sticks holds
+its place from step to step, see ``stick``.
 
 Points of moving obstacles are unknowns like the vertices of the cloth, in rows after them, and stiff springs
 pull them where they belong: Newton moves cloth and bodies together, the bound of a step holds for both, and a
@@ -24,7 +25,7 @@ from yarnscale.shell.contact.obstacles import Obstacle, Plane, Sphere, obstacle_
 from yarnscale.shell.contact.shape_contact import ShapeContact
 from yarnscale.shell.contact.surface_contact import SurfaceContact
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.state import Attachment
+from yarnscale.shell.state import Attachment, Slips
 
 __all__ = ["ClothContact", "ContactSettings"]
 
@@ -78,10 +79,24 @@ class ClothContact:
         vertices = np.arange(self.count, self.count + self.guests)
         return Attachment(vertices, self.places(time), stiffness, self.settings.holding_force)
 
-    def start_step(self, positions: Floats, duration: float, time: float = 0.0) -> None:
-        """Take normal forces and the origin of slip for friction from the start of a step of ``duration`` [s]."""
-        for part in self.parts:
-            part.start_step(positions, duration, time)
+    def start_step(
+        self, positions: Floats, duration: float, time: float = 0.0, slips: Slips | None = None
+    ) -> None:
+        """Take normal forces and the origin of slip for friction from the start of a step of ``duration`` [s].
+
+        slips: what friction had taken up at the end of the step before.
+        """
+        for number, part in enumerate(self.parts):
+            part.start_step(positions, duration, time, number, slips)
+
+    def slips(self, positions: Floats) -> Slips | None:
+        """What friction has taken up at the end of a step; None without friction."""
+        if self.settings.friction == 0.0:
+            return None
+        found = [part.slips(positions) for part in self.parts]
+        return Slips(
+            *(np.concatenate(arrays) for arrays in zip(*((s.between, s.amounts) for s in found), strict=True))
+        )
 
     def value(self, positions: Floats) -> float:
         """Energy [J], inf where surfaces meet."""

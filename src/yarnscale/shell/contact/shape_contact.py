@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
 from yarnscale.shell.contact.crossings import Crossing, shape_crossing
 from yarnscale.shell.contact.obstacles import Plane, Shape, Sphere
+from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.motion import rotation_matrix
+from yarnscale.shell.state import Slips
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -54,8 +56,11 @@ class ShapeContact:
         self._still = shape.points(0.0)[0]
         self.held: _Touch | None = None
         self.grip, self.origin, self.reach = np.zeros(0), np.zeros((0, 3)), 1.0
+        self.between = np.zeros((0, 5), np.int64)
 
-    def start_step(self, positions: Floats, duration: float, time: float) -> None:
+    def start_step(
+        self, positions: Floats, duration: float, time: float, number: int = 0, slips: Slips | None = None
+    ) -> None:
         if self.settings.friction == 0.0:
             return
         touch = self._touch(positions)
@@ -63,10 +68,17 @@ class ShapeContact:
         self.grip = -slope * self.weights[touch.which] * self.settings.friction
         self.held = touch
         centre = self._point(positions)
-        # Relative to the point of the shape; a sphere that turns carries its surface along.
         away = _combine(touch, positions) - centre
-        self.origin = away @ self._turned(time, duration).T
         self.reach = self.settings.slip * duration
+        self.between = np.zeros((len(touch.which), 5), np.int64)
+        self.between[:, 0], self.between[:, 1] = 2 * number, touch.which
+        away -= begun_with(slips, self.between, touch.normals, self.reach)
+        # Relative to the point of the shape; a sphere that turns carries its surface along.
+        self.origin = away @ self._turned(time, duration).T
+
+    def slips(self, positions: Floats) -> Slips:
+        """What friction has taken up at the end of a step."""
+        return ended_with(self.between, self._slip(positions)[0], self.reach)
 
     def value(self, positions: Floats) -> float:
         touch = self._touch(positions)

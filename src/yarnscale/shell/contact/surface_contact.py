@@ -22,7 +22,9 @@ from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_len
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, surface_crossings
 from yarnscale.shell.contact.obstacles import Body
 from yarnscale.shell.contact.pair_search import PairSearch, shares
+from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.state import Slips
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -38,7 +40,9 @@ ipctk.set_logger_level(ipctk.LoggerLevel.error)
 class _Grip:
     """What rubs during a step: pairs (k, 4), coefficients (k, 4), normals (k, 3), limits of friction (k,) [N].
 
-    origin: all vertices at its start (nv, 3) [m]; reach: slip below which friction is not full [m].
+    origin: all vertices at its start (nv, 3) [m]; reach: slip below which friction is not full [m]; begun: slip
+    with which the step begins (k, 3) [m]; between: (k, 5) as in ``Slips``, and signs (k,) that make pairs of edges one
+    whichever comes first.
     """
 
     vertices: Integers
@@ -47,10 +51,14 @@ class _Grip:
     limits: Floats
     origin: Floats
     reach: float
+    begun: Floats
+    between: Integers
+    signs: Floats
 
     def slip(self, positions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Tangential motion of the closest points (k, 3), and its smoothed length f: f, f'/l and f'', each (k,)."""
         sliding = pair_loops.slips(positions, self.origin, self.vertices, self.coefficients, self.normals)
+        sliding += self.begun
         return sliding, *smooth_length(np.linalg.norm(sliding, axis=1), self.reach)
 
 
@@ -86,21 +94,39 @@ class SurfaceContact:
         self._check = _check_mesh(mesh.vertex_count, triangles, rest, settings.self_contact)
         self._grip: _Grip | None = None
 
-    def start_step(self, positions: Floats, duration: float, time: float) -> None:
+    def start_step(
+        self, positions: Floats, duration: float, time: float, number: int = 0, slips: Slips | None = None
+    ) -> None:
         if self.settings.friction == 0.0:
             return
         everything = self.everything(positions)
         close = self.search.close(everything)
         slope = barrier(close.distances, self.settings.thickness)[1]
         apart = np.einsum("nk,nki->ni", close.coefficients, everything[close.vertices])
+        normals, reach = apart / close.distances[:, None], self.settings.slip * duration
+        swapped = ~close.is_corner & (close.vertices[:, 0] > close.vertices[:, 2])
+        between = np.column_stack([2 * number + close.is_corner, close.vertices])
+        between[swapped, 1:] = close.vertices[swapped][:, [2, 3, 0, 1]]
+        signs = np.where(swapped, -1.0, 1.0)
         self._grip = _Grip(
             close.vertices,
             close.coefficients,
-            apart / close.distances[:, None],
+            normals,
             -self.settings.friction * close.weights * close.fade[0] * slope,
             everything,
-            self.settings.slip * duration,
+            reach,
+            signs[:, None] * begun_with(slips, between, normals, reach),
+            between,
+            signs,
         )
+
+    def slips(self, positions: Floats) -> Slips:
+        """What friction has taken up at the end of a step."""
+        grip = self._grip
+        if grip is None:
+            return Slips(np.zeros((0, 5), np.int64), np.zeros((0, 3)))
+        sliding = grip.slip(self.everything(positions))[0]
+        return ended_with(grip.between, grip.signs[:, None] * sliding, grip.reach)
 
     def value(self, positions: Floats) -> float:
         everything = self.everything(positions)

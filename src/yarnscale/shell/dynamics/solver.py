@@ -128,7 +128,7 @@ class ClothSolver:
         self._take_up(state)
         begin = self._with_obstacles(state)
         if self.contact is not None:
-            self.contact.start_step(begin, min(duration, 1.0), state.time)
+            self.contact.start_step(begin, min(duration, 1.0), state.time, state.slips)
         static = math.isinf(duration)
         rule = None if static else step_rule(self.options.integrator, state, duration, inertia=inertia)
         if until is None:
@@ -146,6 +146,7 @@ class ClothSolver:
             self.energy.elements.reference_angles,
             Earlier(state.positions, state.velocities, duration) if rule is not None and inertia else None,
             obstacles if len(obstacles) else None,
+            self.contact.slips(solution.x.reshape(-1, 3)) if self.contact is not None else None,
         )
         inertial = objective.weights[:, None] * (positions - objective.centre)
         unrest = float(np.linalg.norm(inertial)) / self.scale
