@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.console import ProgressLine, print_json, tell, writable_folder
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
@@ -54,6 +54,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 def _scene(options: argparse.Namespace) -> Scene:
     from yarnscale.files.scene_toml import read_scene
+    from yarnscale.shell.scenes.plausible import sizes_of
     from yarnscale.shell.scenes.ready import READY, ready_scene
 
     if options.scene in READY:
@@ -61,7 +62,8 @@ def _scene(options: argparse.Namespace) -> Scene:
             raise InputError(
                 "ready scene", where=options.scene, expected="--material MATERIAL.json", found="none"
             )
-        return ready_scene(options.scene, read_material(options.material), spacing=options.spacing)
+        scene = ready_scene(options.scene, read_material(options.material), spacing=options.spacing)
+        return replace(scene, notices=(sizes_of(scene.cloth),))
     if not Path(options.scene).exists():
         raise InputError(
             "no such scene", where=options.scene, expected="a scene file or one of " + ", ".join(READY)
@@ -78,6 +80,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
 
     for kind in options.format:
         require(kind)
+    tell(scene.notices)
     folder = writable_folder(options.out)
     if options.animation:
         scene = replace(scene, schedule=scene.schedule.animated())
@@ -88,7 +91,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     digest = hashlib.sha256((folder / MATERIAL).read_bytes()).hexdigest()
     summary = result.summary() | {"material_hash": digest}
     if options.json:
-        print_json(summary)
+        print_json({**summary, "notices": scene.notices})
     else:
         for name, value in summary.items():
             if name != "unfulfilled":

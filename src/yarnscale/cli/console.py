@@ -7,7 +7,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,12 @@ from yarnscale.errors import InputError
 def print_json(values: Mapping[str, object]) -> None:
     """One JSON object on one line; numbers that are not finite become null."""
     print(json.dumps(_plain(values), allow_nan=False))
+
+
+def tell(notices: Iterable[str]) -> None:
+    """Sentences that a user should see before the work begins, on the standard error."""
+    for notice in notices:
+        print(f"yarnscale: note: {notice}", file=sys.stderr, flush=True)
 
 
 def _plain(value: object) -> object:

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, writable_folder
+from yarnscale.cli.console import ProgressLine, tell, writable_folder
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
@@ -79,8 +79,9 @@ def _at_ease(options: argparse.Namespace, drawn: YarnSheet, material: Materials,
 
 
 def _on_mesh(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
+    mesh = read_garment(options.on, unit=options.unit, weld=options.weld, on_notice=lambda text: tell([text]))
     state = None if options.count else PeriodicCell(pattern, material).relax()
-    laid = sheet_on_mesh(pattern, read_garment(options.on), state=state)
+    laid = sheet_on_mesh(pattern, mesh, state=state)
     first = materials_of(pattern, material)[0]
     # Seams are among the borders, and what is sewn holds firmly.
     springs = glue(

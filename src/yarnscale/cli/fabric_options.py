@@ -27,6 +27,10 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _weld(text: str) -> bool | float:
+    return text == "yes" if text in ("yes", "no") else positive(text)
+
+
 def add_fabric_options(command: argparse.ArgumentParser) -> None:
     """The options of ``fabric``."""
     command.add_argument(
@@ -69,7 +73,12 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--on", type=Path, metavar="MESH.obj",
-        help="direct only: lay the pattern on a mesh [m] with texture coordinates [m] instead of --rows and --columns",
+        help="direct only: lay the pattern on a mesh with texture coordinates instead of --rows and --columns",
+    )  # fmt: skip
+    command.add_argument("--unit", choices=("m", "cm", "mm", "inch"), help="of the lengths in MESH.obj (m)")
+    command.add_argument(
+        "--weld", type=_weld, metavar="yes|no|METRES",
+        help="sew borders of MESH.obj that lie on each other, leave them loose, or sew those within a distance",
     )  # fmt: skip
     command.add_argument("--tube", action="store_true", help="direct only: close the courses to rings")
     command.add_argument(

@@ -1,4 +1,4 @@
-"""Garments from Wavefront OBJ files: positions in space, and where each triangle lies in the fabric.
+"""Garments from Wavefront OBJ files: positions in space, and where each polygon lies in the fabric.
 
 Two ways are in use: texture coordinates (``vt``) beside the vertices, apart on either side of a seam; or a second file
 of the same faces whose vertices are the flat panels (names ending in ``-w`` and ``-m``).
@@ -7,67 +7,157 @@ of the same faces whose vertices are the flat panels (names ending in ``-w`` and
 from __future__ import annotations
 
 import os
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.files.garment_units import Areas, Notice, check_ratio, scales
 from yarnscale.files.obj_surface import ObjSurface, read_obj
+from yarnscale.shell.garments.polygons import FLAT, areas_of, flatness, in_own_plane, polygon_areas
+from yarnscale.shell.garments.weld import Polygons, Weld, continuous, joined, weld
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.mesh_arrays import MeshError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Made = TypeVar("Made")
 
 
 def read_garment(
     path: str | os.PathLike[str],
     *,
     material: str | os.PathLike[str] | None = None,
-    scale: float = 1.0,
-    material_scale: float = 1.0,
+    unit: str | None = None,
+    scale: float | None = None,
+    material_scale: float | None = None,
     grain: float = 0.0,
-    weld: float = 0.0,
+    weld: bool | float | None = None,
+    on_notice: Notice = warnings.warn,
 ) -> TriangleMesh:
     """A mesh with material points from one OBJ file with texture coordinates, or from two.
 
     material: file of the flat panels, face by face those of ``path``; without it texture coordinates are taken.
-    scale, material_scale: metres per unit of space and of the panels. grain: angle [rad] from the panels' x-axis to
-    the fabric's course direction. weld: vertices of different panels within this distance [m] are sewn together.
-    A panel drawn with its back up is turned over. Raises InputError with file and line.
+    unit: of the file's lengths, ``m`` (default), ``cm``, ``mm`` or ``inch``; of those that are not metres already where
+    positions and fabric differ. scale, material_scale: metres per unit of space and of the panels instead. grain:
+    angle [rad] from the panels' x-axis to the fabric's course direction. weld: True sews borders that lie on each
+    other, a number those within this distance [m], False leaves them loose.
+    on_notice: called with sentences about what the garment is likely not meant to be.
+
+    A panel drawn with its back up is turned over. Raises InputError with file and line, also for borders that lie on
+    each other where ``weld`` is None, and for a fabric of another size than what is made of it.
     """
     world = read_obj(path)
     if material is None:
-        points, corners = _textured(world)
-        source = world
+        source, points, corners = world, world.points, _textured(world)
     else:
         source = read_obj(material)
-        points, corners = _flat(source, world)
-    points, corners = _used(material_scale * points, corners)
-    positions, triangles = _used(scale * world.vertices, world.triangles)
-    if weld > 0:
-        positions, triangles = _welded(positions, triangles, weld)
-    points, corners = _one_vertex_each(points, corners, triangles)
-    points = _face_up(points, corners, source)
-    flat = TriangleMesh(points, triangles, 0.0, corners, positions)
-    return flat.with_grain(grain) if grain else flat
+        points, corners = _flat(source, world), source.corner_vertices
+    cloth = _used(world, points, corners)
+    flat = in_own_plane(cloth.positions[cloth.vertices], cloth.starts)
+    areas = Areas(*(float(np.abs(polygon_areas(x, cloth.starts)).sum()) for x in (flat, points[corners])))
+    if not areas.fabric > 0:
+        raise InputError("fabric", where=source.path, expected="faces with an area", found="none")
+    in_space, in_fabric = _named(lambda: scales(areas, unit, scale, material_scale), path)
+    cloth = replace(cloth, positions=in_space * cloth.positions, material=in_fabric * cloth.material)
+    sizes = f"fabric {_extent(cloth.material)}, in space {_extent(cloth.positions)}"
+    stated = scale is not None and material_scale is not None
+    _named(lambda: check_ratio(areas, in_space, in_fabric, sizes, on_notice, stated=stated), path)
+    cloth = _sewn(continuous(_one_vertex_each(cloth)), weld, world, on_notice)
+    mesh = _mesh(cloth, world, source)
+    return mesh.with_grain(grain) if grain else mesh
 
 
-def _textured(world: ObjSurface) -> tuple[Floats, Integers]:
-    bare = np.flatnonzero((world.corners < 0).any(axis=1))
+def _extent(points: Floats) -> str:
+    sizes = 100 * np.ptp(points, axis=0)
+    return " × ".join(f"{size:.4g}" if size < 1e4 else f"{size:.0f}" for size in sizes) + " cm"
+
+
+def _named(make: Callable[[], Made], path: str | os.PathLike[str]) -> Made:
+    """What ``make`` returns; its errors name the file."""
+    try:
+        return make()
+    except InputError as error:
+        if error.where is not None:
+            raise
+        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
+
+
+def _sewn(cloth: Polygons, wanted: bool | float | None, world: ObjSurface, on_notice: Notice) -> Polygons:
+    """The cloth with borders sewn as wanted; InputError where they lie on each other and nothing is said about it."""
+    if wanted is not None and wanted is not False:
+        cloth = weld(cloth, None if wanted is True else float(wanted)).cloth
+        cloth = continuous(_one_vertex_each(cloth))
+    left = weld(cloth)
+    if left.closed and wanted is None:
+        raise InputError(
+            "borders of the cloth", where=world.place(int(cloth.faces[left.place])),
+            expected="sewn cloth: weld = true joins them, weld = false leaves them loose",
+            found=_described(cloth, left),
+        )  # fmt: skip
+    if left.closed:
+        on_notice(f"borders of the cloth are loose: {_described(cloth, left)}")
+    pieces = np.unique(cloth.pieces(), return_counts=True)[1]
+    if len(pieces) > 1:
+        largest = ", ".join(str(count) for count in np.sort(pieces)[::-1][:5])
+        on_notice(
+            f"the cloth is {len(pieces)} pieces that nothing joins, of {largest}{' …' * (len(pieces) > 5)} vertices"
+        )
+    return cloth
+
+
+def _described(cloth: Polygons, left: Weld) -> str:
+    a, b = cloth.vertices[left.place], cloth.vertices[cloth.following[left.place]]
+    x, y, z = 0.5 * (cloth.positions[a] + cloth.positions[b])
+    pieces = len(np.unique(cloth.pieces()))
+    return (
+        f"{left.closed} edges that lie on others ({left.split} split vertices, {left.hanging} within an edge), first "
+        f"between vertices {cloth.names[a]} and {cloth.names[b]} near ({x:.4g}, {y:.4g}, {z:.4g}) m"
+        + (f"; {pieces} loose pieces" if pieces > 1 else "")
+    )
+
+
+def _mesh(cloth: Polygons, world: ObjSurface, source: ObjSurface) -> TriangleMesh:
+    """The polygons cut into triangles, in the fabric, where they are what they are."""
+    chosen, faces = source.triangulated(cloth.material[cloth.points], cloth.starts)
+    corners, triangles = cloth.points[chosen], cloth.vertices[chosen]
+    points = _face_up(cloth.material, corners, faces, source)
+    try:
+        return TriangleMesh(points, triangles, 0.0, corners, cloth.positions)
+    except MeshError as error:
+        what = error.worded(cloth.names) if error.vertices else "face"
+        where = world.place(int(faces[error.triangle]))
+        raise InputError(what, where=where, expected=error.expected, found=error.found) from None
+    except InputError as error:
+        raise InputError(error.what, where=world.path, expected=error.expected, found=error.found) from None
+
+
+def _textured(world: ObjSurface) -> Integers:
+    bare = np.flatnonzero(world.corner_points < 0)
     if len(bare):
         raise InputError(
-            "face", where=world.place(int(bare[0])), expected="a texture coordinate at every corner, as in 7/3",
+            "face", where=world.place(int(np.searchsorted(world.starts, bare[0], side="right")) - 1),
+            expected="a texture coordinate at every corner, as in 7/3",
             found="none" if len(world.points) else "none in the whole file",
         )  # fmt: skip
-    return world.points, world.corners
+    return world.corner_points
 
 
-def _flat(panels: ObjSurface, world: ObjSurface) -> tuple[Floats, Integers]:
-    if len(panels.triangles) != len(world.triangles):
+def _flat(panels: ObjSurface, world: ObjSurface) -> Floats:
+    """Vertices of flat panels (n, 2), which have the faces of the cloth in space."""
+    counts, wanted = np.diff(panels.starts), np.diff(world.starts)
+    if len(counts) != len(wanted):
         raise InputError(
-            "faces", where=panels.path, expected=f"the {len(world.triangles)} of {world.path.name}",
-            found=len(panels.triangles),
-        )  # fmt: skip
+            "faces", where=panels.path, expected=f"the {len(wanted)} of {world.path.name}", found=len(counts)
+        )
+    if (counts != wanted).any():
+        face = int(np.flatnonzero(counts != wanted)[0])
+        expected = f"{wanted[face]} corners as in {world.place(face)}"
+        raise InputError("face", where=panels.place(face), expected=expected, found=counts[face])
     heights = panels.vertices[:, 2]
     size = float(np.ptp(panels.vertices[:, :2], axis=0).max())
     if np.ptp(heights) > 1e-6 * size:
@@ -78,42 +168,32 @@ def _flat(panels: ObjSurface, world: ObjSurface) -> tuple[Floats, Integers]:
             expected="flat panels, all of one z",
             found=heights[worst],
         )
-    return panels.vertices[:, :2], panels.triangles
+    return panels.vertices[:, :2]
 
 
-def _used(points: Floats, indices: Integers) -> tuple[Floats, Integers]:
-    """Only the points that are used, renumbered."""
-    used, numbers = np.unique(indices, return_inverse=True)
-    return points[used], numbers.reshape(indices.shape).astype(np.int64)
+def _used(world: ObjSurface, points: Floats, corners: Integers) -> Polygons:
+    """Only the vertices and material points that are used, renumbered."""
+    kept, vertices = np.unique(world.corner_vertices, return_inverse=True)
+    used, numbers = np.unique(corners, return_inverse=True)
+    return Polygons(world.vertices[kept], points[used], world.starts, vertices, numbers, kept + 1)
 
 
-def _welded(positions: Floats, triangles: Integers, distance: float) -> tuple[Floats, Integers]:
-    """Vertices within a distance of each other become one."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
-
-    pairs = KDTree(positions).query_pairs(distance, output_type="ndarray").reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(positions), len(positions)))
-    numbers = connected_components(graph, directed=False)[1].astype(np.int64)
-    count = np.bincount(numbers)
-    joined = np.column_stack([np.bincount(numbers, positions[:, k]) / count for k in range(3)])
-    return joined, numbers[triangles]
+def _one_vertex_each(cloth: Polygons) -> Polygons:
+    """Points shared by several vertices (panels that lie on each other in the texture) become several points."""
+    both, numbers = np.unique(np.column_stack([cloth.points, cloth.vertices]), axis=0, return_inverse=True)
+    return replace(cloth, material=cloth.material[both[:, 0]], points=numbers.ravel())
 
 
-def _face_up(points: Floats, corners: Integers, source: ObjSurface) -> Floats:
+def _face_up(points: Floats, corners: Integers, faces: Integers, source: ObjSurface) -> Floats:
     """Turn over panels whose triangles are all clockwise; an error names the line where one panel is mixed."""
-    x = points[corners]
-    first, second = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-    area = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-    longest = np.maximum((first**2).sum(axis=1), (second**2).sum(axis=1))
-    flat = np.flatnonzero(np.abs(area) <= 1e-9 * longest)
+    area = areas_of(points[corners])
+    flat = np.flatnonzero(flatness(points[corners]) <= FLAT)
     if len(flat):
         raise InputError(
-            "face", where=source.place(int(flat[0])), expected="a triangle with an area in the fabric",
+            "face", where=source.place(int(faces[flat[0]])), expected="a triangle with an area in the fabric",
             found=f"area {area[flat[0]]:g} m²",
         )  # fmt: skip
-    panel = _connected(corners, len(points))[corners[:, 0]]
+    panel = joined(corners[:, [0, 1, 1, 2]].reshape(-1, 2), len(points))[corners[:, 0]]
     turned = points.copy()
     for number in np.unique(panel):
         mine = np.flatnonzero(panel == number)
@@ -123,25 +203,7 @@ def _face_up(points: Floats, corners: Integers, source: ObjSurface) -> Floats:
         elif back.any():
             odd = mine[back] if back.sum() <= len(mine) / 2 else mine[~back]
             raise InputError(
-                "face", where=source.place(int(odd[0])), expected="one orientation in the fabric for a panel",
-                found="a triangle turned over",
+                "face", where=source.place(int(faces[odd[0]])),
+                expected="one orientation in the fabric for a panel", found="a face turned over",
             )  # fmt: skip
     return turned
-
-
-def _connected(corners: Integers, count: int) -> Integers:
-    """Number of the panel of every point."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    pairs = corners[:, [0, 1, 1, 2]].reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
-
-
-def _one_vertex_each(points: Floats, corners: Integers, triangles: Integers) -> tuple[Floats, Integers]:
-    """Points shared by several vertices (panels that lie on each other in the texture) become several points."""
-    both, numbers = np.unique(
-        np.column_stack([corners.ravel(), triangles.ravel()]), axis=0, return_inverse=True
-    )
-    return points[both[:, 0]], numbers.reshape(corners.shape).astype(np.int64)

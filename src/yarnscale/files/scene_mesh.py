@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from yarnscale.files.garment_units import Notice, length
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.scene_section import Section
 from yarnscale.shell.garments.wardrobe import SEAMS, SWEATER, T_SHIRT, ShirtCut, shirt
@@ -19,10 +20,10 @@ _PLACE = ("position", "tilt")
 _SIZES = tuple(field.name for field in fields(ShirtCut))
 
 
-def read_mesh(section: Section) -> TriangleMesh:
-    """The mesh that the table [mesh] describes. Raises InputError."""
+def read_mesh(section: Section, on_notice: Notice) -> TriangleMesh:
+    """The mesh that the table [mesh] describes; sentences about it go to ``on_notice``. Raises InputError."""
     if "file" in section.content:
-        return _from_file(section)
+        return _from_file(section, on_notice)
     shape = section.choice_or("shape", "rectangle", ("rectangle", "disk", *CUTS))
     if shape in CUTS:
         section.known("shape", "spacing", "rest_angle", *_SIZES, *_PLACE)
@@ -33,14 +34,15 @@ def read_mesh(section: Section) -> TriangleMesh:
             lambda: shirt(shape, cut, section.number_or("spacing", 0.02), rest_angles=angles).mesh
         )
     grain = math.radians(section.number_or("grain", 0.0))
+    metres = section.build(lambda: length(section.text_or("unit", "m")))
     if shape == "disk":
-        section.known("shape", "radius", "spacing", "grain", *_PLACE)
-        radius, spacing = section.number("radius"), section.number("spacing")
+        section.known("shape", "unit", "radius", "spacing", "grain", *_PLACE)
+        radius, spacing = (metres * section.number(key) for key in ("radius", "spacing"))
         return section.build(lambda: disk(radius, spacing, grain=grain))
     section.known(
-        "shape", "width", "height", "spacing", "grain", "finer_edges", "irregularity", "seed", *_PLACE
+        "shape", "unit", "width", "height", "spacing", "grain", "finer_edges", "irregularity", "seed", *_PLACE
     )
-    width, height, spacing = (section.number(key) for key in ("width", "height", "spacing"))
+    width, height, spacing = (metres * section.number(key) for key in ("width", "height", "spacing"))
     return section.build(
         lambda: rectangle(
             width,
@@ -77,19 +79,27 @@ def _seam_angles(section: Section) -> dict[str, float]:
     return {kind: math.radians(table.number(kind)) for kind in table.content}
 
 
-def _from_file(section: Section) -> TriangleMesh:
-    section.known("file", "material_file", "scale", "material_scale", "grain", "weld", "rest_angle", *_PLACE)
+def _from_file(section: Section, on_notice: Notice) -> TriangleMesh:
+    section.known(
+        "file", "material_file", "unit", "scale", "material_scale", "grain", "weld", "rest_angle", *_PLACE
+    )
     flat = section.beside(section.text("material_file")) if "material_file" in section.content else None
-    for key in ("scale", "material_scale"):
-        if key in section.content:
-            section.number(key, positive=True)
+    scales = {
+        key: section.number(key, positive=True)
+        for key in ("scale", "material_scale")
+        if key in section.content
+    }
+    weld = section.content.get("weld")
+    if not (weld is None or isinstance(weld, bool)):
+        weld = section.number("weld", positive=True)
     return section.build(
         lambda: read_garment(
             section.beside(section.text("file")),
             material=flat,
-            scale=section.number_or("scale", 1.0),
-            material_scale=section.number_or("material_scale", 1.0),
+            unit=section.text("unit") if "unit" in section.content else None,
             grain=math.radians(section.number_or("grain", 0.0)),
-            weld=section.number_or("weld", 0.0),
+            weld=weld,
+            on_notice=on_notice,
+            **scales,
         ).with_seam_angle(math.radians(section.number_or("rest_angle", 0.0)))
     )

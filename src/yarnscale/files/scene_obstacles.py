@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.errors import InputError
+from yarnscale.files.garment_units import length
 from yarnscale.files.obj_surface import read_obj_poses, read_obj_surface
 from yarnscale.files.scene_section import MOTION, Section
 from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
@@ -30,13 +31,14 @@ def read_obstacle(section: Section) -> Obstacle:
         return section.build(lambda: Plane(point, section.vector_or("normal", (0.0, 0.0, 1.0)), motion))
     if shape == "mannequin":
         return _mannequin(section)
-    scale, position = (
-        section.number_or("scale", 1.0),
-        np.array(section.vector_or("position", (0.0, 0.0, 0.0))),
-    )
+    if "unit" in section.content and "scale" in section.content:
+        raise section.fault("unit", expected="none beside 'scale'")
+    metres = section.build(lambda: length(section.text_or("unit", "m")))
+    scale = section.number("scale", positive=True) if "scale" in section.content else metres
+    position = np.array(section.vector_or("position", (0.0, 0.0, 0.0)))
     if "frames" in section.content:
         return _animated(section, scale, position)
-    section.known("shape", "file", "scale", "position", *MOTION)
+    section.known("shape", "file", "unit", "scale", "position", *MOTION)
     vertices, triangles = read_obj_surface(section.beside(section.text("file")))
     motion = section.motion()
     return section.build(lambda: MeshObstacle(scale * vertices + position, triangles, motion))
@@ -44,7 +46,7 @@ def read_obstacle(section: Section) -> Obstacle:
 
 def _animated(section: Section, scale: float, position: np.ndarray) -> AnimatedMesh:
     """``frames`` is a file name with a star for the frame numbers; files are taken in the order of these."""
-    section.known("shape", "frames", "frame_rate", "start", "scale", "position")
+    section.known("shape", "frames", "frame_rate", "start", "unit", "scale", "position")
     pattern = section.text("frames")
     rate = section.number("frame_rate", positive=True)
     folder, name = Path(section.path).parent / Path(pattern).parent, Path(pattern).name

@@ -18,6 +18,7 @@ from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.simulate import Schedule, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.scenes.plausible import check_cloth, check_size, sizes_of
 from yarnscale.shell.scenes.ready import READY, ready_scene
 from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.scenes.thickness import cloth_thickness
@@ -34,11 +35,16 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     material = read_material(root.beside(root.text("material")))
     name = root.text_or("name", path.stem)
     if "scene" in root.content or "garment" in root.content:
-        return replace(_ready(root, material), name=name, may_give_way=_may_give_way(root))
+        scene = replace(_ready(root, material), name=name, may_give_way=_may_give_way(root))
+        notices = root.build(lambda: [*check_cloth(scene.cloth)])
+        return replace(scene, notices=(sizes_of(scene.cloth), *notices))
     root.known("name", "material", "may_give_way", "gravity", "damping", "stiffness_damping", "air_drag",
                "free_edges", "mesh", "schedule", "handles", "contact", "obstacles")  # fmt: skip
     section = root.section("mesh")
-    mesh = read_mesh(section)
+    notices: list[str] = []
+    mesh = read_mesh(section, notices.append)
+    if not {"unit", "scale", "material_scale"} & set(section.content):
+        notices += section.build(lambda: [*check_size(mesh, material.density)])
     start = read_start(section, mesh)
     obstacles = tuple(_facing(read_obstacle(item), start) for item in root.sections("obstacles"))
     usual = ContactSettings(thickness=cloth_thickness(material, mesh))
@@ -58,8 +64,12 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
             free_edges=root.choice_or("free_edges", "extrapolate", ("extrapolate", "zero")),  # type: ignore[arg-type]
         )
     )
+    notices += root.build(lambda: [*check_cloth(cloth)])
     schedule, options = _schedule(root.section("schedule"))
-    return Scene(name, cloth, start, schedule, options, may_give_way=_may_give_way(root))
+    return Scene(
+        name, cloth, start, schedule, options, may_give_way=_may_give_way(root),
+        notices=(sizes_of(cloth), *notices),
+    )  # fmt: skip
 
 
 def _may_give_way(root: Section) -> bool:

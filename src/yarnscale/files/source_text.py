@@ -11,10 +11,13 @@ from yarnscale.errors import InputError
 LARGEST_FILE = 256 * 1024 * 1024
 
 
-def read_source(path: str | os.PathLike[str], *, other_encodings: bool = False) -> str:
+def read_source(
+    path: str | os.PathLike[str], *, other_encodings: bool = False, any_encoding: bool = False
+) -> str:
     """The text of a file; InputError when missing, a folder, unreadable, empty, binary or far too large.
 
-    other_encodings: accept UTF-16 and Windows-1252 (Latin-1), which machines write, beside UTF-8.
+    other_encodings: accept UTF-16 and Windows-1252 (Latin-1), which machines write, beside UTF-8. any_encoding: of
+    files where only names and comments go beyond ASCII; letters that are not UTF-8 are replaced.
     """
     path = Path(path)
     try:
@@ -52,6 +55,8 @@ def read_source(path: str | os.PathLike[str], *, other_encodings: bool = False) 
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if any_encoding:
+            return content.decode("utf-8-sig", errors="replace")
         line = content[: error.start].count(b"\n") + 1
         if other_encodings:
             # Windows-1252 leaves five bytes undefined; text has none of them, nor control characters.

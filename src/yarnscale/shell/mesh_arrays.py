@@ -13,6 +13,24 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
+class MeshError(InputError):
+    """A triangle mesh that is no oriented manifold.
+
+    kind, vertices: what is at fault, as "edge" and its two vertices; triangle: number of the triangle there.
+    """
+
+    def __init__(
+        self, kind: str, *, triangle: int, vertices: tuple[int, ...] = (), expected: object, found: object
+    ) -> None:
+        self.kind, self.triangle, self.vertices = kind, triangle, vertices
+        names = "-".join(map(str, vertices or (triangle,)))
+        super().__init__(f"{kind} {names}", expected=expected, found=found)
+
+    def worded(self, names: Integers) -> str:
+        """What is at fault, with other names (nv,) of the vertices."""
+        return f"{self.kind} {'-'.join(str(names[v]) for v in self.vertices)}"
+
+
 def checked_material(material: ArrayLike, grain: float | Floats) -> tuple[Floats, float | Floats]:
     """Points (n, 2) [m] and the angle of the grain, of all or of each (n,) [rad]."""
     points = np.ascontiguousarray(material, dtype=np.float64)
@@ -121,12 +139,12 @@ def twin_edges(triangles: Integers, vertex_count: int) -> Integers:
     order = np.argsort(key, kind="stable")
     repeated = np.flatnonzero(np.diff(key[order]) == 0)
     if len(repeated):
-        edge = order[repeated[0]]
-        raise InputError(
-            f"edge {tail[edge]}-{head[edge]}",
+        edge = int(order[repeated[0] + 1])
+        raise MeshError(
+            "edge", triangle=edge // 3, vertices=(int(tail[edge]), int(head[edge])),
             expected="one triangle on each side",
             found="two triangles on the same side (or of opposite orientation)",
-        )
+        )  # fmt: skip
     twin = head * vertex_count + tail
     place = np.minimum(np.searchsorted(key[order], twin), len(key) - 1)
     return np.where(key[order][place] == twin, order[place], -1).reshape(-1, 3)
@@ -155,14 +173,14 @@ def _check_distinct(triangles: Integers, across: Integers) -> None:
         same = (across[:, k] >= 0) & (across[:, k] == across[:, (k + 1) % 3])
         if same.any():
             row = int(np.flatnonzero(same)[0])
-            raise InputError(
-                f"vertex {triangles[row, (k + 1) % 3]}",
+            raise MeshError(
+                "vertex", triangle=row, vertices=(int(triangles[row, (k + 1) % 3]),),
                 expected="a free edge or four and more triangles around it",
                 found="fewer (flip or split an edge there)",
-            )
+            )  # fmt: skip
         folded = (across[:, k] >= 0) & (across[:, k] == triangles[:, (k + 2) % 3])
         if folded.any():
             row = int(np.flatnonzero(folded)[0])
-            raise InputError(
-                f"triangle {row}", expected="no other of the same vertices", found="one sewn onto it"
+            raise MeshError(
+                "triangle", triangle=row, expected="no other of the same vertices", found="one sewn onto it"
             )

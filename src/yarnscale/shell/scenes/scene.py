@@ -46,6 +46,7 @@ class Scene:
     """Something to simulate: name, cloth, first state, schedule and what to measure of the last state.
 
     may_give_way: whether handles and obstacles may be kept from their motion; else such a run counts as failed.
+    notices: sentences about its sizes, and about what in its files is likely not meant.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Scene:
     options: SolverOptions = field(default_factory=SolverOptions)
     measure: Measure | None = None
     may_give_way: bool = False
+    notices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
