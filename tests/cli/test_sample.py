@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 
 
@@ -39,3 +41,20 @@ def test_cells_that_are_too_large_are_refused_before_anything_is_written(
     said = refused("sample", "plain", "--grid", grid, "--out", out, "--size", "999x999")
     assert "cell size 999x999; expected positive numbers of tiles" in said
     assert not out.exists()
+
+
+def test_loads_are_sampled_without_a_grid(run, refused, tmp_path: Path) -> None:
+    out = tmp_path / "store"
+    outcome = run(
+        "sample", "plain", "--out", out, "--solves", "60", "--limit", "2", "--workers", "1", "--json"
+    )
+    told = json.loads(outcome.out)
+    states = FabricStates.of(SampleStore(out))
+    assert told["converged"] == told["states"] == len(states.energies) > 30
+    assert np.abs(states.stresses[states.kinds == "tension"][:, :3]).max() == pytest.approx(2.0, rel=0.3)
+    assert "other loads" in refused(
+        "sample", "plain", "--out", out, "--solves", "61", "--limit", "3", "--resume"
+    )
+    assert "--size" in refused("sample", "plain", "--out", tmp_path / "other", "--size", "2x1")
+    assert "largest load" in refused("sample", "plain", "--out", tmp_path / "other", "--limit", "-1")
+    assert not (tmp_path / "other").exists()

@@ -14,6 +14,9 @@ from yarnscale.numerics.loads import Held, LoadedState, Loads, Response, equilib
 
 Array = NDArray[np.float64]
 
+TIGHTEST = 0.4
+"""Largest curvature times yarn radius that a cell is asked for: beyond it a surface of yarns runs into itself."""
+
 
 @dataclass(frozen=True, eq=False)
 class CellFabric:
@@ -28,7 +31,12 @@ class CellFabric:
 
     def response(self, strain: Array, start: Response | None = None) -> Response:
         """Relax the yarns under a strain (6,)."""
-        state = self.cell.relax(ShellStrain.from_vector(strain), start=None if start is None else start.state)
+        if np.abs(strain[3:]).max() * self.cell.pattern.radius > TIGHTEST:
+            return Response(np.array(strain, np.float64), np.nan, np.full(6, np.nan), usable=False)
+        seed = None
+        if start is not None and start.state is not None:
+            seed = start.state.strain, start.state.fluctuation, start.state.twist
+        state = self.cell.relax_from(ShellStrain.from_vector(strain), seed)
         return Response(np.array(strain, np.float64), state.energy_density, state.stress, state.usable, state)
 
     def moduli(self, response: Response) -> Array:

@@ -52,15 +52,20 @@ def add_material_commands(add: Add) -> None:
     _add_in_plane(command)
     add_workers(command)
 
-    command = add("sample", "samples", "Relax a pattern under all states of a strain grid, into a store.")
+    command = add(
+        "sample",
+        "samples",
+        "Relax a pattern along rays of loads, or under all states of a strain grid, into a store.",
+    )
     add_yarns(command)
     command.add_argument(
-        "--grid",
-        type=Path,
-        required=True,
-        metavar="GRID.toml",
-        help="arrays s_x, s_a, s_y, lambda_x, lambda_y",
+        "--grid", type=Path, metavar="GRID.toml",
+        help="strains instead of loads: arrays s_x, s_a, s_y, lambda_x, lambda_y",
+    )  # fmt: skip
+    command.add_argument(
+        "--solves", type=positive_integer, metavar="N", help="equilibria along rays of loads (600)"
     )
+    command.add_argument("--limit", type=float, metavar="N/M", help="largest load in N/m (50)")
     command.add_argument("--out", type=Path, required=True, metavar="STORE", help="zarr store to write")
     command.add_argument("--positions", action="store_true", help="store the vertices of every state too")
     command.add_argument(

@@ -10,17 +10,26 @@ from yarnscale.cell.supercell import check_size, supercell
 from yarnscale.cli.console import ProgressLine, print_json, writable_file
 from yarnscale.cli.materials import worker_count
 from yarnscale.cli.yarn_choice import yarn_for
+from yarnscale.errors import InputError
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.patterns import read_pattern
 from yarnscale.homogenize.executors import reach_workers
-from yarnscale.homogenize.sample import check_resumable, create_store
+from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.rays import load_rays
+from yarnscale.homogenize.sample import (
+    check_rays_resumable,
+    check_resumable,
+    create_ray_store,
+    create_store,
+)
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
 
 
 def sample(options: argparse.Namespace) -> int:
-    """Sample a grid."""
-    grid = read_grid(options.grid)
+    """Sample rays of loads, or a grid."""
+    grid = None if options.grid is None else read_grid(options.grid)
+    _check_options(options)
     pattern = read_pattern(options.pattern)
     yarn = yarn_for(options.pattern, pattern, options.material)
     tile = PeriodicCell(pattern, yarn.materials, options.free_sliding, starts=options.starts)
@@ -30,16 +39,7 @@ def sample(options: argparse.Namespace) -> int:
         reach_workers(
             options.dask, tell=lambda said: print(f"yarnscale: {said}", file=sys.stderr, flush=True)
         )
-    if options.resume and options.out.exists():
-        store = SampleStore(options.out)
-        check_resumable(
-            store, cell, grid.axes, positions=options.positions, moduli=options.moduli, tiles=options.size
-        )
-    else:
-        store = create_store(
-            options.out, cell, grid.axes, scattered=False, positions=options.positions, moduli=options.moduli,
-            tiles=options.size,
-        )  # fmt: skip
+    store = _load_store(options, cell) if grid is None else _grid_store(options, cell, grid)
     yarn.say()
     line = ProgressLine(f"sampling {pattern.name}")
     summary = run_sample(
@@ -62,6 +62,36 @@ def sample(options: argparse.Namespace) -> int:
             f"{options.out}: {summary.converged} of {summary.states} states converged in {summary.seconds:.1f} s"
         )
     return 0 if summary.converged == summary.states else 1
+
+
+_LOADS, _STRAINS = {"solves": None, "limit": None}, {"positions": False, "moduli": False, "size": (1, 1)}
+"""Options for one kind of store alone -> what they are where they are not given."""
+
+
+def _check_options(options: argparse.Namespace) -> None:
+    for name, absent in (_STRAINS if options.grid is None else _LOADS).items():
+        if getattr(options, name) != absent:
+            wanted = "--grid GRID.toml with it" if options.grid is None else "no --grid with it"
+            raise InputError(f"--{name}", expected=wanted)
+
+
+def _load_store(options: argparse.Namespace, cell: PeriodicCell) -> SampleStore:
+    given = {name: getattr(options, name) for name in _LOADS if getattr(options, name) is not None}
+    rays = load_rays(cell, **given)
+    if not (options.resume and options.out.exists()):
+        return create_ray_store(options.out, cell, rays)
+    store = SampleStore(options.out)
+    check_rays_resumable(store, cell, rays)
+    return store
+
+
+def _grid_store(options: argparse.Namespace, cell: PeriodicCell, grid: StrainGrid) -> SampleStore:
+    kept = {"positions": options.positions, "moduli": options.moduli, "tiles": options.size}
+    if not (options.resume and options.out.exists()):
+        return create_store(options.out, cell, grid.axes, scattered=False, **kept)
+    store = SampleStore(options.out)
+    check_resumable(store, cell, grid.axes, **kept)
+    return store
 
 
 def fit(options: argparse.Namespace) -> int:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
@@ -19,9 +20,10 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogenize.executors import DaskExecutor, dask_workers, is_loss, local_workers
-from yarnscale.homogenize.plan import bends_twice, solve_order
-from yarnscale.homogenize.store import SampleStore
-from yarnscale.homogenize.worker import CODE_OF, STRAINS, Start, solve
+from yarnscale.homogenize.rays import ITERATES, Ray
+from yarnscale.homogenize.store import RAY_DIMS, SampleStore
+from yarnscale.homogenize.units import GridUnits, RayUnits
+from yarnscale.homogenize.worker import STRAINS
 from yarnscale.yarn.material import YarnMaterial
 
 Array = NDArray[np.float64]
@@ -107,6 +109,14 @@ def create_store(
     )
 
 
+def create_ray_store(path: Path, cell: PeriodicCell, rays: Sequence[Ray]) -> SampleStore:
+    """A new store for states of this cell that are found along rays of loads."""
+    return SampleStore.create_rays(
+        path, [ray.plain() for ray in rays], iterates=ITERATES, vertices=len(cell.pattern.edges),
+        provenance=provenance(cell),
+    )  # fmt: skip
+
+
 _TOLD_APART = {
     "tiles": "number of tiles",
     "pattern_hash": "pattern hash",
@@ -133,13 +143,7 @@ def check_resumable(
 
     positions, moduli: whether they are asked. more: the store may hold further states behind these.
     """
-    stored, now = store.attributes["provenance"], provenance(cell, tiles)
-    for field, name in _TOLD_APART.items():
-        if stored.get(field) != _plain(now[field]):
-            raise InputError(
-                f"cannot resume: another {name}", where=store.path,
-                expected=stored.get(field), found=now[field],
-            )  # fmt: skip
+    _check_cell(store, cell, tiles)
     fresh = np.column_stack([axes[n] for n in STRAINS]) if store.dims == ("state",) else None
     if fresh is None:
         fresh = np.stack(np.meshgrid(*(axes[n] for n in STRAINS), indexing="ij"), -1).reshape(
@@ -156,6 +160,27 @@ def check_resumable(
             raise InputError(
                 f"cannot resume: the store has no {name}", where=store.path, expected=f"no --{name}"
             )
+
+
+def check_rays_resumable(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray]) -> None:
+    """InputError unless the store was made for this cell and begins with these rays; more may follow them."""
+    _check_cell(store, cell, (1, 1))
+    if store.dims != RAY_DIMS:
+        raise InputError(
+            "cannot resume: a store without loads", where=store.path, expected="a new folder", found="strains"
+        )
+    if store.rays[: len(rays)] != json.loads(json.dumps([ray.plain() for ray in rays])):
+        raise InputError("cannot resume: other loads", where=store.path, expected="the loads of the store")
+
+
+def _check_cell(store: SampleStore, cell: PeriodicCell, tiles: tuple[int, int]) -> None:
+    stored, now = store.attributes["provenance"], provenance(cell, tiles)
+    for field, name in _TOLD_APART.items():
+        if stored.get(field) != _plain(now[field]):
+            raise InputError(
+                f"cannot resume: another {name}", where=store.path,
+                expected=stored.get(field), found=now[field],
+            )  # fmt: skip
 
 
 def _plain(value: object) -> object:
@@ -186,56 +211,37 @@ def _has_result(future: Future) -> bool:
 
 
 class _Run:
-    """Hands states to workers as soon as their start is there."""
+    """Hands units of work, a state of a grid or a level of a ray, to workers as soon as their start is there."""
 
     def __init__(
         self, store: SampleStore, cell: PeriodicCell, report: Callable[[Progress], None] | None
     ) -> None:
         self.store, self.cell, self.report = store, cell, report
         self.began = time.perf_counter()
-        self.order, self.parents = solve_order(store.states)
-        self.status = store.status()
-        twice = bends_twice(store.states)
-        self.total = int((~twice).sum())
-        self.pending = [int(i) for i in self.order if self.status[i] == 0 and not twice[i]]
+        self.work = RayUnits(store) if store.dims == RAY_DIMS else GridUnits(store)
+        self.total, self.pending = self.work.total, self.work.pending()
         self.finished_before = self.total - len(self.pending)
-        self.done = set(np.flatnonzero(self.status != 0).tolist())
         self.running: dict[Future, int] = {}
         self.attempts: dict[int, int] = {}
         self.losses = 0
         self.peak = 0.0
 
-    def _start(self, index: int) -> Start | None:
-        parent = int(self.parents[index])
-        while parent >= 0 and self.status[parent] != CODE_OF["converged"]:
-            parent = int(self.parents[parent])
-        if parent < 0:
-            return None
-        return Start(
-            self.store.states[parent],
-            self.store.read(parent, "fluctuation"),
-            self.store.read(parent, "twist"),
-        )
-
-    def _ready(self, index: int) -> bool:
-        parent = int(self.parents[index])
-        return parent < 0 or parent in self.done
-
     def submit(self, executor: Executor, room: int) -> bool:
         """Give out ready states until ``room`` are under way; False where the workers are gone."""
         while len(self.running) < room:
-            index = next((i for i in self.pending if self._ready(i)), None)
+            index = next((i for i in self.pending if self.work.ready(i)), None)
             if index is None:
                 return True
+            if self.work.settled(index):
+                self.pending.remove(index)
+                continue
             # A state whose worker died runs alone: if it kills the next one too, it takes no other state with it.
             if self.running and (index in self.attempts or self.attempts.keys() & self.running.values()):
                 return True
-            start = self._start(index)
+            task, arguments = self.work.task(index)
             try:
                 with _interrupts_held():
-                    future = executor.submit(
-                        solve, self.cell, self.store.states[index], start, moduli=self.store.has_moduli
-                    )
+                    future = executor.submit(task, self.cell, *arguments)
             except BrokenProcessPool:
                 self._lost()
                 return False
@@ -256,9 +262,7 @@ class _Run:
             result, megabytes = future.result()
             index = self.running.pop(future)
             self.peak = max(self.peak, megabytes)
-            self.store.write(index, result)
-            self.status[index] = result["status"]
-            self.done.add(index)
+            self.work.keep(index, result)
             self.losses = 0
         if lost:
             self._lost()
@@ -275,7 +279,7 @@ class _Run:
             if self.attempts[index] < ATTEMPTS:
                 self.pending.insert(0, index)
             else:
-                self.done.add(index)
+                self.work.give_up(index)
         self.running.clear()
 
     def _tell(self) -> None:
@@ -285,8 +289,7 @@ class _Run:
         seconds = time.perf_counter() - self.began
         fresh = done - self.finished_before
         left = seconds / fresh * (self.total - done) if fresh else float("nan")
-        converged = int((self.status == CODE_OF["converged"]).sum())
-        self.report(Progress(done, self.total, converged, seconds, left))
+        self.report(Progress(done, self.total, self.work.converged, seconds, left))
 
 
 @contextmanager
@@ -320,8 +323,6 @@ def sample(
         raise InputError("workers", expected="at least 1", found=workers)
     store.discard_unfinished()
     run = _Run(store, cell, progress)
-    for index in np.flatnonzero(bends_twice(store.states) & (run.status == 0)):
-        _exclude(store, int(index))
     if run.pending and dask is None:
         # Once here, not at the same time in every worker, whose memory compiling would more than double.
         cell.warm_up()
@@ -334,20 +335,4 @@ def sample(
             while whole and run.running:
                 whole = run.collect(executor) and run.submit(executor, room + 1)
     seconds = time.perf_counter() - run.began
-    converged = int((run.status == CODE_OF["converged"]).sum())
-    return SampleSummary(run.total, converged, seconds, workers, run.peak)
-
-
-def _exclude(store: SampleStore, index: int) -> None:
-    """Mark a state that bends about both axes; it is part of a grid but never solved."""
-    vertices = int(store.attributes["vertices"])
-    nan = float("nan")
-    store.write(
-        index,
-        {
-            "energy_density": nan, "stress": np.full(6, nan), "moduli": np.full((6, 6), nan),
-            "iterations": 0, "seconds": 0.0, "residual": nan,
-            "min_distance_over_diameter": nan, "fluctuation": np.full((vertices, 3), nan),
-            "twist": np.full(vertices, nan), "positions": np.full((vertices, 3), nan), "status": CODE_OF["excluded"],
-        },
-    )  # fmt: skip
+    return SampleSummary(run.work.solved, run.work.converged, seconds, workers, run.peak)

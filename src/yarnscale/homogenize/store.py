@@ -7,10 +7,11 @@ a store that opens, and whose finished states all count. Chunks are written unco
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     import xarray
 
 _FORMAT = {"format": "yarnscale-samples", "version": 1}
+RAY_DIMS = ("ray", "level", "iterate")
+"""State dimensions of a store of rays of loads (``homogenize.rays``): strains are found, not given."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,9 @@ class _Field:
     dims: tuple[str, ...] = ()
 
 
-def _fields(vertices: int, positions: bool, moduli: bool) -> dict[str, tuple[_Field, tuple[int, ...]]]:
+def _fields(
+    vertices: int, positions: bool, moduli: bool, strains: bool = False
+) -> dict[str, tuple[_Field, tuple[int, ...]]]:
     nan = float("nan")
     scalar = {
         "energy_density": _Field("<f8", nan, "J/m^2", "energy per reference area"),
@@ -50,6 +55,9 @@ def _fields(vertices: int, positions: bool, moduli: bool) -> dict[str, tuple[_Fi
     fields: dict[str, tuple[_Field, tuple[int, ...]]] = {name: (entry, ()) for name, entry in scalar.items()}
     about = "derivative of energy_density by s_x, s_a, s_y [J/m^2], II11, II12, II22 [J/m]"
     fields["stress"] = _Field("<f8", nan, "J/m^2, J/m", about, ("component",)), (6,)
+    if strains:
+        about = "s_x, s_a, s_y, II11 [1/m], II12 [1/m], II22 [1/m]"
+        fields["strain"] = _Field("<f8", nan, "1, 1/m", about, ("component",)), (6,)
     if moduli:
         about = "second derivative of energy_density by the components of stress, NaN where the cell has none"
         dims = ("component", "component_2")
@@ -68,8 +76,9 @@ def _fields(vertices: int, positions: bool, moduli: bool) -> dict[str, tuple[_Fi
 class SampleStore:
     """States of a sampling run and their results, on disk.
 
-    ``shape``: sizes of the state dimensions, a grid of strains or one dimension ``state``. ``states``: (N, 5) strains
-    in the order of ``STRAINS``, row-major over ``shape``.
+    ``shape``: sizes of the state dimensions: a grid of strains, one dimension ``state``, or rays of loads
+    (``RAY_DIMS``). ``states``: (N, 5) strains in the order of ``STRAINS``, row-major over ``shape``; of rays, whose
+    strains are found, NaN. ``rays``: their plain descriptions.
     """
 
     def __init__(self, path: Path) -> None:
@@ -103,11 +112,17 @@ class SampleStore:
         self.dims: tuple[str, ...] = tuple(self.attributes["state_dimensions"])
         self.attributes["provenance"]["area_density"]
         self.shape: tuple[int, ...] = tuple(group["status"].shape)  # type: ignore[union-attr]
-        axes = {name: np.asarray(group[name][...]) for name in STRAINS}  # type: ignore[index]
-        self.states = _states(self.dims, axes)
+        self.rays: list[dict[str, Any]] = list(self.attributes.get("rays", []))
+        if self.dims == RAY_DIMS:
+            self.states = np.full((math.prod(self.shape), len(STRAINS)), np.nan)
+        else:
+            axes = {name: np.asarray(group[name][...]) for name in STRAINS}  # type: ignore[index]
+            self.states = _states(self.dims, axes)
         self.has_positions = "positions" in group
         self.has_moduli = "moduli" in group
-        self._fields = _fields(int(self.attributes["vertices"]), self.has_positions, self.has_moduli)
+        self._fields = _fields(
+            int(self.attributes["vertices"]), self.has_positions, self.has_moduli, self.dims == RAY_DIMS
+        )
 
     @classmethod
     def create(
@@ -122,6 +137,28 @@ class SampleStore:
         provenance: Mapping[str, object],
     ) -> SampleStore:
         """A new store for a grid (five axes) or for scattered states (five columns of equal length)."""
+        dims = ("state",) if scattered else STRAINS
+        shape = (len(axes["s_x"]),) if scattered else tuple(len(axes[name]) for name in STRAINS)
+        return cls._created(
+            path, axes, dims, shape, _fields(vertices, positions, moduli), vertices, provenance
+        )
+
+    @classmethod
+    def create_rays(
+        cls, path: Path, rays: Sequence[Mapping[str, object]], *, iterates: int, vertices: int,
+        provenance: Mapping[str, object],
+    ) -> SampleStore:  # fmt: skip
+        """A new store for rays of loads (plain descriptions), with room for ``iterates`` states on each level."""
+        shape = len(rays), max(len(ray["levels"]) for ray in rays), iterates  # type: ignore[arg-type]
+        fields = _fields(vertices, positions=False, moduli=True, strains=True)
+        return cls._created(path, {}, RAY_DIMS, shape, fields, vertices, provenance, rays)
+
+    @classmethod
+    def _created(
+        cls, path: Path, axes: Mapping[str, NDArray[np.float64]], dims: tuple[str, ...], shape: tuple[int, ...],
+        fields: Mapping[str, tuple[_Field, tuple[int, ...]]], vertices: int, provenance: Mapping[str, object],
+        rays: Sequence[Mapping[str, object]] = (),
+    ) -> SampleStore:  # fmt: skip
         try:
             taken = path.exists() and (not path.is_dir() or any(path.iterdir()))
         except OSError as error:
@@ -132,15 +169,11 @@ class SampleStore:
             raise InputError(
                 "output exists", where=path, expected="a new folder, or --resume", found="files in it"
             )
-        dims = ("state",) if scattered else STRAINS
-        shape = (len(axes["s_x"]),) if scattered else tuple(len(axes[name]) for name in STRAINS)
         building = _beside(path, "building")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.rmtree(building, ignore_errors=True)
-            _write_empty(
-                building, axes, dims, shape, _fields(vertices, positions, moduli), vertices, provenance
-            )
+            _write_empty(building, axes, dims, shape, fields, vertices, provenance, rays)
             if path.exists():
                 path.rmdir()
             os.replace(building, path)
@@ -151,23 +184,30 @@ class SampleStore:
             ) from None
         return cls(path)
 
-    def extended(self, states: NDArray[np.float64]) -> SampleStore:
-        """This store with more scattered states (n, 5) behind its own, pending; what is finished stays.
+    def extended(
+        self, states: NDArray[np.float64] | None = None, *, rays: Sequence[Mapping[str, object]] = ()
+    ) -> SampleStore:
+        """This store with more scattered states (n, 5), or rays, behind its own, pending; what is finished stays.
 
         Killed at any moment, it leaves the store as it was or extended (``recover`` tells which). Raises InputError for
         the store of a grid, or a folder that cannot be written.
         """
-        if self.dims != ("state",):
+        axes: dict[str, NDArray[np.float64]] = {}
+        all_rays = [*self.rays, *rays]
+        if self.dims == ("state",) and states is not None:
+            everything = np.concatenate([self.states, states])
+            axes, shape = {name: everything[:, k] for k, name in enumerate(STRAINS)}, (len(everything),)
+        elif self.dims == RAY_DIMS and states is None:
+            shape = (len(all_rays), *self.shape[1:])
+        else:
             raise InputError(
-                "states cannot be added", where=self.path, expected="a store of scattered states"
+                "states cannot be added", where=self.path, expected="a store of scattered states or of rays"
             )
-        everything = np.concatenate([self.states, states])
-        axes = {name: everything[:, k] for k, name in enumerate(STRAINS)}
         vertices, building = int(self.attributes["vertices"]), _beside(self.path, "building")
         try:
             shutil.rmtree(building, ignore_errors=True)
             provenance = self.attributes["provenance"]
-            _write_empty(building, axes, self.dims, (len(everything),), self._fields, vertices, provenance)
+            _write_empty(building, axes, self.dims, shape, self._fields, vertices, provenance, all_rays)
             for name in self._fields:
                 if (self.path / name / "c").is_dir():
                     _link_tree(self.path / name / "c", building / name / "c")
@@ -221,6 +261,14 @@ class SampleStore:
             building.write_bytes(array.tobytes())
             os.replace(building, target)
 
+    def write_excluded(self, index: int) -> None:
+        """Mark a state as one that is never solved: it bends about both axes, or its ray needs it no more."""
+        empty = {
+            name: np.full(shape, np.nan) for name, (_, shape) in self._fields.items() if name != "status"
+        }
+        excluded = next(code for code, name in STATUS_CODES.items() if name == "excluded")
+        self.write(index, empty | {"iterations": 0, "seconds": 0.0, "status": excluded})
+
     def discard_unfinished(self) -> None:
         """Remove what a killed run was writing; nothing of it counts."""
         for name in self._fields:
@@ -273,6 +321,7 @@ def _write_empty(
     fields: Mapping[str, tuple[_Field, tuple[int, ...]]],
     vertices: int,
     provenance: Mapping[str, object],
+    rays: Sequence[Mapping[str, object]] = (),
 ) -> None:
     group = zarr.create_group(str(path), overwrite=False)
     group.attrs.update(
@@ -282,8 +331,9 @@ def _write_empty(
             "vertices": vertices,
             "provenance": json.loads(json.dumps(provenance)),
         }
+        | ({"rays": json.loads(json.dumps(rays))} if rays else {})
     )
-    for name in STRAINS:
+    for name in axes:
         values = np.asarray(axes[name], dtype=np.float64)
         own = dims if dims == ("state",) else (name,)
         array = group.create_array(name, data=values, dimension_names=own)
@@ -299,7 +349,7 @@ def _write_empty(
             dimension_names=dims + entry.dims,
         )
         array.attrs.update({"units": entry.units, "long_name": entry.about})
-        if name == "stress":
+        if name in ("stress", "strain"):
             array.attrs["components"] = list(COMPONENTS)
         if name == "status":
             codes = list(STATUS_CODES)

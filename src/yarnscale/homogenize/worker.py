@@ -13,8 +13,10 @@ from threading import Thread
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.cell.loads import CellFabric
 from yarnscale.cell.periodic import Equilibrium, PeriodicCell
 from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.loads import Held, LoadedState, Loads, Response, equilibrium_under
 from yarnscale.numerics.newton import Status
 
 Array = NDArray[np.float64]
@@ -84,21 +86,62 @@ def _follow(sentinel: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The equilibrium that a solve starts from."""
+    """The equilibrium that a solve starts from: its strain, fluctuation (n, 3) [m] and twist (n,) [rad]."""
 
-    state: Array
+    strain: ShellStrain
     fluctuation: Array
     twist: Array
 
 
+@dataclass(frozen=True, eq=False)
+class LoadedStart(Start):
+    """A start of which energy density [J/m²], stress (6,) and moduli (6, 6) are known too."""
+
+    energy: float
+    stress: Array
+    moduli: Array
+
+
 def solve(
-    cell: PeriodicCell, state: Array, start: Start | None, *, moduli: bool = False
+    cell: PeriodicCell, state: Array, start: Start | None, moduli: bool = False
 ) -> tuple[dict[str, object], float]:
     """One solve, run by a worker: its record, with moduli if asked, and the worker's peak memory [MB]."""
-    seed = None if start is None else (strain_of(start.state), start.fluctuation, start.twist)
+    seed = None if start is None else (start.strain, start.fluctuation, start.twist)
     equilibrium = cell.relax_from(strain_of(state), seed)
     extra = {"moduli": moduli_of(cell, equilibrium)} if moduli else {}
     return record(equilibrium) | extra, _peak_megabytes()
+
+
+LEVEL_TOLERANCE = 0.25
+"""Part of a level's load that may be missing where the next level begins: samples need not meet round numbers."""
+
+
+def climb(
+    cell: PeriodicCell, loads: Loads, held: Held, start: LoadedStart | None, iterates: int
+) -> tuple[list[dict[str, object]], float]:
+    """Equilibria on the way from a start to loads, at most ``iterates``: their records, and peak memory [MB].
+
+    Every step of the macroscopic Newton method is an equilibrium of the yarns, and so a sample.
+    """
+    found: list[dict[str, object]] = []
+
+    def keep(response: Response, moduli: Array) -> None:
+        found.append(record(response.state) | {"strain": response.strain, "moduli": moduli})
+
+    before = None
+    if start is not None:
+        there = Response(start.strain.vector, start.energy, start.stress, state=start)
+        before = LoadedState(there, start.moduli, 0.0, True, Status.CONVERGED, 0)
+    equilibrium_under(
+        CellFabric(cell),
+        loads,
+        held=held,
+        start=before,
+        tolerance=LEVEL_TOLERANCE,
+        max_iterations=iterates,
+        visit=keep,
+    )
+    return found, _peak_megabytes()
 
 
 def _peak_megabytes() -> float:

@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 RADIUS = 0.12
 """Largest change of a scaled strain in one step."""
+HELD_RADIUS = 0.5
+"""Largest change of a held scaled strain in one step."""
 FLOOR = 1e-5
 """Residual of the load that counts as none, however small the load is [N/m]."""
 _SMALLEST_SIDE, _LARGEST_SHEAR = 0.05, 0.97
@@ -192,11 +194,6 @@ class LoadedState:
         """Whether the loads are met, at a minimum."""
         return self.status is Status.CONVERGED
 
-    @property
-    def start(self) -> tuple[Response, Array]:
-        """What a solve under other loads may start from."""
-        return self.response, self.moduli
-
 
 Visit = Callable[[Response, Array], None]
 
@@ -206,7 +203,7 @@ def equilibrium_under(
     loads: Loads,
     *,
     held: Held | None = None,
-    start: LoadedState | Response | None = None,
+    start: LoadedState | None = None,
     tolerance: float = 1e-3,
     max_iterations: int = 60,
     visit: Visit | None = None,
@@ -215,7 +212,7 @@ def equilibrium_under(
 
     Newton with the fabric's moduli, negative ones turned positive, in steps of at most ``RADIUS`` in scaled strains;
     held strains are moved to their values in the same steps. tolerance: on the missing load over all loads. visit:
-    called with every response on the way and its moduli (NaN where there are none). Look at ``status``.
+    called with every new response on the way and its moduli (NaN where there are none). Look at ``status``.
     """
     return _LoadedNewton(fabric, loads, held or Held(), tolerance, max_iterations, visit).run(start)
 
@@ -254,17 +251,14 @@ class _LoadedNewton:
         self.evaluations = 0
         self.known = np.full((6, 6), np.nan)
 
-    def run(self, start: LoadedState | Response | None) -> LoadedState:
-        here = start.response if isinstance(start, LoadedState) else start
-        if isinstance(start, LoadedState):
-            self.known = start.moduli
-        if here is None:
-            here = self._ask(np.zeros(6), None)
+    def run(self, start: LoadedState | None) -> LoadedState:
+        here = self._ask(np.zeros(6), None) if start is None else start.response
         if not here.usable:
             return self._outcome(here, Status.INVALID)
-        moduli = self._moduli(here)
+        moduli = self._moduli(here) if start is None or np.isnan(start.moduli).any() else start.moduli
+        self.known = moduli if np.isfinite(moduli).all() else self.known
         radius, escapes = RADIUS, 0
-        for _ in range(self.max_iterations):
+        for iteration in range(self.max_iterations + 1):
             gradient, hessian = self._slope(here), self._curvature(here)
             gap = self.to_held @ (self.held.values - self.held.matrix @ here.strain)
             if np.abs(gap).max() < 1e-12 and self._missing(gradient) <= self._enough(here):
@@ -272,17 +266,19 @@ class _LoadedNewton:
                 if way_out is None or escapes >= _ESCAPES:
                     return self._outcome(here, Status.CONVERGED, moduli)
                 step, escapes = 0.25 * RADIUS * way_out, escapes + 1
+            elif iteration == self.max_iterations:
+                break
             else:
-                step = gap + self._newton_step(gradient + hessian @ gap, hessian)
-            length = float(np.abs(step).max())
-            step *= min(1.0, radius / max(length, 1e-300))
-            fraction, there = self._search(here, gradient, step, moving=np.abs(gap).max() >= 1e-12)
+                gap = _shortened(gap, HELD_RADIUS)
+                step = self._newton_step(gradient + hessian @ gap, hessian)
+            step = _shortened(step, radius)
+            fraction, there = self._search(
+                here, gradient, gap + step, moving=bool(np.abs(gap).max() >= 1e-12)
+            )
             if there is None:
                 return self._outcome(here, Status.STALLED, moduli)
-            if fraction < 1.0:
-                radius = max(fraction * float(np.abs(step).max()), 1e-4 * RADIUS)
-            else:
-                radius = min(2.0 * radius, RADIUS)
+            whole = float(np.abs(step).max())
+            radius = min(2.0 * radius, RADIUS) if fraction == 1.0 else max(fraction * whole, 1e-4 * RADIUS)
             here, moduli = there, self._moduli(there)
         return self._outcome(here, Status.ITERATION_LIMIT, moduli)
 
@@ -358,6 +354,11 @@ class _LoadedNewton:
         if moduli is None:
             moduli = np.full((6, 6), np.nan)
         return LoadedState(response, moduli, self._missing(gradient), stable, status, self.evaluations)
+
+
+def _shortened(step: Array, longest: float) -> Array:
+    """A step whose largest component is at most ``longest``."""
+    return step * min(1.0, longest / max(float(np.abs(step).max()), 1e-300))
 
 
 def _admissible(strain: Array) -> bool:

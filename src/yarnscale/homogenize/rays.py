@@ -1,0 +1,191 @@
+"""Which loads to sample: rays of growing loads from rest, where the fabric itself finds its strains.
+
+Fabric is worn at some mN/m and breaks at some kN/m, and its strains say little of either: a box of strains spends its
+samples where the fabric never is. So a state is chosen by its loads. A ray grows one load, evenly over the decades from
+a fraction of the weight of a centimetre of the fabric up to a limit, each state starting from the one before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.kinematics import COMPONENTS
+from yarnscale.numerics.loads import FLAT, Held, Loads
+
+Array = NDArray[np.float64]
+
+LEVELS = 9
+"""Magnitudes of load on a ray."""
+ITERATES = 3
+"""Most equilibria of the cell that a level takes; all of them are samples."""
+LIMIT = 50.0
+"""Largest load by default [N/m]."""
+SOLVES = 600
+"""Equilibria of the cell by default."""
+_PER_LEVEL = 2.1  # equilibria, as measured over ten patterns
+_LEAST = 0.05  # of the weight of a centimetre of the fabric
+_GRAVITY = 9.81
+_BOX_SHARE = 0.1
+_BENDS = np.array([0.002, 0.008, 0.025, 0.06, 0.1])
+"""Curvatures of rays of pure bending, times the yarn radius."""
+_BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
+"""Least and largest s_x, s_a, s_y of states that are chosen by strain, for safety; they bend up to 0.1/r."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ray:
+    """States that start one from the other: loads and held strains of every level.
+
+    kind: "rest", "tension" (in-plane loads, flat), "bending" (curvature grows, no load), "bent" (in-plane loads at a
+    given curvature), "stress" (loads of all six strains), "strain" (all strains given).
+    """
+
+    kind: str
+    levels: tuple[tuple[Loads, Held], ...]
+
+    def plain(self) -> dict[str, object]:
+        """As JSON values."""
+        return {
+            "kind": self.kind,
+            "levels": [
+                {
+                    "stress": list(loads.stress),
+                    "tensions": [list(pair) for pair in loads.tensions],
+                    "held": np.column_stack([held.matrix, held.values]).tolist(),
+                }
+                for loads, held in self.levels
+            ],
+        }
+
+    @classmethod
+    def from_plain(cls, entry: dict) -> Ray:
+        """From what ``plain`` gives; KeyError, TypeError or ValueError for anything else."""
+        levels = []
+        for level in entry["levels"]:
+            rows = np.asarray(level["held"], np.float64).reshape(-1, 7)
+            tensions = tuple((float(angle), float(load)) for angle, load in level["tensions"])
+            levels.append((Loads(tuple(level["stress"]), tensions), Held(rows[:, :6], rows[:, 6])))
+        return cls(str(entry["kind"]), tuple(levels))
+
+
+def load_rays(cell: PeriodicCell, *, solves: int = SOLVES, limit: float = LIMIT, seed: int = 0) -> list[Ray]:
+    """Rays of about ``solves`` equilibria in all, the state of rest first; up to ``limit`` [N/m].
+
+    The same numbers give the same rays, and those of fewer solves are among those of more, but for their last tenth.
+    Raises InputError for a limit that is no load, or too few solves for all kinds of states.
+    """
+    least = _LEAST * _GRAVITY * 0.01 * cell.area_density
+    if not (math.isfinite(limit) and limit > 10 * least):
+        raise InputError("largest load [N/m]", expected=f"more than {10 * least:.2g}", found=limit)
+    if solves < FEWEST:
+        raise InputError("number of solves", expected=f"at least {FEWEST}", found=solves)
+    radius, sizes = cell.pattern.radius, np.geomspace(least, limit, LEVELS)
+    rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
+    for ray in _usual_rays(radius, sizes, seed):
+        if spent >= (1 - _BOX_SHARE) * solves:
+            break
+        rays.append(ray)
+        spent += _PER_LEVEL * len(ray.levels)
+    return rays + [ray_to(strain) for strain in box_strains(radius, round(_BOX_SHARE * solves / 3), seed)]
+
+
+FEWEST = 60
+"""Fewest solves of a plan."""
+
+
+def _usual_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
+    """Tension and bending along the axes and diagonals, then all kinds of loads in turn, without end."""
+    yield from (_tension(angle, sizes) for angle in (0.0, np.pi / 2))
+    yield from (_bending(angle, sign, radius) for angle in (0.0, np.pi / 2) for sign in (1.0, -1.0))
+    yield _in_plane(np.array([1.0, 0.0, 1.0]), sizes)
+    yield from (_tension(angle, sizes) for angle in (np.pi / 4, 3 * np.pi / 4))
+    yield from (_bending(angle, sign, radius) for angle in (np.pi / 4, 3 * np.pi / 4) for sign in (1.0, -1.0))
+    draws = qmc.Sobol(7, seed=seed)
+    for turn in range(1_000_000):
+        place = draws.random(1)[0]
+        normal = ndtri(np.clip(place[:6], 1e-3, 1 - 1e-3))
+        pull = normal[:3].copy()
+        if turn % 3:  # fabric bears little compression before it buckles
+            pull[[0, 2]] = np.abs(pull[[0, 2]])
+        if turn % 4 == 0:
+            yield _stress(np.concatenate([pull, normal[3:]]) * _emphasis(turn // 4), sizes, radius)
+        elif turn % 4 == 2 and turn % 8 == 2:
+            yield _in_plane(pull, sizes)
+        elif turn % 4 == 2:
+            yield _tension(np.pi * place[6], sizes)
+        else:
+            yield _bent(pull, curvature(place[3:7], radius, least=0.004, most=0.15), sizes)
+
+
+def _emphasis(turn: int) -> Array:
+    """Weights of in-plane loads and moments: alike, mostly in-plane, mostly moments."""
+    return np.repeat([(1.0, 1.0), (1.0, 0.1), (0.1, 1.0)][turn % 3], 3)
+
+
+def curvature(place: Array, radius: float, *, least: float, most: float) -> Array:
+    """(II11, II12, II22) [1/m] of four numbers in [0, 1): direction, size, second curvature, sign; half bend once.
+
+    least, most: bounds of the larger principal curvature times the yarn radius, evenly over its decades.
+    """
+    turn, size, second, sign = place
+    first = math.copysign(least * (most / least) ** size, 0.5 - sign) / radius
+    other = 0.0 if second < 0.5 else first * (4 * second - 3)
+    c, s = math.cos(math.pi * turn), math.sin(math.pi * turn)
+    return np.array([first * c * c + other * s * s, (first - other) * c * s, first * s * s + other * c * c])
+
+
+def strains_held(strain: Array) -> Held:
+    """All six strains at given values (6,)."""
+    return Held(np.eye(6), np.array(strain, np.float64))
+
+
+def ray_to(strain: Array, parts: int = 3) -> Ray:
+    """States on the straight way from rest to a strain (6,)."""
+    return Ray("strain", tuple((Loads(), strains_held(k / parts * strain)) for k in range(1, parts + 1)))
+
+
+def box_strains(radius: float, count: int, seed: int) -> Array:
+    """Strains (count, 6) spread over a box that holds usual clothing, bent in any direction, half of them doubly."""
+    places = qmc.Sobol(7, seed=seed + 1).random_base2(max(1, math.ceil(math.log2(max(count, 1)))))[:count]
+    strains = np.empty((count, 6))
+    strains[:, :3] = _BOX[:, 0] + (_BOX[:, 1] - _BOX[:, 0]) * places[:, :3]
+    for strain, place in zip(strains, places, strict=True):
+        strain[3:] = curvature(place[3:], radius, least=0.005, most=0.1)
+    return strains
+
+
+def _tension(angle: float, sizes: Array) -> Ray:
+    return Ray("tension", tuple((Loads.tension(angle, size), FLAT) for size in sizes))
+
+
+def _in_plane(direction: Array, sizes: Array, held: Held = FLAT, kind: str = "tension") -> Ray:
+    along = direction / np.linalg.norm(direction)
+    return Ray(kind, tuple((_loads(size * along), held) for size in sizes))
+
+
+def _bent(direction: Array, second_form: Array, sizes: Array) -> Ray:
+    held = Held.components(**dict(zip(COMPONENTS[3:], second_form.tolist(), strict=True)))
+    return _in_plane(direction, sizes, held, "bent")
+
+
+def _bending(angle: float, sign: float, radius: float) -> Ray:
+    return Ray("bending", tuple((Loads(), Held.bent(angle, sign * size / radius)) for size in _BENDS))
+
+
+def _stress(direction: Array, sizes: Array, radius: float) -> Ray:
+    """Loads of all six strains; moments count by the work they do over a tenth of the yarn's curvature."""
+    along = direction / np.linalg.norm(direction) * np.array([1.0] * 3 + [5.0 * radius] * 3)
+    return Ray("stress", tuple((_loads(size * along), Held()) for size in sizes))
+
+
+def _loads(values: Sequence[float] | Array) -> Loads:
+    return Loads(tuple(float(v) for v in values) + (0.0,) * (6 - len(values)))

@@ -1,0 +1,169 @@
+"""Units of work of a sampling run: a state of a grid, or a level of a ray; what each starts from and leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from yarnscale.homogenize.plan import bends_twice, solve_order
+from yarnscale.homogenize.rays import Ray
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.homogenize.worker import CODE_OF, LoadedStart, Start, climb, solve, strain_of
+from yarnscale.kinematics import ShellStrain
+
+Task = tuple[Callable[..., Any], tuple[Any, ...]]
+_CONVERGED, _EXCLUDED = CODE_OF["converged"], CODE_OF["excluded"]
+
+
+class GridUnits:
+    """States of given strains; each starts from the nearest one closer to rest."""
+
+    def __init__(self, store: SampleStore) -> None:
+        self.store = store
+        self.order, self.parents = solve_order(store.states)
+        self.status = store.status()
+        twice = bends_twice(store.states)
+        for index in np.flatnonzero(twice & (self.status == 0)):
+            store.write_excluded(int(index))
+            self.status[index] = _EXCLUDED
+        self.done = set(np.flatnonzero(self.status != 0).tolist())
+        self.total = self.solved = int((~twice).sum())
+
+    def pending(self) -> list[int]:
+        """Units that are left, in the order of work."""
+        return [int(i) for i in self.order if self.status[i] == 0]
+
+    def ready(self, unit: int) -> bool:
+        """Whether what the unit starts from is done."""
+        parent = int(self.parents[unit])
+        return parent < 0 or parent in self.done
+
+    def settled(self, unit: int) -> bool:
+        """Whether the unit needs no work after all."""
+        return False
+
+    def task(self, unit: int) -> Task:
+        """What a worker is to call, behind the cell."""
+        parent = int(self.parents[unit])
+        while parent >= 0 and self.status[parent] != _CONVERGED:
+            parent = int(self.parents[parent])
+        start = None
+        if parent >= 0:
+            shape = self.store.read(parent, "fluctuation"), self.store.read(parent, "twist")
+            start = Start(strain_of(self.store.states[parent]), *shape)
+        return solve, (self.store.states[unit], start, self.store.has_moduli)
+
+    def keep(self, unit: int, result: dict[str, object]) -> None:
+        """Store what a worker has found."""
+        self.store.write(unit, result)
+        self.status[unit] = result["status"]
+        self.done.add(unit)
+
+    def give_up(self, unit: int) -> None:
+        """Leave a unit pending that workers died of, and go on with those that start from it."""
+        self.done.add(unit)
+
+    @property
+    def converged(self) -> int:
+        """Converged states."""
+        return int((self.status == _CONVERGED).sum())
+
+
+class RayUnits:
+    """Levels of rays; each starts from the level before, the first one from rest, which is the first ray.
+
+    The states of a level are written in order and the last place of a level, filled or not, at the end: a level
+    without it is done again as a whole. A level that finds no state ends its ray.
+    """
+
+    def __init__(self, store: SampleStore) -> None:
+        self.store = store
+        self.rays = [Ray.from_plain(entry) for entry in store.rays]
+        _, self.levels, self.iterates = store.shape
+        self.status = store.status().reshape(-1, self.iterates)
+        self.units = [r * self.levels + k for r, ray in enumerate(self.rays) for k in range(len(ray.levels))]
+        self.total = len(self.units)
+        self.lost: set[int] = set()
+
+    def pending(self) -> list[int]:
+        """Units that are left: first the levels near rest, of all rays."""
+        left = [unit for unit in self.units if self.status[unit, -1] == 0]
+        return sorted(left, key=lambda unit: (unit % self.levels, unit))
+
+    def _before(self, unit: int) -> int | None:
+        """The level that a level starts from; None for the state of rest."""
+        if unit == 0:
+            return None
+        return unit - 1 if unit % self.levels else 0
+
+    def ready(self, unit: int) -> bool:
+        """Whether what the level starts from is done, or will not be."""
+        before = self._before(unit)
+        return before is None or self.status[before, -1] != 0 or before in self.lost
+
+    def settled(self, unit: int) -> bool:
+        """Whether the ray ended before this level; its places are marked then."""
+        before = self._before(unit)
+        if before is None or (self.status[before] == _CONVERGED).any():
+            return False
+        if before in self.lost:
+            self.lost.add(unit)
+        else:
+            self._write(unit, [])
+        return True
+
+    def task(self, unit: int) -> Task:
+        """What a worker is to call, behind the cell."""
+        ray, level = divmod(unit, self.levels)
+        return climb, (*self.rays[ray].levels[level], self._start(unit), self.iterates)
+
+    def _start(self, unit: int) -> LoadedStart | None:
+        before = self._before(unit)
+        if before is None:
+            return None
+        last = before * self.iterates + int(np.flatnonzero(self.status[before] == _CONVERGED)[-1])
+        read = self.store.read
+        return LoadedStart(
+            ShellStrain.from_vector(read(last, "strain")), read(last, "fluctuation"), read(last, "twist"),
+            float(read(last, "energy_density")), read(last, "stress"), self._known_moduli(before),
+        )  # fmt: skip
+
+    def _known_moduli(self, unit: int | None) -> np.ndarray:
+        """The last moduli on the way to the end of a level; NaN where there are none."""
+        while unit is not None:
+            for place in np.flatnonzero(self.status[unit] == _CONVERGED)[::-1]:
+                moduli = self.store.read(unit * self.iterates + int(place), "moduli")
+                if np.isfinite(moduli).all():
+                    return moduli
+            unit = self._before(unit)
+        return np.full((6, 6), np.nan)
+
+    def keep(self, unit: int, result: list[dict[str, object]]) -> None:
+        """Store what a worker has found."""
+        self._write(unit, result)
+
+    def _write(self, unit: int, found: list[dict[str, object]]) -> None:
+        for place in range(self.iterates):
+            index = unit * self.iterates + place
+            if place < len(found):
+                self.store.write(index, found[place])
+                self.status[unit, place] = found[place]["status"]
+            else:
+                self.store.write_excluded(index)
+                self.status[unit, place] = _EXCLUDED
+
+    def give_up(self, unit: int) -> None:
+        """Leave a level pending that workers died of; its ray ends there for now."""
+        self.lost.add(unit)
+
+    @property
+    def solved(self) -> int:
+        """States that were solved."""
+        return int(((self.status != 0) & (self.status != _EXCLUDED)).sum())
+
+    @property
+    def converged(self) -> int:
+        """Converged states."""
+        return int((self.status == _CONVERGED).sum())

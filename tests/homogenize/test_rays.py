@@ -1,0 +1,174 @@
+"""Rays of loads: which are planned, what sampling finds along them, and what interruptions leave."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.cell import loads as loads_module
+from yarnscale.errors import InputError
+from yarnscale.homogenize import sample as module
+from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.rays import ITERATES, LEVELS, Ray, box_strains, load_rays, ray_to, strains_held
+from yarnscale.homogenize.sample import check_rays_resumable, create_ray_store, create_store, sample
+from yarnscale.homogenize.states import FabricStates
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.homogenize.worker import CODE_OF
+from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.loads import FLAT, Held, Loads
+from yarnscale.yarn import library
+from yarnscale.yarn.material import PRESETS
+
+REST = Ray("rest", ((Loads(), strains_held(np.zeros(6))),))
+TENSION = Ray("tension", tuple((Loads.components(s_x=load, s_y=load), FLAT) for load in (0.1, 0.5)))
+TOO_TIGHT = Ray("strain", tuple((Loads(), Held.components(II11=curvature)) for curvature in (900.0, 0.0)))
+"""Its first level asks for more curvature than the cell of these tests bears."""
+RAYS = [REST, TENSION, TOO_TIGHT]
+
+
+@pytest.fixture(scope="module")
+def cell() -> PeriodicCell:
+    return PeriodicCell(library.build("plain"), PRESETS["hylc2020-stockinette"])
+
+
+class Inline(Executor):
+    """Works at once in this process."""
+
+    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
+        future: Future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+@pytest.fixture
+def inline(monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def workers(count: int):  # type: ignore[no-untyped-def]
+        yield Inline()
+
+    monkeypatch.setattr(module, "local_workers", workers)
+
+
+def test_plans_hold_all_kinds_of_states_over_the_decades(cell: PeriodicCell) -> None:
+    rays = load_rays(cell, solves=600, limit=40.0)
+    kinds = Counter(ray.kind for ray in rays)
+    assert set(kinds) == {"rest", "tension", "bending", "bent", "stress", "strain"}
+    pulls = [load for ray in rays for loads, _ in ray.levels for _, load in loads.tensions]
+    assert max(pulls) == pytest.approx(40.0)
+    weight_of_a_centimetre = cell.area_density * 9.81 * 0.01
+    assert 0.01 * weight_of_a_centimetre < min(pulls) < 0.2 * weight_of_a_centimetre
+    first = next(ray for ray in rays if ray.kind == "tension")
+    steps = np.diff(np.log([loads.tensions[0][1] for loads, _ in first.levels]))
+    assert len(steps) == LEVELS - 1
+    assert steps == pytest.approx(steps[0])
+    assert sum(len(ray.levels) for ray in rays) < 600 < ITERATES * sum(len(ray.levels) for ray in rays)
+    bent = np.array([held.values for ray in rays if ray.kind == "bent" for _, held in ray.levels[:1]])
+    determinant = bent[:, 0] * bent[:, 2] - bent[:, 1] ** 2
+    doubly = np.abs(determinant) > 1e-6 * (bent**2).sum(axis=1)
+    assert doubly.any() and not doubly.all()
+
+
+def test_plans_are_the_same_every_time_and_longer_ones_begin_alike(cell: PeriodicCell) -> None:
+    few, many = load_rays(cell, solves=300), load_rays(cell, solves=500)
+    assert [ray.plain() for ray in few] == [ray.plain() for ray in load_rays(cell, solves=300)]
+    along = [ray.plain() for ray in few if ray.kind != "strain"]
+    assert along == [ray.plain() for ray in many][: len(along)]
+    assert [ray.plain() for ray in load_rays(cell, solves=300, seed=1)] != [ray.plain() for ray in few]
+
+
+def test_rays_survive_being_written(cell: PeriodicCell) -> None:
+    for ray in load_rays(cell, solves=200):
+        again = Ray.from_plain(json.loads(json.dumps(ray.plain())))
+        assert again.plain() == ray.plain()
+
+
+def test_box_states_bend_in_every_direction() -> None:
+    strains = box_strains(0.001, 64, 0)
+    assert (np.abs(strains[:, 1]) <= 0.6).all() and (strains[:, [0, 2]] >= -0.2).all()
+    assert (np.abs(strains[:, 4]) > 1.0).mean() > 0.3
+    determinant = strains[:, 3] * strains[:, 5] - strains[:, 4] ** 2
+    assert (determinant > 1.0).any() and (determinant < -1.0).any()
+    assert ray_to(strains[0]).levels[-1][1].values == pytest.approx(strains[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"limit": 0.0}, "largest load"),
+        ({"limit": float("nan")}, "largest load"),
+        ({"solves": 3}, "number of solves"),
+    ],
+)
+def test_plans_without_states_are_refused(cell: PeriodicCell, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_rays(cell, **options)
+
+
+@pytest.fixture
+def sampled(cell: PeriodicCell, tmp_path: Path, inline: None, monkeypatch: pytest.MonkeyPatch) -> SampleStore:
+    monkeypatch.setattr(loads_module, "TIGHTEST", 1e-5)
+    store = create_ray_store(tmp_path / "store", cell, RAYS)
+    sample(cell, store)
+    return store
+
+
+def test_samples_are_equilibria_that_meet_their_loads(
+    cell: PeriodicCell, sampled: SampleStore, tmp_path: Path
+) -> None:
+    codes = sampled.status().reshape(sampled.shape)
+    assert (codes[2] == CODE_OF["excluded"]).all()
+    assert codes[0, 0].tolist() == [CODE_OF["converged"], CODE_OF["excluded"], CODE_OF["excluded"]]
+    states = FabricStates.of(sampled)
+    assert Counter(states.kinds.tolist()).keys() == {"rest", "tension"}
+    assert np.isfinite(states.moduli).all()
+    assert states.strains[:, 3:] == pytest.approx(0.0)
+    assert (states.density, states.radius) == (pytest.approx(cell.area_density), cell.pattern.radius)
+    assert states.stresses[-1][[0, 2]] == pytest.approx([0.5, 0.5], rel=0.25)
+    moved, step = states.strains[-1].copy(), 1e-4
+    moved[0] += step
+    ahead = cell.relax(ShellStrain.from_vector(moved))
+    slope = (ahead.stress - states.stresses[-1]) / step
+    assert slope[:3] == pytest.approx(states.moduli[-1][0, :3], rel=0.05, abs=0.05)
+
+    # What a killed run leaves, a level of which one state is written, is done again to the same end.
+    torn = tmp_path / "torn"
+    shutil.copytree(sampled.path, torn)
+    for place in range(ITERATES - 2, ITERATES):
+        (torn / "status" / "c" / "1" / "1" / str(place)).unlink()
+    again = SampleStore(torn)
+    assert (again.status() == 0).sum() == (sampled.status() == 0).sum() + 2
+    sample(cell, again)
+    assert np.array_equal(FabricStates.of(again).strains, states.strains)
+    assert np.array_equal(FabricStates.of(again).moduli, states.moduli)
+
+
+def test_rays_are_added_behind_those_that_are_there(cell: PeriodicCell, sampled: SampleStore) -> None:
+    before = FabricStates.of(sampled)
+    longer = sampled.extended(rays=[ray_to(np.array([0.05, 0.02, 0, 0, 0, 0]), 1).plain()])
+    check_rays_resumable(longer, cell, RAYS)
+    assert longer.shape[0] == 4
+    summary = sample(cell, longer)
+    states = FabricStates.of(longer)
+    assert summary.converged == len(states.energies) > len(before.energies)
+    assert np.array_equal(states.strains[: len(before.strains)], before.strains)
+    assert states.strains[-1] == pytest.approx([0.05, 0.02, 0, 0, 0, 0])
+
+
+def test_only_the_same_loads_resume(cell: PeriodicCell, tmp_path: Path) -> None:
+    store = create_ray_store(tmp_path / "store", cell, RAYS)
+    check_rays_resumable(store, cell, RAYS)
+    with pytest.raises(InputError, match="cannot resume: other loads"):
+        check_rays_resumable(store, cell, [REST, TOO_TIGHT])
+    grid = create_store(tmp_path / "grid", cell, StrainGrid().axes, scattered=False)
+    with pytest.raises(InputError, match="cannot resume: a store without loads"):
+        check_rays_resumable(grid, cell, RAYS)
+    with pytest.raises(InputError, match="cannot be added"):
+        grid.extended(rays=[REST.plain()])
