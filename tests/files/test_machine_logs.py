@@ -90,6 +90,7 @@ def test_encodings(tmp_path, encoding):
         ("Tensile strain (Extension) (%),Load (kgf)", lambda s, f: f"{100 * s:.4f},{f / 9.80665:.7f}"),
         ("Strain [mm/mm]\tForce [kN]", lambda s, f: f"{s:.6f}\t{f / 1000:.8f}"),
         ("Force per width [N/m],Strain [%]", lambda s, f: f"{f / 0.05:.4f},{100 * s:.4f}"),
+        ("Extension(mm)   Load(N)", lambda s, f: f"{100 * s:10.4f}   {f:10.4f}"),
         ("Grip separation / mm,Force / N", lambda s, f: f"{100 * (1 + s):.4f},{f:.4f}"),
         ("Crosshead displacement (mm);Last (N)", lambda s, f: f'"{comma(100 * s)}";"{comma(f)}"'),
         ('"Extension (mm)","Load (mN)"', lambda s, f: f'"{100 * s:.4f}","{1000 * f:,.2f}"'),
@@ -150,6 +151,11 @@ def test_sampling_rate_noise_slack_and_offset(tmp_path, readings):
     assert any("slack" in note for note in fabric.notes)
 
 
+def test_results_below_the_readings_are_no_readings(tmp_path):
+    text = "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}")
+    check(fabric_of(tmp_path, text + "\nResults\nMaximum load,12.5\nSpecimen,Max load (N)\n1,12.5\n"))
+
+
 def test_what_is_left_out_is_said(tmp_path):
     text = "Extension (mm),Load (N),Humidity\n" + rows(
         lambda s, f: f"{100 * s:.4f},{f:.4f},65", stretch=np.concatenate([STRETCH, STRETCH[::-1]])
@@ -170,13 +176,14 @@ GOOD = "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}")
         (GOOD, None, (":1", "swatch_width", "swatch_width_mm", "--swatch")),
         (GOOD, LogSettings(swatch_width=0.05), (":1", "swatch_length", "--swatch")),
         (GOOD.replace("(N)", ""), SWATCH, (":1", "unit", "Load", "none")),
-        (GOOD.replace("(N)", "(MPa)"), SWATCH, (":1", "unit", "MPa", "n/m")),
+        (GOOD.replace("(N)", "(MPa)"), SWATCH, (":1", "unit", "MPa", "N/m")),
         (GOOD.replace("Load (N)", "Torque (Nm)"), SWATCH, (":1", "Torque", "Load (N)")),
         (GOOD.replace("Extension (mm)", "Temperature"), SWATCH, (":1", "Temperature")),
         (GOOD.replace("Extension (mm)", "Strain"), SWATCH, (":1", "unit", "Strain", "%")),
         (GOOD.replace("\n5.0000,", "\n5.0.0,"), SWATCH, (":12", "Extension", "5.0.0")),
         (GOOD.replace("\n5.0000,", "\n5,0000,"), SWATCH, (":12", "2 cells", "decimal commas")),
         (GOOD.replace("\n5.0000,", '\n"5,0000",'), SWATCH, ("decimal marks", "5,0000")),
+        (GOOD.replace("Extension (mm)", "Strain [1]"), SWATCH, (":82", "Strain [1]", "percent")),
         (GOOD.replace(",", ",-"), SWATCH, ("Load", "positive")),
         ("no,log\nat,all\n", SWATCH, (":1", "column names", "no, log")),
         ("Extension (mm),Load (N)\n", SWATCH, ("readings", "none")),

@@ -39,6 +39,8 @@ _ALIKE = 4.0
 """Runs of one swatch differ by less than this factor; more is a wrong unit."""
 _OTHER_SIZE = 1.2
 """Swatches of a direction differ in width by less than this factor; forces are scaled to their mean width."""
+_LONGEST = 8.0
+"""Longest length of a swatch over that before the test; what is longer is a wrong unit."""
 _NOISE = 0.1
 """Part of a run's extension by which a length may fall while the force grows."""
 _USED = 1.1
@@ -373,6 +375,14 @@ def _length(swatch: _Swatch) -> Array:
             column,
             f"an extension of a swatch of {gauge:g} m",
             f"{values[shortest]:g} (SI)",
+        )
+    farthest = int(np.argmax(length))
+    if length[farthest] > _LONGEST * gauge:
+        raise swatch.table.fault(
+            swatch.rows[farthest][0],
+            column,
+            f"an extension of a swatch of {gauge:g} m below {_LONGEST:g} times its length",
+            f"{length[farthest] - gauge:.4g} m: a strain in percent, or another unit of length?",
         )
     return length
 

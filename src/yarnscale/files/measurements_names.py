@@ -14,7 +14,7 @@ QUANTITIES = {
         "f", "fuerza", "carga", "charge", "forza", "carico", "kracht", "line load", "force per width",
     ),
     "clamp_distance": (
-        "clamp distance", "axial length", "grip separation", "clamp separation", "jaw separation",
+        "clamp distance", "axial length", "grip separation", "clamp separation", "jaw separation", "length", "lange",
         "distance between clamps", "einspannabstand", "klemmenabstand", "klemmabstand",
     ),
     "extension": (
@@ -58,6 +58,12 @@ KINDS = {
     "stress": ("stress",),
 }
 """Quantity → kinds of its units; none: no number."""
+USUAL_UNITS = {
+    "force": "N, cN, mN, kN, gf, lbf, N/m or N/cm",
+    "extension": "mm, cm, m, % or 1",
+    "stress": "N_per_mm",
+}
+"""Quantity → units to name in an error; lengths of other quantities have mm, cm, m or in."""
 
 _PLAIN = str.maketrans("äöüéèêáàóíñúâô", "aoueeeaaoinuao")
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.files.measurements_names import KINDS, UNITS, ColumnName, column_name, factor, is_unit
+from yarnscale.files.measurements_names import KINDS, USUAL_UNITS, ColumnName, column_name, factor, is_unit
 
 Array = NDArray[np.float64]
 Row = tuple[int, tuple[str, ...]]
@@ -28,6 +28,11 @@ _DECIMALS = {
     for mark, group in ((".", ","), (",", "."))
 }
 """Decimal mark → what numbers with it look like, thousands set apart by the other mark or not."""
+_NAMES = {
+    "force": "force_N and clamp_distance_mm, or Load (N) and Extension (mm)",
+    "loop_ratio": "loop_ratio and clamp_distance_mm",
+}
+"""First needed quantity of a table → names of columns to show in an error."""
 _SAMPLED = 2000
 """Readings of a table in which the decimal mark is looked for."""
 
@@ -89,10 +94,10 @@ class MeasuredTable:
             return Column(name.text, place)
         found = factor(quantity, name.unit)
         if found is None:
-            units = " or ".join(unit for kind in KINDS[quantity] for unit in UNITS[kind])
             raise InputError(
                 f"unit of column '{name.text:.60}'", where=f"{self.path}:{self.header}",
-                expected=f"{units}, as in '{quantity}_{'N' if quantity == 'force' else 'mm'}' or in brackets",
+                expected=f"{USUAL_UNITS.get(quantity, 'mm, cm, m or in')}, as in 'force_N' or 'Load [N]', "
+                "or in a line of units below the names",
                 found=f"'{name.unit:.20}'" if name.unit else "none",
             )  # fmt: skip
         return Column(name.text, place, *found)
@@ -144,6 +149,9 @@ def read_tables(
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     told = re.match(r"sep=(.)\n", text)
     separator = told.group(1) if told else _separator(text)
+    if separator == "," and "," not in text:
+        # Columns aligned by spaces.
+        separator, text = "\t", re.sub(r"(?<=\S) {2,}(?=\S)", "\t", text)
     lines = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
     try:
         for cells in lines:
@@ -269,18 +277,17 @@ class _Reader:
 
     def tables(self, separator: str) -> tuple[MeasuredTable, ...]:
         """What was found. Raises InputError where that is nothing."""
-        tables = [
-            replace(table, rows=tuple(rows))
-            for table, rows in zip(self.found, self.rows, strict=True)
-            if rows
-        ]
+        tables = []
+        for table, rows in zip(self.found, self.rows, strict=True):
+            # A few numbers below a line of text, without names of their own, are results and no readings.
+            if rows and not (tables and tables[-1].header == table.header and len(rows) < 3):
+                tables.append(replace(table, rows=tuple(rows)))
         if not self.found and self.first is not None:
             line, cells = self.first
             names = ", ".join(cells)
             raise InputError(
                 "column names", where=f"{self.path}:{line}",
-                expected=f"a line with {' and '.join(self.needed)}, or names such as Load (N) and Extension (mm), "
-                "separated by commas, semicolons or tabs",
+                expected=f"a line of names such as {_NAMES[self.needed[0]]}, separated by commas, semicolons or tabs",
                 found=f"{names:.160}",
             )  # fmt: skip
         if not tables:
