@@ -10,7 +10,7 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import Direction
 from yarnscale.files.measurements import read_measurements
-from yarnscale.files.measurements_csv import LogSettings
+from yarnscale.files.measurements_swatches import LogSettings
 
 SWATCH = LogSettings(swatch_width=0.05, swatch_length=0.1)
 STRETCH = np.linspace(0.0, 0.4, 81)
@@ -110,6 +110,12 @@ def test_specimens_side_by_side(tmp_path):
         second = f"{100 * s:.4f},{force_of(s):.4f}" if k < 79 else ","
         text += f"{100 * s:.4f},{force_of(s):.4f},{second}\n"
     check(fabric_of(tmp_path, text, name="log.csv"), runs=2)
+
+
+def test_several_swatches_in_one_column(tmp_path):
+    text = "Sample;Extension (mm);Load (N)\n"
+    text += "".join(rows(lambda s, f, k=k: f"{k};{comma(100 * s)};{comma(f)}") for k in (1, 2, 3))
+    check(fabric_of(tmp_path, text), runs=3)
 
 
 def test_sizes_above_the_table(tmp_path):

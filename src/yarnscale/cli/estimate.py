@@ -29,7 +29,7 @@ from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, evaluation_folder
 from yarnscale.files.measurements import read_measurements
-from yarnscale.files.measurements_csv import LogSettings
+from yarnscale.files.measurements_swatches import LogSettings
 from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
 from yarnscale.homogenize.executors import dask_workers, local_workers
 
@@ -153,6 +153,8 @@ def _report(folder: Path, found: FabricEstimate, *, as_json: bool) -> None:
         print(f"bending along {direction.value}: off by {100 * error:.0f} %")
     for warning in found.warnings:
         _say(f"warning: {warning}")
+    if found.fit.evaluation.rested.relaxed:
+        print(f"{folder / PATTERN}: the fabric at rest with this yarn")
     print(f"{folder / 'index.html'}: the report")
 
 

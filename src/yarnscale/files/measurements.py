@@ -12,7 +12,8 @@ from typing import Any
 from yarnscale.errors import InputError
 from yarnscale.estimate.loading import CYCLES
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements, YarnComposition
-from yarnscale.files.measurements_csv import DIRECTIONS, LogSettings, read_bend, read_logs
+from yarnscale.files.measurements_csv import read_bend, read_logs
+from yarnscale.files.measurements_swatches import DIRECTIONS, LogSettings
 from yarnscale.files.source_text import read_source
 
 _FIELDS = {

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,21 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.loading import Cycle, loading
+from yarnscale.estimate.loading import loading
 from yarnscale.estimate.measurements import POWER_LOAD, BendTest, Direction, StretchRun, StretchTest
+from yarnscale.files.measurements_swatches import (
+    LogSettings,
+    Swatch,
+    chosen_fabric,
+    constant,
+    one_unit,
+    swatches_of,
+)
 from yarnscale.files.measurements_table import Column, MeasuredTable, Row, read_tables
 from yarnscale.files.source_text import read_source
 
 Array = NDArray[np.float64]
-
-DIRECTIONS = {
-    **dict.fromkeys(
-        ("weft", "course", "x", "0", "crosswise", "quer", "schuss", "maschenreihe"), Direction.WEFT
-    ),
-    **dict.fromkeys(("bias", "45", "diagonal"), Direction.BIAS),
-    **dict.fromkeys(("warp", "wale", "y", "90", "lengthwise", "längs", "laengs", "kette"), Direction.WARP),
-}
-"""Names a direction goes by in files; in titles and names of files those of four letters or more."""
 
 _READ = ("force", "clamp_distance", "extension")
 """Quantities that a table of stretch readings holds."""
@@ -48,20 +46,6 @@ _USED = 1.1
 
 
 @dataclass(frozen=True)
-class LogSettings:
-    """What a log may leave out: direction and run, width of the swatch and length between the clamps [m].
-
-    cycle: which of several loadings of a swatch counts, the first or the last that reaches the full force.
-    """
-
-    direction: Direction | None = None
-    run: str | None = None
-    swatch_width: float | None = None
-    swatch_length: float | None = None
-    cycle: Cycle = "first"
-
-
-@dataclass(frozen=True)
 class StretchReadings:
     """Tests of one fabric, and remarks on them."""
 
@@ -70,44 +54,23 @@ class StretchReadings:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Swatch:
-    """The readings of one swatch."""
-
-    fabric: str
-    direction: Direction
-    run: str
-    table: MeasuredTable
-    columns: dict[str, Column]
-    rows: list[Row]
-    settings: LogSettings
-
-
-def read_stretch(
-    path: str | os.PathLike[str], *, fabric: str | None = None, single_run: bool = False,
-    settings: LogSettings | None = None,
-) -> StretchReadings:  # fmt: skip
-    """Stretch tests of one fabric: the only one, or the one whose name begins with ``fabric``.
-
-    single_run: make no remark on directions measured once, whose spread is unknown. settings: what the table leaves
-    out. Raises InputError with row and column.
-    """
-    return read_logs([(Path(path), settings or LogSettings())], fabric=fabric, single_run=single_run)
-
-
 def read_logs(
     logs: Iterable[tuple[Path, LogSettings]], *, fabric: str | None = None, single_run: bool = False
 ) -> StretchReadings:
-    """As ``read_stretch`` for swatches spread over several files."""
-    swatches: list[_Swatch] = []
+    """Stretch tests of one fabric: the only one, or the one whose name begins with ``fabric``.
+
+    logs: tables of readings and what they leave out. single_run: make no remark on directions measured once, whose
+    spread is unknown. Raises InputError with row and column.
+    """
+    swatches: list[Swatch] = []
     notes: list[str] = []
     for path, settings in logs:
         tables = read_tables(path, read_source(path, other_encodings=True), needed=_READ)
         for number, table in enumerate(tables, 1):
             columns = _stretch_columns(table, settings)
-            swatches += _swatches(table, columns, settings, number)
+            swatches += swatches_of(table, columns, settings, number)
         notes += _unread(tables)
-    name = _chosen({swatch.fabric for swatch in swatches}, fabric, swatches[0].table.path)
+    name = chosen_fabric({swatch.fabric for swatch in swatches}, fabric, swatches[0].table.path)
     tests = []
     for direction in Direction:
         chosen = [swatch for swatch in swatches if swatch.fabric == name and swatch.direction is direction]
@@ -119,7 +82,7 @@ def read_logs(
 
 
 def read_bend(path: str | os.PathLike[str], *, fabric: str | None = None) -> tuple[BendTest, ...]:
-    """Pear-loop tests of one fabric, chosen as in ``read_stretch``; runs are averaged at equal distance."""
+    """Pear-loop tests of one fabric, chosen as in ``read_logs``; runs are averaged at equal distance."""
     table = read_tables(
         path, read_source(path, other_encodings=True), needed=("loop_ratio", "clamp_distance")
     )[0]
@@ -127,9 +90,9 @@ def read_bend(path: str | os.PathLike[str], *, fabric: str | None = None) -> tup
     columns = {name: column for name in quantities if (column := table.find(name)) is not None}
     if (sample := table.find("fabric", needed=False)) is not None:
         columns["fabric"] = sample
-    _one_unit(table, columns)
-    swatches = _swatches(table, columns, LogSettings(), 1)
-    name = _chosen({swatch.fabric for swatch in swatches}, fabric, table.path)
+    one_unit(table, columns)
+    swatches = swatches_of(table, columns, LogSettings(), 1)
+    name = chosen_fabric({swatch.fabric for swatch in swatches}, fabric, table.path)
     tests = []
     for direction in Direction:
         rows = [
@@ -146,8 +109,8 @@ def read_bend(path: str | os.PathLike[str], *, fabric: str | None = None) -> tup
 def _bend_test(
     table: MeasuredTable, columns: dict[str, Column], direction: Direction, rows: list[Row]
 ) -> BendTest:
-    length = _constant(table, columns["swatch_length"], rows)
-    width = _constant(table, columns["swatch_width"], rows)
+    length = constant(table, columns["swatch_length"], rows)
+    width = constant(table, columns["swatch_width"], rows)
     distance = table.numbers(columns["clamp_distance"], rows, positive=True)
     ratio = table.numbers(columns["loop_ratio"], rows, positive=True)
     levels, place = np.unique(distance.round(7), return_inverse=True)
@@ -194,7 +157,7 @@ def _stretch_columns(table: MeasuredTable, settings: LogSettings) -> dict[str, C
             )
     if "direction" in columns and "run" not in columns and settings.run is None:
         raise table.missing("run")
-    _one_unit(table, columns)
+    one_unit(table, columns)
     return columns
 
 
@@ -206,80 +169,8 @@ def _column(table: MeasuredTable, quantity: str) -> Column | None:
     return table.find(quantity, needed=False)
 
 
-def _one_unit(table: MeasuredTable, columns: dict[str, Column]) -> None:
-    lengths = [c for name, c in columns.items() if c.kind == "length"]
-    for column in lengths[1:]:
-        if column.factor != lengths[0].factor:
-            raise InputError(
-                "mixed units of length", where=table.path, expected="one unit in a file",
-                found=f"{lengths[0].name} and {column.name}",
-            )  # fmt: skip
-
-
-def _swatches(
-    table: MeasuredTable, columns: dict[str, Column], settings: LogSettings, number: int
-) -> list[_Swatch]:
-    """The readings of a table, one swatch each."""
-    direction, run = columns.get("direction"), columns.get("run")
-    sample = columns.get("fabric")
-    by_name = direction is None and settings.direction is None and sample is not None
-    known = None if direction is not None or by_name else settings.direction or _direction_of(table)
-    groups: dict[tuple[str, str, str], list[Row]] = {}
-    for row in table.rows:
-        cells = row[1]
-        key = (
-            "" if sample is None else cells[sample.place],
-            "" if direction is None else cells[direction.place],
-            (settings.run or table.title or str(number)) if run is None else cells[run.place],
-        )
-        if (group := groups.get(key)) is None:
-            groups[key] = group = []
-        group.append(row)
-    found = []
-    for (fabric, text, name), rows in groups.items():
-        along = known
-        if by_name and sample is not None:
-            fabric, _, axis = fabric.rpartition(" ")
-            along = DIRECTIONS.get(axis.lower()) if axis in ("X", "Y") else None
-            if along is None:
-                raise table.fault(rows[0][0], sample, "a name that ends in X or Y", f"'{fabric} {axis}'")
-        elif direction is not None:
-            along = DIRECTIONS.get(text.lower())
-            if along is None:
-                raise table.fault(rows[0][0], direction, "weft, bias or warp", f"'{text:.40}'")
-        assert along is not None
-        found.append(_Swatch(fabric, along, name, table, columns, rows, settings))
-    return found
-
-
-def _direction_of(table: MeasuredTable) -> Direction:
-    """The direction that the title of a table or the name of its file says."""
-    for text in (table.title, table.text, Path(table.path).stem):
-        words = re.split(r"[\W\d_]+", text.lower())
-        words += [word.removesuffix("s") for word in words]
-        found = {DIRECTIONS[word] for word in words if len(word) > 3 and word in DIRECTIONS}
-        if len(found) == 1:
-            return found.pop()
-    raise table.missing(
-        "direction",
-        "a column, a title such as 'Specimen 1 - weft' above, or direction = \"weft\" under [[stretch]] "
-        "in a fabric file",
-    )
-
-
-def _chosen(names: set[str], fabric: str | None, path: str) -> str:
-    """The fabric whose name begins so."""
-    known = sorted(names)
-    wanted = [name for name in known if name == fabric] or [n for n in known if n.startswith(fabric or "")]
-    if len(wanted) != 1:
-        expected = f"the beginning of one of: {', '.join(known)}"
-        found = f"'{fabric}'" if fabric else "none chosen"
-        raise InputError("sample", where=path, expected=f"{expected:.200}", found=f"{found:.80}")
-    return wanted[0]
-
-
 def _stretch_test(
-    direction: Direction, swatches: Sequence[_Swatch], *, single_run: bool
+    direction: Direction, swatches: Sequence[Swatch], *, single_run: bool
 ) -> tuple[StretchTest, list[str]]:
     """The test along a direction, and what is to be said of it."""
     notes = []
@@ -308,7 +199,7 @@ def _stretch_test(
     return test, notes + _remarks(test)
 
 
-def _refuse_unlike(swatches: Sequence[_Swatch]) -> None:
+def _refuse_unlike(swatches: Sequence[Swatch]) -> None:
     """InputError where one swatch of a direction was far longer or wider, or pulled far harder, than the others."""
     for quantity in ("clamp_distance", "mid_width", "force"):
         if not all(quantity in swatch.columns for swatch in swatches):
@@ -327,15 +218,15 @@ def _refuse_unlike(swatches: Sequence[_Swatch]) -> None:
                 raise swatch.table.fault(swatch.rows[0][0], column, expected, f"{value:.3g}: mixed units?")
 
 
-def _size(swatch: _Swatch, quantity: str) -> float:
+def _size(swatch: Swatch, quantity: str) -> float:
     """Width of a swatch, or its length between the clamps before the test [m]: of the table, else of the settings."""
     if quantity in swatch.columns:
-        return _constant(swatch.table, swatch.columns[quantity], swatch.rows)
+        return constant(swatch.table, swatch.columns[quantity], swatch.rows)
     given = getattr(swatch.settings, quantity)
     return dict(swatch.table.settings)[quantity] if given is None else given
 
 
-def _run(swatch: _Swatch, name: str, width: float, mean_width: float) -> tuple[StretchRun, tuple[str, ...]]:
+def _run(swatch: Swatch, name: str, width: float, mean_width: float) -> tuple[StretchRun, tuple[str, ...]]:
     table, columns, rows = swatch.table, swatch.columns, swatch.rows
     force = table.numbers(columns["force"], rows) * mean_width / width
     if columns["force"].kind == "line load":
@@ -362,7 +253,7 @@ def _run(swatch: _Swatch, name: str, width: float, mean_width: float) -> tuple[S
         ) from None  # fmt: skip
 
 
-def _length(swatch: _Swatch) -> Array:
+def _length(swatch: Swatch) -> Array:
     """Length between the clamps of every reading [m]."""
     if "clamp_distance" in swatch.columns:
         return swatch.table.numbers(swatch.columns["clamp_distance"], swatch.rows, positive=True)
@@ -407,16 +298,6 @@ def _refuse_shrinking(
         k = int(np.argmax(wrong)) + 1
         found = f"{length[k]:.4g} m after {length[k - 1]:.4g} m"
         raise table.fault(rows[k][0], column, "a length that grows with the force", found)
-
-
-def _constant(table: MeasuredTable, column: Column, rows: list[Row]) -> float:
-    """The value that all rows of a swatch share."""
-    values = table.numbers(column, rows, positive=True)
-    other = np.flatnonzero(np.abs(values - values[0]) > 1e-6 * values[0])
-    if len(other):
-        expected = f"one size of a swatch, {values[0]:g} m"
-        raise table.fault(rows[int(other[0])][0], column, expected, f"{values[other[0]]:g} m")
-    return float(values[0])
 
 
 def _unread(tables: Sequence[MeasuredTable]) -> list[str]:
