@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from yarnscale.homogenize.sample import create_store, sample
     from yarnscale.homogenize.store import SampleStore
     from yarnscale.kinematics import COMPONENTS, ShellStrain
+    from yarnscale.laboratory.programme import FabricTests, Programme, run_tests
     from yarnscale.numerics.newton import Status
     from yarnscale.shell.dynamics.cloth import Cloth
     from yarnscale.shell.dynamics.simulate import simulate
@@ -55,11 +56,13 @@ _HOME = {
     "Equilibrium": "cell.periodic",
     "FluctuationTable": "detail.fluctuations",
     "FabricShell": "estimate.fabric_shell",
+    "FabricTests": "laboratory.programme",
     "Homogenization": "homogenize.homogenize",
     "InputError": "errors",
     "OrthotropicMaterial": "shell.materials.orthotropic",
     "PeriodicCell": "cell.periodic",
     "RestShape": "cell.rest",
+    "Programme": "laboratory.programme",
     "SampleStore": "homogenize.store",
     "Scene": "shell.scenes.scene",
     "ShellMaterial": "shell.materials.material",
@@ -89,6 +92,7 @@ _HOME = {
     "read_yarn_material": "files.material_toml:read_material",
     "refine": "homogenize.refine",
     "run_scene": "shell.scenes.scene",
+    "run_tests": "laboratory.programme",
     "sample": "homogenize.sample",
     "scenes": "shell.scenes.scene:",
     "settled": "cell.rest",
@@ -107,11 +111,13 @@ __all__ = [
     "ContactRule",
     "Equilibrium",
     "FabricShell",
+    "FabricTests",
     "FluctuationTable",
     "Homogenization",
     "InputError",
     "OrthotropicMaterial",
     "PeriodicCell",
+    "Programme",
     "RestShape",
     "SampleStore",
     "Scene",
@@ -143,6 +149,7 @@ __all__ = [
     "read_yarn_material",
     "refine",
     "run_scene",
+    "run_tests",
     "sample",
     "scenes",
     "settled",

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from yarnscale.cli.arguments import parser
 from yarnscale.errors import InputError
 
-_LISTS = ("--strain", "--stretch")
+_LISTS = ("--strain", "--stretch", "--directions", "--curvatures")
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:

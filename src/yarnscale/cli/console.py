@@ -17,7 +17,12 @@ from yarnscale.errors import InputError
 
 def print_json(values: Mapping[str, object]) -> None:
     """One JSON object on one line; numbers that are not finite become null."""
-    print(json.dumps(_plain(values), allow_nan=False))
+    print(plain_json(values))
+
+
+def plain_json(values: Mapping[str, object], *, indent: int | None = None) -> str:
+    """A JSON object; numbers that are not finite become null."""
+    return json.dumps(_plain(values), allow_nan=False, indent=indent)
 
 
 def tell(notices: Iterable[str]) -> None:

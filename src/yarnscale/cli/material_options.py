@@ -15,7 +15,7 @@ from yarnscale.cli.shared_options import (
     add_workers,
     add_yarns,
 )
-from yarnscale.cli.values import number, numbers, positive_integer, size
+from yarnscale.cli.values import number, number_list, numbers, positive_integer, size
 
 
 def add_material_commands(add: Add) -> None:
@@ -102,6 +102,39 @@ def add_material_commands(add: Add) -> None:
         "--strain", type=numbers(6, "sx,sa,sy,II11,II12,II22"), required=True, metavar="sx,sa,sy,II11,II12,II22",
         help="stretches and shear [-], second fundamental form [1/m]",
     )  # fmt: skip
+    add_json(command)
+
+    command = add(
+        "test", "laboratory", "Virtual tests of a fabric: tension, shear, bending, curl, drape; a page and numbers."
+    )  # fmt: skip
+    command.add_argument("subject", metavar="SUBJECT", help=f"{PATTERN}; or a shell material file (.json)")
+    command.add_argument("--material", action="append", help=YARN_MATERIAL)
+    command.add_argument(
+        "--against", metavar="OTHER", help="a second pattern or shell material to compare with"
+    )
+    command.add_argument(
+        "--directions", type=number_list, default=(0.0, 45.0, 90.0), metavar="A,B,…",
+        help="directions of pull from the course [degrees] (0,45,90)",
+    )  # fmt: skip
+    command.add_argument(
+        "--loads", type=number_list, metavar="A,B,…", help="rising loads [N/m] (twelve from 0.02 to 50)"
+    )
+    command.add_argument(
+        "--curvatures", type=number_list, metavar="A,B,…",
+        help="of bending and twist [1/m] (nine, to a tenth of the yarn's own; of a material without yarn, to 100)",
+    )  # fmt: skip
+    command.add_argument(
+        "--free-curvature",
+        action="store_true",
+        help="let strips curl under tension (default: they stay flat)",
+    )
+    command.add_argument(
+        "--drape", action="store_true", help="simulate the Cusick drape test (shell materials)"
+    )
+    command.add_argument(
+        "--as-drawn", action="store_true", help="test a drawing as it is, not fabric at rest"
+    )
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for page and numbers")
     add_json(command)
 
 

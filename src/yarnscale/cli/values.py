@@ -23,6 +23,11 @@ def numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
     return parse
 
 
+def number_list(text: str) -> tuple[float, ...]:
+    """Any count of finite numbers with commas between them."""
+    return tuple(number(part) for part in text.split(","))
+
+
 def positive_integer(text: str) -> int:
     """A whole number from 1."""
     try:

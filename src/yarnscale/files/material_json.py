@@ -68,6 +68,14 @@ def read_material(path: str | Path) -> SplineMaterial | OrthotropicMaterial:
     raise fields.fault("kind", expected="'spline' or 'orthotropic'", found=repr(kind)[:60])
 
 
+def is_material(path: str | Path) -> bool:
+    """Whether a file says that it is a shell material, ours or HYLC's; False where there is no such JSON file."""
+    if Path(path).suffix.lower() != ".json" or not Path(path).is_file():
+        return False
+    content = read_json(path)
+    return content.get("format") == FORMAT or ("format" not in content and is_hylc(content))
+
+
 def write_material(path: str | Path, material: ShellMaterial) -> None:
     """Write a material file whole or not at all; InputError where the target cannot be written.
 

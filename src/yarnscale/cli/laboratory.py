@@ -1,0 +1,118 @@
+"""The command ``test``: virtual tests of a fabric, alone or beside another."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import asdict, replace
+
+from yarnscale.cell import PeriodicCell
+from yarnscale.cli.console import ProgressLine, plain_json, print_json, writable_folder
+from yarnscale.cli.yarn_choice import yarn_for
+from yarnscale.cli.yarns import settled_drawing
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_text
+from yarnscale.files.material_json import is_material, read_material
+from yarnscale.files.patterns import is_drawing, read_pattern
+from yarnscale.laboratory.drape import drape_test
+from yarnscale.laboratory.homogeneous_tests import LOADS
+from yarnscale.laboratory.programme import Difference, FabricTests, Programme, difference, run_tests
+from yarnscale.shell.materials.material import ShellMaterial
+
+
+def test(options: argparse.Namespace) -> int:
+    """Test one fabric, or two side by side; write ``tests.json`` and ``index.html``."""
+    from yarnscale.show.laboratory import write_page
+
+    programme = Programme(
+        options.directions,
+        options.loads or LOADS,
+        "free" if options.free_curvature else "flat",
+        options.curvatures,
+    )
+    subjects = [options.subject] if options.against is None else [options.subject, options.against]
+    shells = {name: read_material(name) for name in subjects if is_material(name)}
+    drawn = {name: read_pattern(name) for name in subjects if name not in shells}
+    yarns = {name: yarn_for(name, pattern, options.material) for name, pattern in drawn.items()}
+    if options.material and not drawn:
+        raise InputError("--material", expected="a pattern to test", found="shell materials alone")
+    if options.drape and not shells:
+        raise InputError(
+            "--drape", expected="a shell material ('yarnscale homogenize' makes one)", found="a cell"
+        )
+    folder = writable_folder(options.out)
+    found = []
+    for name in subjects:
+        if name in shells:
+            material = shells[name]
+            tests = _run(material, name, programme)
+            found.append(_with_drape(tests, material) if options.drape else tests)
+        else:
+            pattern, yarn = drawn[name], yarns[name].materials
+            yarns[name].say()
+            if is_drawing(name) and not options.as_drawn:
+                pattern = settled_drawing(pattern, yarn)
+            found.append(_run(PeriodicCell(pattern, yarn), name, programme))
+    compared = _compare(found)
+    content = found[0].plain() | (yarns[subjects[0]].summary if subjects[0] in yarns else {})
+    if compared is not None:
+        content |= {"against": found[1].plain(), "difference": asdict(compared)}
+    write_text(folder / "tests.json", plain_json(content, indent=1) + "\n")
+    write_page(folder, found, compared)
+    failed = sum(tests.failed for tests in found)
+    if options.json:
+        print_json(content)
+    else:
+        _say(found, compared)
+        print(f"{folder / 'index.html'}: curves and numbers")
+    if failed:
+        print(f"yarnscale: {failed} points have no equilibrium under their load; see status", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _run(subject: PeriodicCell | ShellMaterial, name: str, programme: Programme) -> FabricTests:
+    line, began = ProgressLine(f"testing {name}"), time.monotonic()
+
+    def progress(done: int, total: int) -> None:
+        seconds = time.monotonic() - began
+        line.show(done, total, seconds, seconds / done * (total - done) if done else float("nan"))
+
+    return run_tests(subject, name=name, programme=programme, progress=progress)
+
+
+def _with_drape(tests: FabricTests, material: ShellMaterial) -> FabricTests:
+    print(f"draping {tests.subject}", file=sys.stderr, flush=True)
+    return replace(tests, drape=drape_test(material))
+
+
+def _compare(found: list[FabricTests]) -> Difference | None:
+    """The first against the second; a cell is the reference of a shell, whichever comes first."""
+    if len(found) < 2:
+        return None
+    tested, reference = found
+    if tested.kind == "cell" and reference.kind == "shell":
+        tested, reference = reference, tested
+    return difference(tested.tension, reference.tension)
+
+
+def _say(found: list[FabricTests], compared: Difference | None) -> None:
+    for tests in found:
+        print(f"{tests.subject} ({tests.kind}), {1e3 * tests.density:.4g} g/m²")
+        for pulled in tests.tensile:
+            reached = "none" if pulled.EMT is None else f"{pulled.EMT:.4g} at {pulled.largest_load:.4g} N/m"
+            print(f"  stretch along {pulled.direction:g}°: {reached}")
+        for bent in tests.bend:
+            rigidity = "none" if bent.B is None else f"{1e6 * bent.B:.4g} µN·m"
+            print(f"  bending rigidity along {bent.direction:g}°: {rigidity}")
+        for roll in tests.rolls:
+            print(
+                f"  natural curvature along {roll.direction:g}°: {roll.curvature:.4g} /m, inside: {roll.side}"
+            )
+        if tests.drape is not None:
+            print(f"  drape coefficient {tests.drape.coefficient:.3f}, {tests.drape.folds} folds")
+    if compared is not None:
+        print(
+            f"tension, {compared.points} points: stretch differs by at most {compared.stretch:.3g}, contraction by "
+            f"{compared.contraction:.3g}"
+        )

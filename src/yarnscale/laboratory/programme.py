@@ -1,0 +1,205 @@
+"""All tests of one fabric, and what came out: what the command ``test`` runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from yarnscale.cell.loads import CellFabric
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.laboratory import homogeneous_tests as tests
+from yarnscale.laboratory.drape import DrapeTest
+from yarnscale.laboratory.homogeneous_tests import (
+    BendingPoint,
+    BiaxialPoint,
+    NaturalCurvature,
+    ShearPoint,
+    TensionPoint,
+    TwistPoint,
+)
+from yarnscale.laboratory.summary import (
+    BendingSummary,
+    ShearSummary,
+    TensileSummary,
+    bending_summary,
+    shear_summary,
+    tensile_summary,
+)
+from yarnscale.numerics.loads import HomogeneousFabric
+from yarnscale.shell.materials.homogeneous import MaterialFabric
+from yarnscale.shell.materials.material import ShellMaterial
+
+Kind = Literal["cell", "shell"]
+
+
+@dataclass(frozen=True)
+class Programme:
+    """Which tests: ``directions`` [degrees from the course] and ``loads`` [N/m] of the tension tests.
+
+    curvature: "flat" or "free" under tension, see ``tension``. curvatures: [1/m] of bending and twist; None: up to a
+    tenth of the yarn's own.
+    """
+
+    directions: tuple[float, ...] = tests.DIRECTIONS
+    loads: tuple[float, ...] = tests.LOADS
+    curvature: str = "flat"
+    curvatures: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        tests.checked_loads(self.loads)
+        if not self.directions or not np.isfinite(self.directions).all():
+            raise InputError("directions", expected="finite angles [degrees]", found=self.directions)
+
+    def steps(self) -> Iterator[tuple[str, Callable[[HomogeneousFabric], list[Any]]]]:
+        """The tests one by one, each with the list that its points belong to."""
+        for direction in self.directions:
+            pull = partial(tests.tension, loads=self.loads, curvature=self.curvature)
+            yield "tension", partial(pull, direction=direction)
+        for ratio in tests.RATIOS:
+            yield "biaxial", partial(tests.biaxial, ratio=ratio, loads=self.loads)
+        for load in (0.0, tests.SHEAR_TENSION):
+            yield "shear", partial(tests.shear, load=load)
+        for direction in tests.BENDING_DIRECTIONS:
+            yield "bending", partial(tests.bending, direction=direction, curvatures=self.curvatures)
+        yield "twist", partial(tests.twist, twists=self.curvatures)
+        for direction in (0.0, 90.0):
+            yield "rolls", lambda fabric, direction=direction: [tests.natural_curvature(fabric, direction)]
+
+
+@dataclass(frozen=True, eq=False)
+class FabricTests:
+    """What the tests of one fabric found. density: [kg/m²]. drape: where it was asked for, of a shell alone."""
+
+    subject: str
+    kind: Kind
+    density: float
+    tension: list[TensionPoint]
+    biaxial: list[BiaxialPoint]
+    shear: list[ShearPoint]
+    bending: list[BendingPoint]
+    twist: list[TwistPoint]
+    rolls: list[NaturalCurvature]
+    drape: DrapeTest | None = None
+
+    @property
+    def directions(self) -> list[float]:
+        """Directions of the tension tests [degrees]."""
+        return list(dict.fromkeys(p.direction for p in self.tension))
+
+    def pulled(self, direction: float) -> list[TensionPoint]:
+        """Tension along one direction [degrees]."""
+        return [p for p in self.tension if p.direction == direction]
+
+    def bent(self, direction: float) -> list[BendingPoint]:
+        """Bending along one direction [degrees]."""
+        return [p for p in self.bending if p.direction == direction]
+
+    @property
+    def tensile(self) -> list[TensileSummary]:
+        """Tensile numbers of every direction."""
+        return [tensile_summary(self.pulled(direction)) for direction in self.directions]
+
+    @property
+    def bend(self) -> list[BendingSummary]:
+        """Bending numbers of every direction."""
+        directions = dict.fromkeys(p.direction for p in self.bending)
+        return [bending_summary(self.bent(direction), self.density) for direction in directions]
+
+    @property
+    def sheared(self) -> ShearSummary:
+        """Shear numbers."""
+        return shear_summary([p for p in self.shear if p.tension > 0], self.pulled(45.0))
+
+    @property
+    def failed(self) -> int:
+        """Points at which the fabric found no equilibrium under the load."""
+        points = [*self.tension, *self.biaxial, *self.shear, *self.bending, *self.twist, *self.rolls]
+        return sum(p.status != "converged" for p in points)
+
+    def plain(self) -> dict[str, object]:
+        """Everything as plain values."""
+        content: dict[str, object] = {"subject": self.subject, "kind": self.kind, "density": self.density}
+        for name in ("tension", "biaxial", "shear", "bending", "twist"):
+            content[name] = [asdict(p) for p in getattr(self, name)]
+        content["natural_curvature"] = [p.curvature for p in self.rolls]
+        content["rolls"] = [asdict(p) | {"side": p.side} for p in self.rolls]
+        content["summary"] = {
+            "tension": [asdict(s) for s in self.tensile],
+            "bending": [asdict(s) for s in self.bend],
+            "shear": asdict(self.sheared),
+        }
+        if self.drape is not None:
+            content["drape_coefficient"] = self.drape.coefficient
+            content["folds"] = self.drape.folds
+        return content
+
+
+def run_tests(
+    subject: PeriodicCell | ShellMaterial,
+    *,
+    name: str | None = None,
+    programme: Programme | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> FabricTests:
+    """Run a programme on a cell of yarns or on a shell material, by the same tests.
+
+    name: of the subject, for tables; ``progress`` gets the tests done and in all. A point without equilibrium says so
+    in its ``status`` and has NaN for numbers.
+    """
+    fabric: HomogeneousFabric
+    if isinstance(subject, PeriodicCell):
+        fabric, kind, density, own = CellFabric(subject), "cell", subject.area_density, subject.pattern.name
+    else:
+        fabric, kind, density, own = MaterialFabric(subject), "shell", subject.density, type(subject).__name__
+    found: dict[str, list[Any]] = {}
+    steps = list((programme or Programme()).steps())
+    for number, (test_name, test) in enumerate(steps):
+        if progress is not None:
+            progress(number, len(steps))
+        found.setdefault(test_name, []).extend(test(fabric))
+    if progress is not None:
+        progress(len(steps), len(steps))
+    return FabricTests(name or own, kind, density, **found)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far one fabric is off another in tension. stretch, contraction: largest differences [-]; allowed: share of
+    points within 0.01 + 3 % (stretch) and 0.02 + 3 % (contraction) of the reference."""
+
+    points: int
+    stretch: float
+    contraction: float
+    stretch_within: float
+    contraction_within: float
+
+
+def difference(tested: Sequence[TensionPoint], reference: Sequence[TensionPoint]) -> Difference:
+    """Compare tension points of the same directions and loads.
+
+    Points without equilibrium in the reference are left out; a point that only the tested fabric cannot reach counts as
+    off. Raises InputError where none match.
+    """
+    known = {(p.direction, p.load): p for p in tested}
+    pairs = [
+        (known[p.direction, p.load], p)
+        for p in reference
+        if p.status == "converged" and (p.direction, p.load) in known
+    ]
+    if not pairs:
+        raise InputError(
+            "fabrics to compare", expected="the same directions and loads", found="none in common"
+        )
+    numbers = np.array([[a.stretch, b.stretch, a.contraction, b.contraction] for a, b in pairs])
+    stretch, contraction = np.abs(numbers[:, 0] - numbers[:, 1]), np.abs(numbers[:, 2] - numbers[:, 3])
+    stretch_ok = stretch <= 0.01 + 0.03 * np.abs(numbers[:, 1])
+    contraction_ok = contraction <= 0.02 + 0.03 * np.abs(numbers[:, 3])
+    return Difference(
+        len(pairs), float(np.nanmax(stretch, initial=0.0)), float(np.nanmax(contraction, initial=0.0)),
+        float(stretch_ok.mean()), float(contraction_ok.mean()),
+    )  # fmt: skip

@@ -1,0 +1,124 @@
+"""Numbers by which textile engineers compare fabrics: KES-F (Kawabata), FAST (CSIRO) and ASTM D1388.
+
+All from the curves of ``homogeneous_tests``. Yarns without friction give back all work, so hysteresis (2HG, 2HB) and
+resilience RT are not known here and are None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.laboratory.cantilever import bending_length
+from yarnscale.laboratory.homogeneous_tests import BendingPoint, ShearPoint, TensionPoint
+
+Array = NDArray[np.float64]
+
+CENTIMETRE_FORCE = 0.980665
+"""1 gf/cm [N/m]."""
+FAST_LOADS = tuple(grams * CENTIMETRE_FORCE for grams in (5, 20, 100))
+"""Loads of FAST-3 [N/m]: of E5, E20, E100."""
+FAST_SHEAR = 123.0
+"""FAST shear rigidity [N/m] times the bias extension at 5 gf/cm [%]."""
+KES_CURVATURES = (50.0, 150.0)
+"""Between which KES takes the bending rigidity [1/m]."""
+KES_ANGLES = (0.5, 2.5)
+"""Between which KES takes the shear stiffness [degrees]."""
+
+
+@dataclass(frozen=True)
+class TensileSummary:
+    """Of one direction, up to the largest load that was reached.
+
+    LT: linearity [-]. WT: work [J/m²] (1 gf·cm/cm² = 0.981 J/m²). EMT: stretch there [-]. RT: resilience, None (no
+    friction). E5, E20, E100: FAST extensions at 5, 20, 100 gf/cm [%]; None beyond the loads.
+    """
+
+    direction: float
+    largest_load: float | None
+    LT: float | None
+    WT: float | None
+    EMT: float | None
+    RT: float | None
+    E5: float | None
+    E20: float | None
+    E100: float | None
+
+
+@dataclass(frozen=True)
+class BendingSummary:
+    """Of one direction. B: rigidity [N·m], mean of both sides between 50 and 150/m (KES), or as far as curvatures go.
+
+    bending_length: ASTM D1388 and FAST C [m], mean of face up and face down; None where the fabric rolls up by itself.
+    """
+
+    direction: float
+    B: float | None
+    bending_length: float | None
+
+
+@dataclass(frozen=True)
+class ShearSummary:
+    """G: KES shear stiffness [N/m per degree], mean slope between 0.5° and 2.5° under tension. hysteresis 2HG: None.
+
+    fast_G: FAST shear rigidity [N/m], 123 over the bias extension at 5 gf/cm in per cent.
+    """
+
+    G: float | None
+    hysteresis: float | None
+    fast_G: float | None
+
+
+def tensile_summary(points: Sequence[TensionPoint]) -> TensileSummary:
+    """Tensile numbers of one direction."""
+    good = [p for p in points if p.status == "converged"]
+    loads, stretches = [0.0, *(p.load for p in good)], [0.0, *(p.stretch for p in good)]
+    e5, e20, e100 = (_interpolated(load, loads, [100 * s for s in stretches]) for load in FAST_LOADS)
+    if not good:
+        return TensileSummary(points[0].direction, None, None, None, None, None, e5, e20, e100)
+    load, stretch = loads[-1], stretches[-1]
+    work = float(np.trapezoid(loads, stretches))
+    linearity = work / (0.5 * load * stretch) if stretch > 0 else None
+    return TensileSummary(good[0].direction, load, linearity, work, stretch, None, e5, e20, e100)
+
+
+def bending_summary(points: Sequence[BendingPoint], density: float) -> BendingSummary:
+    """Bending numbers of one direction; density: [kg/m²]."""
+    good = sorted((p.curvature, p.moment) for p in points if p.status == "converged")
+    direction = points[0].direction
+    if len(good) < 3 or not good[0][0] < 0 < good[-1][0]:
+        return BendingSummary(direction, None, None)
+    kappa, moment = np.array(good).T
+    sides = ((kappa, moment), (-kappa[::-1], -moment[::-1]))
+    rigidity = float(np.mean([_rigidity(*side) for side in sides]))
+    lengths = [bending_length(*side, density) for side in sides]
+    known = [length for length in lengths if length is not None]
+    return BendingSummary(direction, rigidity, float(np.mean(known)) if len(known) == 2 else None)
+
+
+def shear_summary(points: Sequence[ShearPoint], bias: Sequence[TensionPoint]) -> ShearSummary:
+    """Shear numbers; points: under the tension of KES. bias: tension along 45°, for the rigidity of FAST."""
+    good = [p for p in points if p.status == "converged"]
+    low, high = KES_ANGLES
+    first, second = (_interpolated(a, [p.angle for p in good], [p.force for p in good]) for a in (low, high))
+    stiffness = None if first is None or second is None else (second - first) / (high - low)
+    extension = tensile_summary(bias).E5 if bias else None
+    return ShearSummary(stiffness, None, FAST_SHEAR / extension if extension else None)
+
+
+def _rigidity(kappa: Array, moment: Array) -> float:
+    """Slope of M(κ) between the curvatures of KES, or over the last two thirds where the curve ends before."""
+    high = min(KES_CURVATURES[1], float(kappa[-1]))
+    low = min(KES_CURVATURES[0], high / 3)
+    first, second = np.interp([low, high], kappa, moment)
+    return float((second - first) / (high - low))
+
+
+def _interpolated(at: float, x: Sequence[float], y: Sequence[float]) -> float | None:
+    """y at a place, linearly between points; None outside them."""
+    if not x or not min(x) * (1 - 1e-9) <= at <= max(x) * (1 + 1e-9):
+        return None
+    return float(np.interp(at, x, y))
