@@ -27,7 +27,7 @@ strain, the limit to which a constant second form with Gaussian curvature has a 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -80,6 +80,15 @@ class Grid:
             for step, rim in zip(self.step, self.rim, strict=True)
         ]
         self.middle = tuple(cells // 2 + int(rim) for rim in self.rim)
+        # Coefficients of cubic splines are linear in the values: those of unit values, once.
+        units = [make_interp_spline(line, np.eye(len(line)), k=3) for line in self.nodes]
+        self.knots, self.to_coefficients = tuple(spline.t for spline in units), [spline.c for spline in units]
+
+    @classmethod
+    @lru_cache(maxsize=8)
+    def of(cls, period: tuple[float, ...], margin: tuple[float, ...], cells: int) -> Grid:
+        """The grid of a pattern, kept for its other states."""
+        return cls(period, margin, cells)
 
     def edge_middles(self, axis: int) -> Array:
         """Midpoints of the edges along an axis (count 1, count 2, 2)."""
@@ -125,12 +134,9 @@ class Grid:
 
     def interpolant(self, field: Array) -> Callable[[Array], Array]:
         """A field (N1, N2, …) as a function of points (n, 2): its C² cubic spline, beyond the grid its border value."""
-        knots = []
-        for axis in (0, 1):
-            spline = make_interp_spline(self.nodes[axis], field, k=3, axis=axis)
-            knots.append(spline.t)
-            field = np.moveaxis(spline.c, 0, axis)
-        surface = NdBSpline(tuple(knots), field, 3)
+        first, second = self.to_coefficients
+        along = np.tensordot(first, field, axes=(1, 0))
+        surface = NdBSpline(self.knots, np.moveaxis(np.tensordot(second, along, axes=(1, 1)), 0, 1).copy(), 3)
         low, high = ([line[end] for line in self.nodes] for end in (0, -1))
         return lambda points: surface(np.clip(points, low, high))
 
@@ -164,7 +170,9 @@ class PoissonMidsurface:
         self._scale = np.array([1.0, 1.0, 1.0, length, length, length])
         self._z = strain.vector * self._scale
         self._centre = np.array([*np.asarray(centre, float), 0.0])
-        self.grid = Grid(period, np.asarray(period) if margin is None else margin, cells)
+        sides = tuple(float(v) for v in np.asarray(period, float))
+        around = sides if margin is None else tuple(float(v) for v in np.asarray(margin, float))
+        self.grid = Grid.of(sides, around, cells)
         self._corrects, self._tile_mean = around_closed_form, tile_mean
         self._closed = Midsurface(strain, length=length)
         flat = Midsurface(ShellStrain(strain.s_x, strain.s_a, strain.s_y), length=length)
