@@ -15,7 +15,9 @@ import pytest
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell import loads as loads_module
 from yarnscale.errors import InputError
+from yarnscale.homogenize import load_samples
 from yarnscale.homogenize import sample as module
+from yarnscale.homogenize.load_samples import visiting_rays
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import ITERATES, LEVELS, Ray, box_strains, load_rays, ray_to, strains_held
 from yarnscale.homogenize.sample import check_rays_resumable, create_ray_store, create_store, sample
@@ -172,3 +174,52 @@ def test_only_the_same_loads_resume(cell: PeriodicCell, tmp_path: Path) -> None:
         check_rays_resumable(grid, cell, RAYS)
     with pytest.raises(InputError, match="cannot be added"):
         grid.extended(rays=[REST.plain()])
+
+
+def test_visited_states_are_reached_from_their_nearest_samples(
+    cell: PeriodicCell, sampled: SampleStore
+) -> None:
+    known = FabricStates.of(sampled)
+    scale = np.array([0.5] * 3 + [0.1 / cell.pattern.radius] * 3)
+    far, near = known.strains[-1] + np.array([0, 0.2, 0, 0, 0, 0]), known.strains[-1] + 1e-3 * scale
+    rays = visiting_rays(sampled, np.array([near, far, far + 1e-4, np.full(6, np.nan)]), scale)
+    assert [ray.kind for ray in rays] == ["visited"]
+    assert sampled.read(rays[0].origin, "strain") == pytest.approx(known.strains[-1])
+    longer = sampled.extended(rays=[ray.plain() for ray in rays])
+    sample(cell, longer)
+    states = FabricStates.of(longer)
+    assert states.kinds[-1] == "visited"
+    assert states.strains[-1] == pytest.approx(far, abs=2e-4)
+    assert not visiting_rays(longer, far[None], scale)
+
+
+def test_samples_of_a_material_and_those_that_judge_it_are_apart(
+    cell: PeriodicCell, tmp_path: Path, inline: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plans: list[dict] = []
+
+    def plan(cell: PeriodicCell, **options: object) -> list[Ray]:
+        plans.append(options)
+        return (
+            [REST, TENSION]
+            if options.get("fixed", True)
+            else [REST, ray_to(np.array([0.1, 0, 0, 0, 0, 0]), 1)]
+        )
+
+    monkeypatch.setattr(load_samples, "load_rays", plan)
+    found = load_samples.sample_loads(cell, tmp_path, solves=400, limit=7.0)
+    assert [(p["solves"], p["limit"]) for p in plans] == [(400, 7.0), (60, 7.0)]
+    assert plans[1]["seed"] != plans[0].get("seed", 0)
+    assert set(found.samples.kinds) == {"rest", "tension"} and set(found.unseen.kinds) == {"rest", "strain"}
+    assert (
+        found.summary.converged
+        == len(found.samples.energies) + len(found.unseen.energies)
+        == found.summary.states
+    )
+    with pytest.raises(InputError, match="output exists"):
+        load_samples.sample_loads(cell, tmp_path, solves=400, limit=7.0)
+    far = np.array([[0.0, 0.3, 0.0, 0.0, 0.0, 0.0]])
+    more = load_samples.sample_loads(cell, tmp_path, solves=400, limit=7.0, resume=True, visited=far)
+    assert set(more.samples.kinds) == {"rest", "tension", "visited"}
+    again = load_samples.sample_loads(cell, tmp_path, solves=400, limit=7.0, resume=True, visited=far)
+    assert len(again.samples.energies) == len(more.samples.energies)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,16 +47,19 @@ class Ray:
     """States that start one from the other: loads and held strains of every level.
 
     kind: "rest", "tension" (in-plane loads, flat), "bending" (curvature grows, no load), "bent" (in-plane loads at a
-    given curvature), "stress" (loads of all six strains), "strain" (all strains given).
+    given curvature), "stress" (loads of all six strains), "strain" (all strains given), "visited" (strains of a
+    simulation). origin: number of the state in the store that the first level starts from, 0 that of rest.
     """
 
     kind: str
     levels: tuple[tuple[Loads, Held], ...]
+    origin: int = 0
 
     def plain(self) -> dict[str, object]:
         """As JSON values."""
         return {
             "kind": self.kind,
+            "origin": self.origin,
             "levels": [
                 {
                     "stress": list(loads.stress),
@@ -74,13 +78,16 @@ class Ray:
             rows = np.asarray(level["held"], np.float64).reshape(-1, 7)
             tensions = tuple((float(angle), float(load)) for angle, load in level["tensions"])
             levels.append((Loads(tuple(level["stress"]), tensions), Held(rows[:, :6], rows[:, 6])))
-        return cls(str(entry["kind"]), tuple(levels))
+        return cls(str(entry["kind"]), tuple(levels), int(entry["origin"]))
 
 
-def load_rays(cell: PeriodicCell, *, solves: int = SOLVES, limit: float = LIMIT, seed: int = 0) -> list[Ray]:
+def load_rays(
+    cell: PeriodicCell, *, solves: int = SOLVES, limit: float = LIMIT, seed: int = 0, fixed: bool = True
+) -> list[Ray]:
     """Rays of about ``solves`` equilibria in all, the state of rest first; up to ``limit`` [N/m].
 
-    The same numbers give the same rays, and those of fewer solves are among those of more, but for their last tenth.
+    fixed: begin with tension and bending along the axes and diagonals, else with random loads at once. The same numbers
+    give the same rays, and those of fewer solves are among those of more, but for their last tenth.
     Raises InputError for a limit that is no load, or too few solves for all kinds of states.
     """
     least = _LEAST * _GRAVITY * 0.01 * cell.area_density
@@ -90,7 +97,8 @@ def load_rays(cell: PeriodicCell, *, solves: int = SOLVES, limit: float = LIMIT,
         raise InputError("number of solves", expected=f"at least {FEWEST}", found=solves)
     radius, sizes = cell.pattern.radius, np.geomspace(least, limit, LEVELS)
     rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
-    for ray in _usual_rays(radius, sizes, seed):
+    axes = _along_axes(radius, sizes) if fixed else ()
+    for ray in chain(axes, _random_rays(radius, sizes, seed)):
         if spent >= (1 - _BOX_SHARE) * solves:
             break
         rays.append(ray)
@@ -102,15 +110,19 @@ FEWEST = 60
 """Fewest solves of a plan."""
 
 
-def _usual_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
-    """Tension and bending along the axes and diagonals, then all kinds of loads in turn, without end."""
+def _along_axes(radius: float, sizes: Array) -> Iterator[Ray]:
+    """Tension and bending along the axes and diagonals."""
     yield from (_tension(angle, sizes) for angle in (0.0, np.pi / 2))
     yield from (_bending(angle, sign, radius) for angle in (0.0, np.pi / 2) for sign in (1.0, -1.0))
     yield _in_plane(np.array([1.0, 0.0, 1.0]), sizes)
     yield from (_tension(angle, sizes) for angle in (np.pi / 4, 3 * np.pi / 4))
     yield from (_bending(angle, sign, radius) for angle in (np.pi / 4, 3 * np.pi / 4) for sign in (1.0, -1.0))
+
+
+def _random_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
+    """All kinds of loads in turn, without end."""
     draws = qmc.Sobol(7, seed=seed)
-    for turn in range(1_000_000):
+    for turn in count():
         place = draws.random(1)[0]
         normal = ndtri(np.clip(place[:6], 1e-3, 1 - 1e-3))
         pull = normal[:3].copy()
@@ -153,10 +165,10 @@ def ray_to(strain: Array, parts: int = 3) -> Ray:
     return Ray("strain", tuple((Loads(), strains_held(k / parts * strain)) for k in range(1, parts + 1)))
 
 
-def box_strains(radius: float, count: int, seed: int) -> Array:
-    """Strains (count, 6) spread over a box that holds usual clothing, bent in any direction, half of them doubly."""
-    places = qmc.Sobol(7, seed=seed + 1).random_base2(max(1, math.ceil(math.log2(max(count, 1)))))[:count]
-    strains = np.empty((count, 6))
+def box_strains(radius: float, number: int, seed: int) -> Array:
+    """Strains (number, 6) spread over a box that holds usual clothing, bent in any direction, half of them doubly."""
+    places = qmc.Sobol(7, seed=seed + 1).random_base2(max(1, math.ceil(math.log2(max(number, 1)))))[:number]
+    strains = np.empty((number, 6))
     strains[:, :3] = _BOX[:, 0] + (_BOX[:, 1] - _BOX[:, 0]) * places[:, :3]
     for strain, place in zip(strains, places, strict=True):
         strain[3:] = curvature(place[3:], radius, least=0.005, most=0.1)

@@ -72,7 +72,7 @@ class GridUnits:
 
 
 class RayUnits:
-    """Levels of rays; each starts from the level before, the first one from rest, which is the first ray.
+    """Levels of rays; each starts from the level before, the first one from rest, the first ray, or another state.
 
     The states of a level are written in order and the last place of a level, filled or not, at the end: a level
     without it is done again as a whole. A level that finds no state ends its ray.
@@ -96,7 +96,8 @@ class RayUnits:
         """The level that a level starts from; None for the state of rest."""
         if unit == 0:
             return None
-        return unit - 1 if unit % self.levels else 0
+        ray, level = divmod(unit, self.levels)
+        return unit - 1 if level else self.rays[ray].origin // self.iterates
 
     def ready(self, unit: int) -> bool:
         """Whether what the level starts from is done, or will not be."""
@@ -124,6 +125,8 @@ class RayUnits:
         if before is None:
             return None
         last = before * self.iterates + int(np.flatnonzero(self.status[before] == _CONVERGED)[-1])
+        if unit % self.levels == 0 and self.rays[unit // self.levels].origin:
+            last = self.rays[unit // self.levels].origin
         read = self.store.read
         return LoadedStart(
             ShellStrain.from_vector(read(last, "strain")), read(last, "fluctuation"), read(last, "twist"),

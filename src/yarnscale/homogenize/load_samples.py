@@ -1,0 +1,130 @@
+"""Samples of a cell for a shell material: along rays of loads, others unseen by a fit, and where a simulation went."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from yarnscale.cell.loads import CellFabric
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.homogenize.rays import FEWEST, LIMIT, SOLVES, Ray, load_rays, strains_held
+from yarnscale.homogenize.sample import (
+    Progress,
+    SampleSummary,
+    check_rays_resumable,
+    create_ray_store,
+    sample,
+)
+from yarnscale.homogenize.states import FabricStates
+from yarnscale.homogenize.store import RAY_DIMS, SampleStore
+from yarnscale.homogenize.worker import CODE_OF
+from yarnscale.numerics.loads import Loads
+
+Array = NDArray[np.float64]
+
+UNSEEN_SHARE, UNSEEN_SEED = 0.1, 1
+"""States that judge a fit, as a share of the solves for it, and the seed of their rays."""
+NEAR = 0.1
+"""Distance in scaled strains below which a visited state counts as sampled."""
+VISITED = 60
+"""Most states that one simulation adds."""
+_CANDIDATES = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class LoadSamples:
+    """States to fit, states that judge the fit, the store of the former, and what the solves cost."""
+
+    samples: FabricStates
+    unseen: FabricStates
+    store: SampleStore
+    summary: SampleSummary
+
+
+def sample_loads(
+    cell: PeriodicCell,
+    folder: Path,
+    *,
+    solves: int = SOLVES,
+    limit: float = LIMIT,
+    visited: Array | None = None,
+    workers: int = 2,
+    dask: str | None = None,
+    resume: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+) -> LoadSamples:
+    """About ``solves`` states along rays of loads up to ``limit`` [N/m], and a tenth more that no fit sees.
+
+    folder: gets the stores ``samples`` and ``unseen``. resume: go on with those that are there. visited: strains (n, 6)
+    of a simulation; those far from all samples are solved too. Raises InputError for the stores of another run.
+    """
+    plans = {
+        "samples": load_rays(cell, solves=solves, limit=limit),
+        "unseen": load_rays(
+            cell, solves=max(FEWEST, round(UNSEEN_SHARE * solves)), limit=limit, seed=UNSEEN_SEED, fixed=False
+        ),
+    }
+    stores, spent = {}, []
+    for name, rays in plans.items():
+        store = _opened(folder / name, cell, rays, resume=resume)
+        spent.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
+        if name == "samples" and visited is not None:
+            further = visiting_rays(store, visited, CellFabric(cell).strain_scale)
+            store = store.extended(rays=[ray.plain() for ray in further])
+            spent.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
+        stores[name] = store
+    states = {name: FabricStates.of(store) for name, store in stores.items()}
+    never = CODE_OF["pending"], CODE_OF["excluded"]
+    total = sum(int((~np.isin(store.status(), never)).sum()) for store in stores.values())
+    summary = SampleSummary(
+        total, sum(len(s.energies) for s in states.values()), sum(s.seconds for s in spent), spent[-1].workers,
+        max(s.peak_worker_megabytes for s in spent),
+    )  # fmt: skip
+    return LoadSamples(states["samples"], states["unseen"], stores["samples"], summary)
+
+
+def _opened(path: Path, cell: PeriodicCell, rays: list[Ray], *, resume: bool) -> SampleStore:
+    if resume:
+        SampleStore.recover(path)
+    if not (resume and path.exists()):
+        return create_ray_store(path, cell, rays)
+    store = SampleStore(path)
+    check_rays_resumable(store, cell, rays)
+    return store
+
+
+def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int = VISITED) -> list[Ray]:
+    """Rays from the nearest sampled states to those of ``strains`` (n, 6) that are farthest from all samples.
+
+    At most ``count``, one after the other the farthest from the samples and those chosen before, none nearer than
+    ``NEAR`` in strains over ``scale`` (6,). Raises InputError for a store without loads, or without samples.
+    """
+    if store.dims != RAY_DIMS:
+        raise InputError(
+            "samples without loads", where=store.path, expected="a store that 'homogenize' made anew"
+        )
+    good = np.flatnonzero(store.status() == CODE_OF["converged"])
+    if not len(good):
+        raise InputError(
+            "no converged state to start from", where=store.path, expected="a finished sampling run"
+        )
+    known = np.array([store.read(int(i), "strain") for i in good]) / scale
+    strains = strains[np.isfinite(strains).all(axis=1)]
+    if len(strains) > _CANDIDATES:
+        strains = strains[np.random.default_rng(0).choice(len(strains), _CANDIDATES, replace=False)]
+    places = strains / scale
+    distance, nearest = cKDTree(known).query(places)
+    rays: list[Ray] = []
+    while len(rays) < count and len(places) and distance.max() > NEAR:
+        farthest = int(np.argmax(distance))
+        levels = max(1, int(np.ceil(np.abs(places[farthest] - known[nearest[farthest]]).max())))
+        target = (Loads(), strains_held(strains[farthest]))
+        rays.append(Ray("visited", (target,) * min(levels, store.shape[1]), int(good[nearest[farthest]])))
+        distance = np.minimum(distance, np.linalg.norm(places - places[farthest], axis=1))
+    return rays
