@@ -12,6 +12,8 @@ from yarnscale.errors import InputError
 
 COMPONENTS = ("s_x", "s_a", "s_y", "II11", "II12", "II22")
 """Order of strain vectors and of stress; stress is d(energy density) by each of them."""
+LARGEST = 1e6
+"""No strain [-] or curvature [1/m] exceeds this."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,7 @@ class ShellStrain:
     s_a: sine of the shear angle, I12 / √(I11 I22) [-].
     II11, II12, II22: curvature tensor [1/m]; z = +x²/2 with normal +z has II11 = +1.
 
-    Raises InputError where no surface has the state: s ≤ −1, |s_a| ≥ 1 or a value that is not finite.
+    Raises InputError where no surface has the state: s ≤ −1, |s_a| ≥ 1 or a value beyond ``LARGEST``.
     """
 
     s_x: float = 0.0
@@ -35,8 +37,12 @@ class ShellStrain:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = float(getattr(self, field.name))
-            if not math.isfinite(value):
-                raise InputError(f"strain {field.name}", expected="a finite number", found=value)
+            if not abs(value) <= LARGEST:
+                raise InputError(
+                    f"strain {field.name}",
+                    expected=f"a finite number, at most {LARGEST:g} in size",
+                    found=value,
+                )
             object.__setattr__(self, field.name, value)
         for name in ("s_x", "s_y"):
             if getattr(self, name) <= -1.0:

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 from yarnscale.errors import InputError
-from yarnscale.files.chart import read_chart
+from yarnscale.files.chart import NUMBERS, read_chart
 from yarnscale.files.patterns import is_drawing, read_pattern, stitches_of, write_pattern
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.knit import knit
@@ -96,8 +96,8 @@ def test_a_chart_without_suffix_is_known_by_its_content(tmp_path: Path) -> None:
         (HEAD + "radius = 1\nrows:\nk\n", ":4", "radius needs a number and a unit"),
         (HEAD + "radius = 1 tex\nrows:\nk\n", ":4", "radius needs a number and a unit"),
         (HEAD + "overhang = nan\nrows:\nk\n", ":4", "overhang is no positive number"),
-        (HEAD + "overhang = 2\nrows:\nkt\nkk\n", "", "loop_height and overhang shape plain loops only"),
-        ("kind = knit\nwale_spacing = 2.5\nrows:\nk\n", "", "overlap at this stitch size"),
+        (HEAD + "overhang = 2\nrows:\nkt\nkk\n", ":2", "loop_height and overhang shape plain loops only"),
+        ("kind = knit\nwale_spacing = 2.5\nrows:\nk\n", ":2", "overlap at this stitch size"),
         ("kind = weave\nrows:\nx.\n.k\n", ":4:2", "draft row 1 column 2: unknown symbol; expected x"),
         ("kind = weave\nrows:\nx.\n.\n", ":3", "draft row 2 has another length; expected 1 ends"),
         ("kind = weave\nrows:\nx.\nxx\n", ":4", "weft pick 1 never changes sides"),
@@ -117,6 +117,22 @@ def test_faults_are_answered_with_their_place(tmp_path: Path, text: str, place: 
     assert str(caught.value).startswith(f"{path}{place}: ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "value", ["1e-300", "1e300", "1e-308", "0.01", "99999", "1e999", "nan", "inf", "0", "-1", "0x10"]
+)
+@pytest.mark.parametrize("key", [*NUMBERS["knit"], *NUMBERS["weave"], "radius"])
+def test_numbers_of_any_size_are_answered_in_one_line(tmp_path: Path, key: str, value: str) -> None:
+    kind = "knit" if key in NUMBERS["knit"] else "weave"
+    rows = "k" if kind == "knit" else "x.\n.x"
+    unit = " m" if key == "radius" else ""
+    if (key, value) in (("radius", "0.01"), ("overhang", "0.01")):
+        value = "1e-12"
+    path = write(tmp_path, f"kind = {kind}\n{key} = {value}{unit}\nrows:\n{rows}\n")
+    with pytest.raises(InputError) as caught:
+        read_chart(path)
+    assert str(caught.value).startswith(f"{path}:2: {key} ") and "\n" not in str(caught.value)
 
 
 MUDDLE = """kind = knit|kind = weave|rows:|kp|k-|k t|x.|.x|kk : A|: A|kk : AB|radius = 1 mm|radius = 1e999 mm|yarns = A|

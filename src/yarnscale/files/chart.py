@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,6 +31,7 @@ NUMBERS = {
     "weave": ("warp_spacing", "weft_spacing", "half_thickness", "vertices_per_stitch"),
 }
 """Keys that hold a plain number, by kind."""
+LENGTHS = list(dict.fromkeys(key for keys in NUMBERS.values() for key in keys))
 TEXTS = {"knit": ("kind", "name", "radius"), "weave": ("kind", "name", "radius", "warp_yarns")}
 WEAVE_SYMBOLS = {"x": 1, ".": 0}
 LARGEST_CHART_FILE = 100_000
@@ -94,8 +96,10 @@ def _placed(path: Path, chart: _Chart) -> Iterator[None]:
     except InputError as error:
         if error.where is not None:
             raise
-        key = error.what.split(" ", 1)[0]
-        line = chart.keys[key][0] if key in chart.keys else None
+        # Yarns that overlap or do not interlock do so because of a size, mostly of a spacing.
+        sizes = sorted((key for key in chart.keys if key in LENGTHS), key=LENGTHS.index)
+        named = (error.what.split(" ", 1)[0], *sizes)
+        line = next((chart.keys[key][0] for key in named if key in chart.keys), None)
         where = path if line is None else f"{path}:{line}"
         raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
 
@@ -202,7 +206,7 @@ def _number(where: str, key: str, value: str) -> float:
         if not value.isascii() or "_" in value:
             raise ValueError
         number = float(value)
-        if not 0.0 < number < 1e6:
+        if not 0.0 < number < math.inf:
             raise ValueError
     except ValueError:
         raise InputError(

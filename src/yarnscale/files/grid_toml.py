@@ -4,31 +4,21 @@ from __future__ import annotations
 
 import math
 import os
-import re
-import tomllib
 
 from yarnscale.errors import InputError
-from yarnscale.files.source_text import read_source
+from yarnscale.files.toml_text import fields_of, read_toml
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.worker import STRAINS
 
 
 def read_grid(path: str | os.PathLike[str]) -> StrainGrid:
     """The grid of a file; InputError naming file, field (or line), expected and found for anything else."""
-    text = read_source(path)
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        line = re.search(r"at line (\d+)", str(error))
-        number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
-        raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None
-    for name in content:
-        if name not in STRAINS:
-            raise InputError(f"unknown field {name!r:.60}", where=path, expected=", ".join(STRAINS))
-    try:
+    content, text = read_toml(path)
+    with fields_of(path, text):
+        for name in content:
+            if name not in STRAINS:
+                raise InputError(f"unknown field {name!r:.60}", expected=", ".join(STRAINS))
         return StrainGrid(**{name: _numbers(path, name, values) for name, values in content.items()})
-    except InputError as error:
-        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
 
 
 def _numbers(path: str | os.PathLike[str], name: str, values: object) -> tuple[float, ...]:

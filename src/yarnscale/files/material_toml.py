@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
-from yarnscale.files.source_text import read_source
+from yarnscale.files.toml_text import fields_of, read_toml
 from yarnscale.yarn.material import (
     CONTACT_FIELDS,
     NUMBERS,
@@ -42,14 +40,9 @@ def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
 def read_material_file(path: str | os.PathLike[str]) -> YarnMaterial:
     """A material from a TOML file; InputError with file, line where known, field, expected and found."""
     path = Path(path)
-    text = read_source(path)
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        line = re.search(r"at line (\d+)", str(error))
-        number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
-        raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None
-    return material_of_table(table, path, name=path.stem)
+    table, text = read_toml(path)
+    with fields_of(path, text):
+        return material_of_table(table, path, name=path.stem)
 
 
 def material_of_table(
@@ -65,7 +58,7 @@ def material_of_table(
             raise InputError(f"{field} is missing", where=path, expected=", ".join(NUMBERS))
         if isinstance(table[field], bool) or not isinstance(table[field], (int, float)):
             raise InputError(
-                f"{field} must be a number", where=path, expected="a number", found=repr(table[field])
+                f"{field} must be a number", where=path, expected="a number", found=f"{table[field]!r:.60}"
             )
     contact = _table(path, table, "contact", CONTACT_FIELDS)
     stretch = _table(path, table, "stretch", STRETCH_FIELDS)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from yarnscale.errors import InputError
 from yarnscale.files.json_fields import Fields
-from yarnscale.files.source_text import read_source
 from yarnscale.shell.motion import Motion
 
 Built = TypeVar("Built")
 Vector = tuple[float, float, float]
 
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Sizes of numbers other than 0, in SI units or degrees; what lies outside is a slip."""
 MOTION = ("displacement", "start", "duration", "rotation", "pivot", "ease")
 """Keys of a motion."""
 
@@ -39,6 +41,15 @@ class Section(Fields):
         if key not in self.content:
             return []
         return [Section(item.content, item.path, item.name) for item in self.items(key)]
+
+    def numbers(self, key: str, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+        found = super().numbers(key, shape=shape)
+        size = np.abs(found)
+        if (wrong := (size > LARGEST) | ((size > 0.0) & (size < SMALLEST))).any():
+            raise self.fault(
+                key, expected=f"0, or from {SMALLEST:g} to {LARGEST:g} in size", found=found[wrong][0]
+            )
+        return found
 
     def number_or(self, key: str, default: float) -> float:
         return self.number(key) if key in self.content else default
@@ -95,14 +106,3 @@ class Section(Fields):
                 raise
             what = f"[{self.name}] {error.what}" if self.name else error.what
             raise InputError(what, where=self.path, expected=error.expected, found=error.found) from None
-
-
-def read_root(path: Path) -> Section:
-    """The whole file as a table; InputError with the line where it is not TOML."""
-    text = read_source(path)
-    try:
-        return Section(tomllib.loads(text), path)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        line = re.search(r"at line (\d+)", str(error))
-        number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
-        raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None

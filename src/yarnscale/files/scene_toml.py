@@ -11,7 +11,8 @@ import numpy as np
 from yarnscale.files.material_json import read_material
 from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
-from yarnscale.files.scene_section import MOTION, Section, read_root
+from yarnscale.files.scene_section import MOTION, Section
+from yarnscale.files.toml_text import fields_of, read_toml
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import Obstacle, Plane
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
@@ -28,12 +29,18 @@ from yarnscale.shell.state import ClothState
 def read_scene(path: str | os.PathLike[str]) -> Scene:
     """The scene of a TOML file; files it names are looked for beside it.
 
-    Raises InputError with file, field, expected and found for anything that is missing, unknown or of a wrong type.
+    Raises InputError with file, line, field, expected and found for anything that is missing, unknown or
+    of a wrong type.
     """
     path = Path(path)
-    root = read_root(path)
+    table, text = read_toml(path)
+    with fields_of(path, text):
+        return _scene(Section(table, path))
+
+
+def _scene(root: Section) -> Scene:
     material = read_material(root.beside(root.text("material")))
-    name = root.text_or("name", path.stem)
+    name = root.text_or("name", Path(root.path).stem)
     if "scene" in root.content or "garment" in root.content:
         scene = replace(_ready(root, material), name=name, may_give_way=_may_give_way(root))
         notices = root.build(lambda: [*check_cloth(scene.cloth)])

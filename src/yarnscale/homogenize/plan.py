@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.homogenize.worker import STRAINS
-from yarnscale.kinematics import ShellStrain
+from yarnscale.kinematics import LARGEST, ShellStrain
 
 Array = NDArray[np.float64]
 LARGEST_GRID = 1_000_000
@@ -68,7 +68,8 @@ class StrainGrid:
                 if name.startswith("s_"):
                     ShellStrain(**{name: value})
                 else:
-                    ShellStrain(II11=value)
+                    if not abs(value) <= LARGEST:
+                        raise InputError(f"grid axis {name}", expected="a finite number", found=value)
         if count > LARGEST_GRID:
             raise InputError("grid", expected=f"at most {LARGEST_GRID} states", found=count)
 

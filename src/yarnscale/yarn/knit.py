@@ -27,7 +27,15 @@ from yarnscale.errors import InputError
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.loop_paths import line_crossings, row_paths
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitch_size import check_drawn, has_room, positive, vertex_count, yarn_letters
+from yarnscale.yarn.stitch_size import (
+    EDGE_LENGTH,
+    check_drawn,
+    drawable,
+    has_room,
+    positive,
+    vertex_count,
+    yarn_letters,
+)
 from yarnscale.yarn.stitches import StitchChart, signs
 
 SAMPLES_PER_STITCH = 400
@@ -130,6 +138,7 @@ def _sampled(
     curves: list[PeriodicCurve], period: np.ndarray, wales: int, per_stitch: float | None
 ) -> list[PeriodicCurve]:
     counts = [vertex_count(curve.length(period), wales, per_stitch, 1.0) for curve in curves]
+    drawable(sum(counts))
     return [curve.resampled(count, period) for curve, count in zip(curves, counts, strict=True)]
 
 
@@ -160,6 +169,7 @@ def _swollen_curves(
         counts = [vertex_count(curve.length(period), chart.wales, per_stitch, 1.0) for curve in curves]
     # Small against the distances of the schematic loops, so that sampling cuts no corner off through another yarn.
     finest = float(min(0.06 * size[0], 0.1 * size[1])) * min(1.0, 3.0 / max(1, chart.most_tucks))
+    drawable(sum(curve.length(period) for curve in curves) / min(finest, EDGE_LENGTH))
     curves = swollen(curves, period, tightness=tightness, counts=counts, finest=finest)
     return [PeriodicCurve(curve.points.round(DIGITS), curve.shift) for curve in curves]
 

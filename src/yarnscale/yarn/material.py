@@ -10,6 +10,10 @@ from yarnscale.errors import InputError
 KERNELS = ("hylc2020", "est2022")
 WEIGHTS = ("published", "simpson")
 LAWS = ("linear", "two_phase")
+LARGEST_RATIO = 10
+"""Of the reach of contact to the yarn's radius."""
+SMALLEST, LARGEST = 1e-12, 1e18
+"""Sizes of numbers other than 0 that a yarn can have, in SI units."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,10 @@ class ContactRule:
         _integer("contact.neighbours", self.neighbours, 1, 1000)
         for name in ("outer_radius_ratio", "inner_radius_ratio", "inner_stiffness"):
             object.__setattr__(self, name, _number(f"contact.{name}", getattr(self, name), positive=True))
+            if name.endswith("ratio") and getattr(self, name) > LARGEST_RATIO:
+                raise InputError(
+                    f"contact.{name} is too large", expected=f"≤ {LARGEST_RATIO}", found=getattr(self, name)
+                )
 
     @property
     def quadrature_points(self) -> tuple[float, ...]:
@@ -228,6 +236,12 @@ def _number(field_name: str, value: object, *, positive: bool) -> float:
     if not math.isfinite(number) or number < 0.0 or (positive and number == 0.0):
         kind = "positive" if positive else "zero or more"
         raise InputError(f"{field_name} must be {kind}", expected="> 0" if positive else "≥ 0", found=number)
+    if number != 0.0 and not SMALLEST <= number <= LARGEST:
+        raise InputError(
+            f"{field_name} is of no size that yarns have",
+            expected=f"{SMALLEST:g} to {LARGEST:g}",
+            found=number,
+        )
     return number
 
 

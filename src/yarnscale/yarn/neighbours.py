@@ -12,10 +12,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+LARGEST_IMAGES = 10_000_000
+"""Vertices of all copies."""
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
 
@@ -36,6 +39,11 @@ class Images:
         """Copies in tiles −rings…rings along x and y, and the tiles that their segments reach."""
         reach = np.abs(pattern.edges[:, 2:]).max(axis=0)
         outer = np.array(rings) + reach
+        if np.prod(2.0 * outer + 1.0) * len(pattern.edges) > LARGEST_IMAGES:
+            raise InputError(
+                "copies that yarns may touch are too many", expected="edges, radius and extent of a few periods",
+                found=f"a reach of {outer.tolist()} tiles",
+            )  # fmt: skip
         tiles = np.stack(np.meshgrid(*(np.arange(-o, o + 1) for o in outer), indexing="ij"), -1).reshape(
             -1, 2
         )

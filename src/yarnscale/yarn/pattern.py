@@ -13,6 +13,7 @@ import numpy as np
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern_fields import (
     LARGEST_LENGTH,
+    check_angle,
     check_length,
     edge_array,
     first_true,
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 DIRECTOR_TOLERANCE = 1e-3
 """Largest deviation of a reference director from unit length and from a right angle with its edge."""
 LARGEST_RADIUS_OVER_PERIOD = 10.0
+LARGEST_REPEATED = 2_000_000
+"""Vertices of a pattern repeated over tiles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +103,8 @@ class YarnPattern:
         check_length("radius", np.array([self.radius]))
         check_length("period", self.period)
         check_length("rest_length", self.rest_length)
+        for field in ("twist", "rest_curvature", "rest_twist", "reference_twist"):
+            check_angle(field, getattr(self, field))
         if np.abs(self.vertices).max() > LARGEST_LENGTH:
             raise InputError("vertices lie too far out", expected=f"metres, below {LARGEST_LENGTH:g}")
         if self.radius > LARGEST_RADIUS_OVER_PERIOD * self.period.min():
@@ -245,6 +250,9 @@ class YarnPattern:
         if courses < 1 or wales < 1:
             raise InputError("the numbers of tiles must be positive", expected="≥ 1", found=(courses, wales))
         n = len(self.edges)
+        if courses * wales * n > LARGEST_REPEATED:
+            expected = f"at most {LARGEST_REPEATED} vertices"
+            raise InputError("too many tiles", expected=expected, found=f"{courses * wales * n}")
         tiles = np.stack(np.meshgrid(np.arange(courses), np.arange(wales), indexing="ij"), -1).reshape(-1, 2)
         count = np.array([courses, wales])
         vertices = np.tile(self.vertices, (len(tiles), 1, 1))

@@ -10,6 +10,8 @@ LARGEST_LENGTH = 1e3
 """No length of a pattern exceeds this [m]; larger numbers are a mistaken unit."""
 SMALLEST_LENGTH = 1e-9
 """No radius, period or rest length is smaller than this [m]."""
+LARGEST_ANGLE = 1e4
+"""No twist or integrated curvature of a pattern exceeds this [rad]."""
 LARGEST_MATERIAL_COUNT = 100
 
 
@@ -60,6 +62,13 @@ def edge_array(value: object, n: int) -> np.ndarray:
     if np.abs(edges[:, 2:]).max() > 10_000:
         raise InputError("edges reach too many tiles away", expected="|dx|, |dy| ≤ 10000")
     return edges
+
+
+def check_angle(field: str, value: np.ndarray) -> None:
+    """Integrated twists and curvatures are of a size that a yarn can have."""
+    if (bad := first_true(np.abs(value).reshape(len(value), -1).max(axis=1) > LARGEST_ANGLE)) is not None:
+        expected = f"at most {LARGEST_ANGLE:g} rad in size"
+        raise InputError(f"{field}[{bad}] is too large", expected=expected, found=value[bad])
 
 
 def material_array(value: object, yarns: int) -> np.ndarray:

@@ -16,7 +16,16 @@ EDGE_LENGTH = 1.05
 """Length of an edge in radii where no number of vertices is asked for.
 
 Shorter edges than about 0.7 radii would let a straight yarn touch itself beyond the third neighbour."""
-MOST_VERTICES = 1000
+LARGEST_DRAWING = 100_000
+"""Vertices of a drawing."""
+RANGES = {
+    "radius": (1e-9, 1.0),
+    "tightness": (0.1, 10.0),
+    "half_thickness": (0.1, 100.0),
+    "overhang": (1e-3, 1000.0),
+    "vertices_per_stitch": (0.1, 200.0),
+}
+"""Least and largest value of a size, radii in metres; all others 0.1 to 1000 (radii)."""
 
 
 def positive(name: str, value: object) -> float:
@@ -26,17 +35,27 @@ def positive(name: str, value: object) -> float:
     number = float(value)
     if not (math.isfinite(number) and number > 0.0):
         raise InputError(f"{name} must be positive", expected="> 0", found=number)
+    least, most = RANGES.get(name, (0.1, 1000.0))
+    if not least <= number <= most:
+        unit = " m" if name == "radius" else ""
+        raise InputError(
+            f"{name} is out of range", expected=f"{least:g} to {most:g}{unit}", found=f"{number:g}{unit}"
+        )
     return number
+
+
+def drawable(count: float) -> None:
+    """InputError where a drawing would have more than ``LARGEST_DRAWING`` vertices."""
+    if count > LARGEST_DRAWING:
+        expected = f"at most {LARGEST_DRAWING} vertices"
+        raise InputError("drawing is too large", expected=expected, found=f"about {count:.3g}")
 
 
 def vertex_count(length: float, stitches: int, per_stitch: float | None, radius: float) -> int:
     """Number of vertices of a yarn of `length` [m] over `stitches` stitches, at least 3."""
     if per_stitch is None:
         return max(3, round(length / (EDGE_LENGTH * radius)))
-    per_stitch = positive("vertices_per_stitch", per_stitch)
-    if per_stitch > MOST_VERTICES:
-        raise InputError("vertices_per_stitch is too large", expected=f"≤ {MOST_VERTICES}", found=per_stitch)
-    return max(3, round(stitches * per_stitch))
+    return max(3, round(stitches * positive("vertices_per_stitch", per_stitch)))
 
 
 def yarn_letters(

@@ -10,7 +10,7 @@ from yarnscale.errors import InputError
 from yarnscale.yarn.chart_error import ChartError
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitch_size import check_drawn, positive, vertex_count, yarn_letters
+from yarnscale.yarn.stitch_size import check_drawn, drawable, positive, vertex_count, yarn_letters
 
 SAMPLES_PER_CROSSING = 200
 LARGEST_DRAFT = 64
@@ -58,10 +58,12 @@ def weave(
         *(_wave(-side[i] * height, 0, warp_spacing, (i + 0.5) * weft_spacing) for i in range(picks)),
         *(_wave(side[:, j] * height, 1, weft_spacing, (j + 0.5) * warp_spacing) for j in range(ends)),
     ]
-    sampled = [
-        curve.resampled(vertex_count(curve.length(period), crossings, vertices_per_stitch, radius), period)
+    counts = [
+        vertex_count(curve.length(period), crossings, vertices_per_stitch, radius)
         for curve, crossings in zip(curves, [ends] * picks + [picks] * ends, strict=True)
     ]
+    drawable(sum(counts))
+    sampled = [curve.resampled(count, period) for curve, count in zip(curves, counts, strict=True)]
     level = np.concatenate([curve.points for curve in sampled])[:, 2].mean()
     centred = [PeriodicCurve(curve.points - [0.0, 0.0, level], curve.shift) for curve in sampled]
     pattern = pattern_from_curves(

@@ -59,6 +59,12 @@ class Schedule:
             if not (math.isfinite(value) and (value > 0 or (allowed_zero and value == 0))):
                 raise InputError(name, expected="a positive number", found=value)
 
+        for name in ("time_step", "frame_interval"):
+            value = getattr(self, name)
+            if value is not None and self.duration > MOST_STEPS * value:
+                expected = f"at least duration/{MOST_STEPS:g} = {self.duration / MOST_STEPS:g} s"
+                raise InputError(name, expected=expected, found=value)
+
     def animated(self) -> Schedule:
         """The motion alone, with bounded work: steps and frames of 1/30 s, ``ANIMATION_ITERATIONS`` of Newton each.
 
@@ -75,6 +81,8 @@ class Schedule:
         )
 
 
+MOST_STEPS = 1e6
+"""Steps and frames of a schedule."""
 OFF_PLACE, OFF_PLACE_SHARE = 5e-4, 0.05
 """How far from its place a handle or body has left its motion: this [m], or this share of an edge if that is less."""
 ANIMATION_STEP, ANIMATION_ITERATIONS = 1 / 30, 20

@@ -22,6 +22,8 @@ Integers = NDArray[np.int64]
 _CLEARANCE = 0.65
 """Distance of inner points from the outline, in units of the spacing."""
 _SMOOTHING = 8
+MOST_DIVISIONS = 2000
+"""Of one edge of a panel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,13 @@ class Panel:
         return flat.with_grain(self.grain) if self.grain else flat
 
 
+def check_spacing(name: str, spacing: float, extent: float) -> None:
+    """InputError for a spacing that is no length, or by which an extent [m] would have too many divisions."""
+    if not (math.isfinite(spacing) and spacing > 0 and extent <= MOST_DIVISIONS * spacing):
+        least = f"at least {extent / MOST_DIVISIONS:g} m" if extent else "a positive length [m]"
+        raise InputError(f"spacing of panel '{name}'", expected=least, found=spacing)
+
+
 def cut_panel(
     name: str,
     outline: Mapping[str, ArrayLike],
@@ -71,8 +80,7 @@ def cut_panel(
 
     Raises InputError for outlines that are open, clockwise or too narrow for the spacing.
     """
-    if not (math.isfinite(spacing) and spacing > 0):
-        raise InputError(f"spacing of panel '{name}'", expected="a positive length [m]", found=spacing)
+    check_spacing(name, spacing, 0.0)
     boundary, chains = _divided(name, outline, spacing, segments or {})
     x, y = boundary.T
     if 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) <= 0:
@@ -108,6 +116,7 @@ def _divided(
     points, chains, first = [], {}, 0
     for edge, curve in curves.items():
         places = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+        check_spacing(name, spacing, places[-1])
         count = segments.get(edge, max(1, round(places[-1] / spacing)))
         if count < 1 or places[-1] == 0:
             raise InputError(f"edge '{edge}' of panel '{name}'", expected="a length", found=places[-1])

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.shell.garments.garment import Garment, Seam, sew
-from yarnscale.shell.garments.panels import Panel, cut_panel
+from yarnscale.shell.garments.panels import Panel, check_spacing, cut_panel
 
 Floats = NDArray[np.float64]
 
@@ -71,6 +71,7 @@ def shirt(
     for kind in angles:
         if kind not in SEAMS:
             raise InputError("seam of a shirt", expected=" or ".join(SEAMS), found=kind)
+    check_spacing(name, spacing, max(cut.width, cut.length, cut.sleeve))
     rows = max(3, round(cut.armhole / spacing))
     side = max(3, round((cut.length - cut.armhole) / spacing))
     top = max(2, round((0.5 * cut.width - cut.neck) / spacing))
