@@ -27,6 +27,7 @@ from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
+from yarnscale.unfulfilled import plain
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
@@ -137,7 +138,8 @@ def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], boo
     dynamics = FabricDynamics(*parts) if within is None else VolumeDynamics(*parts, volume=within)
     method = "explicit" if options.explicit else "implicit"
     run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)
-    return {**counts, **_summary(energy, scene, run, led=options.explicit)}, run.status.name == "CONVERGED"
+    done = run.status.name == "CONVERGED" and (options.may_give_way or not run.unfulfilled)
+    return {**counts, **_summary(energy, scene, run, led=options.explicit)}, done
 
 
 def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
@@ -175,6 +177,7 @@ def _summary(energy: FabricEnergy, scene: SheetScene, run: DirectRun, *, led: bo
         "penetration": energy.penetration(x),
         "extension": float(np.abs(extension).max()),
         "passages": run.passages,
+        "unfulfilled": plain(run.unfulfilled),
     }
     if scene.pulled is not None:
         numbers["force"] = scene.force(energy, x, run.motion.time, led=led)

@@ -23,6 +23,7 @@ from yarnscale.files.animation import read_animation
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.patterns import stitches_of
+from yarnscale.unfulfilled import Unfulfilled, plain
 
 JERSEYS = ("jersey", "single-jersey", "stockinette")
 _POINTS_PER_SEGMENT = 3
@@ -67,7 +68,8 @@ def fabric(options: argparse.Namespace) -> int:
     run = _run(moving, schedule, rule, writable_folder(options.out))
     _convert(options)
     _tell(_summary(run), options)
-    return 0 if run.status.name == "CONVERGED" else 1
+    done = options.may_give_way or not run.unfulfilled
+    return 0 if run.status.name == "CONVERGED" and done else 1
 
 
 def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
@@ -151,6 +153,7 @@ def _summary(run: MotionRun) -> dict[str, object]:
         "simulated_seconds": run.motion.time,
         "penetration": penetration(knitted, control),
         "extension": fibre_extension(knitted, control)[0],
+        "unfulfilled": plain(run.unfulfilled),
     }
 
 
@@ -158,6 +161,8 @@ def _tell(values: dict[str, object] | dict[str, int], options: argparse.Namespac
     if options.json:
         print_json(values)
         return
+    for entry in values.pop("unfulfilled", []):  # type: ignore[union-attr]
+        print(f"not carried out: {Unfulfilled(**entry)}")
     for name, value in values.items():
         shown = f"{value:.4g}" if isinstance(value, float) else value
         print(f"{name.replace('_', ' ')}: {shown}")

@@ -124,6 +124,9 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         "--damping", type=not_negative, default=1.0, metavar="RATE", help="of free motion [1/s] (1)"
     )
     command.add_argument(
+        "--may-give-way", action="store_true", help="grips kept from their places do not count as a failure"
+    )
+    command.add_argument(
         "--count", action="store_true", help="print the numbers of unknowns and simulate nothing"
     )
     command.add_argument("--out", type=Path, metavar="DIR", help="folder for frames and pictures")

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, FabricStep
-from yarnscale.fabric.run import MotionSchedule
+from yarnscale.fabric.run import OFF_PLACE, MotionSchedule
 from yarnscale.numerics.newton import Status
+from yarnscale.unfulfilled import Unfulfilled, updated
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,8 @@ Array = NDArray[np.float64]
 class DirectRun:
     """Outcome: the last motion, steps, those that met their tolerance, Newton iterations, factorisations, seconds.
 
-    frames: time [s] and energies [J] of every frame. passages: how often a yarn went through another.
+    frames: time [s] and energies [J] of every frame. passages: how often a yarn went through another. unfulfilled:
+    grips that were not where they are to be.
     """
 
     motion: FabricMotion
@@ -33,6 +35,7 @@ class DirectRun:
     seconds: float
     passages: int
     frames: list[dict[str, float]] = field(default_factory=list)
+    unfulfilled: tuple[Unfulfilled, ...] = ()
 
 
 def run_fabric(
@@ -57,6 +60,8 @@ def run_fabric(
     count = max(1, round(schedule.duration / schedule.frame_interval))
     steps = good = iterations = factorisations = 0
     status, frames = Status.CONVERGED, []
+    energy = dynamics.energy
+    unfulfilled: tuple[Unfulfilled, ...] = ()
 
     def frame(number: int) -> None:
         frames.append({"time": motion.time, **dynamics.energies(motion)})
@@ -76,6 +81,8 @@ def run_fabric(
                 status = step.status
                 break
             motion, steps = step.motion, steps + 1
+            distances = dynamics.holds(motion.time).distances(energy, motion.x)
+            unfulfilled = updated(unfulfilled, motion.time, distances, OFF_PLACE * energy.radius)
             good += step.status is Status.CONVERGED
             iterations, factorisations = iterations + step.iterations, factorisations + step.factorisations
             if on_step is not None:
@@ -85,4 +92,6 @@ def run_fabric(
         frame(number)
     passages = 0 if dynamics.count is None else dynamics.count.passages
     seconds = time.perf_counter() - begin
-    return DirectRun(motion, status, steps, good, iterations, factorisations, seconds, passages, frames)
+    return DirectRun(
+        motion, status, steps, good, iterations, factorisations, seconds, passages, frames, unfulfilled
+    )

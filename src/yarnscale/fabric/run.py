@@ -13,10 +13,13 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveRule, AdaptiveVolume
 from yarnscale.fabric.spline_motion import Method, SplineMotion, YarnMotion
 from yarnscale.numerics.newton import Status
+from yarnscale.unfulfilled import Unfulfilled, updated
 
 _HALVINGS = 5
 _EXPLICIT_SHARE = 0.7
 """Explicit steps over the longest stable one at rest."""
+OFF_PLACE = 1.0
+"""Distance of what is held from its place, in yarn radii, from which a grip has left its motion."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,8 @@ class MotionSchedule:
 class MotionRun:
     """Outcome of a run: the last motion, how it ended, steps, Newton iterations, seconds of work.
 
-    moving: what moved, in the volume of the end. energies: of every frame, with its ``time`` [s] and [J].
+    moving: what moved, in the volume of the end. energies: of every frame, with its ``time`` [s] and [J]. unfulfilled:
+    grips that were not where they are to be.
     """
 
     moving: SplineMotion
@@ -52,6 +56,7 @@ class MotionRun:
     iterations: int
     seconds: float
     energies: list[dict[str, float]] = field(default_factory=list)
+    unfulfilled: tuple[Unfulfilled, ...] = ()
 
 
 def run_motion(
@@ -78,6 +83,7 @@ def run_motion(
     frames = max(1, round(schedule.duration / schedule.frame_interval))
     steps = iterations = 0
     energies, status = [], Status.CONVERGED
+    unfulfilled: tuple[Unfulfilled, ...] = ()
 
     def frame(number: int) -> None:
         energies.append({"time": motion.time, **moving.energies(motion)})
@@ -93,6 +99,8 @@ def run_motion(
                 moving, motion, remaining / math.ceil(remaining / longest - 1e-9), schedule
             )
             steps, iterations = steps + 1, iterations + work
+            distances = {"held row": moving.distance_from_places(motion)}
+            unfulfilled = updated(unfulfilled, motion.time, distances, OFF_PLACE * moving.fabric.radius)
             if on_step is not None:
                 on_step(1.0 - (end - motion.time) / schedule.duration)
         if status is not Status.CONVERGED:
@@ -101,7 +109,8 @@ def run_motion(
         if follower is not None and number < frames:
             motion = follower.adapt(motion, longest)
             moving = follower.moving
-    return MotionRun(moving, motion, status, steps, iterations, time.perf_counter() - begin, energies)
+    seconds = time.perf_counter() - begin
+    return MotionRun(moving, motion, status, steps, iterations, seconds, energies, unfulfilled)
 
 
 def _advance(

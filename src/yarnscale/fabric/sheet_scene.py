@@ -53,7 +53,8 @@ def hang(sheet: YarnSheet) -> SheetScene:
     """Held along its last row, under gravity down the wales."""
     top = _border(sheet, 1, last=True)
     targets = sheet.vertices[top]
-    return SheetScene((0.0, -9.81, 0.0), lambda time: Holds(top, targets))
+    grips = {"held row": np.ones(len(top), bool)}
+    return SheetScene((0.0, -9.81, 0.0), lambda time: Holds(top, targets, grips=grips))
 
 
 def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: float = 1.0) -> SheetScene:
@@ -86,7 +87,7 @@ def pulled_apart(
         share = min(1.0, max(0.0, time / duration))
         targets = places.copy()
         targets[:, axis] += way * share * np.where(second, 1.0, -1.0)
-        return Holds(nodes, targets)
+        return Holds(nodes, targets, grips={"first grip": ~second, "second grip": second})
 
     return SheetScene(gravity, holds, pulled=second, axis=axis)
 

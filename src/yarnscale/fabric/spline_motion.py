@@ -167,6 +167,11 @@ class SplineMotion:
         positions = self.map.expand(motion.positions.ravel()).reshape(-1, 3)
         return YarnMotion(positions, np.asarray(self.map.weights @ motion.velocities), motion.time)
 
+    def distance_from_places(self, motion: YarnMotion) -> float:
+        """How far the farthest held point is from its place [m]."""
+        away = self._held @ self.yarns(motion).positions.ravel() - self._held_at
+        return float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))
+
     def times_mass(self, vector: Array) -> Array:
         """M v of yarn control points, (3n,)."""
         return (self._mass @ vector.reshape(-1, 3)).ravel()
