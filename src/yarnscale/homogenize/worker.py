@@ -112,8 +112,12 @@ def solve(
     return record(equilibrium) | extra, _peak_megabytes()
 
 
-LEVEL_TOLERANCE = 0.25
-"""Part of a level's load that may be missing where the next level begins: samples need not meet round numbers."""
+LEVEL_TOLERANCE, LEVEL_FLOOR = 0.25, 5e-4
+"""Load that may be missing where the next level begins, as a part of its own or [N/m]: samples need not be round."""
+LEVEL_STEP = 0.24
+"""Largest change of a scaled strain between the samples of a level."""
+BENT_ENOUGH = 0.25
+"""Curvature times yarn radius at which a ray ends."""
 
 
 def climb(
@@ -124,6 +128,8 @@ def climb(
     Every step of the macroscopic Newton method is an equilibrium of the yarns, and so a sample.
     """
     found: list[dict[str, object]] = []
+    if start is not None and np.abs(start.strain.vector[3:]).max() * cell.pattern.radius > BENT_ENOUGH:
+        return found, _peak_megabytes()
 
     def keep(response: Response, moduli: Array) -> None:
         found.append(record(response.state) | {"strain": response.strain, "moduli": moduli})
@@ -133,14 +139,9 @@ def climb(
         there = Response(start.strain.vector, start.energy, start.stress, state=start)
         before = LoadedState(there, start.moduli, 0.0, True, Status.CONVERGED, 0)
     equilibrium_under(
-        CellFabric(cell),
-        loads,
-        held=held,
-        start=before,
-        tolerance=LEVEL_TOLERANCE,
-        max_iterations=iterates,
-        visit=keep,
-    )
+        CellFabric(cell), loads, held=held, start=before, tolerance=LEVEL_TOLERANCE, floor=LEVEL_FLOOR,
+        radius=LEVEL_STEP, max_iterations=iterates, visit=keep,
+    )  # fmt: skip
     return found, _peak_megabytes()
 
 

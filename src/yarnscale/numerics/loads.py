@@ -205,16 +205,21 @@ def equilibrium_under(
     held: Held | None = None,
     start: LoadedState | None = None,
     tolerance: float = 1e-3,
+    floor: float = FLOOR,
+    radius: float = RADIUS,
     max_iterations: int = 60,
     visit: Visit | None = None,
 ) -> LoadedState:
     """The equilibrium under ``loads`` with some strains ``held`` (L1), from rest or from a neighbouring one.
 
-    Newton with the fabric's moduli, negative ones turned positive, in steps of at most ``RADIUS`` in scaled strains;
-    held strains are moved to their values in the same steps. tolerance: on the missing load over all loads. visit:
-    called with every new response on the way and its moduli (NaN where there are none). Look at ``status``.
+    Newton with the fabric's moduli, negative ones turned positive, in steps of at most ``radius`` in scaled strains;
+    held strains are moved to their values in the same steps. tolerance: on the missing load over all loads; floor
+    [N/m]: missing load that is none. visit: called with every new response on the way and its moduli (NaN where there
+    are none). Look at ``status``.
     """
-    return _LoadedNewton(fabric, loads, held or Held(), tolerance, max_iterations, visit).run(start)
+    return _LoadedNewton(
+        fabric, loads, held or Held(), (tolerance, floor), radius, max_iterations, visit
+    ).run(start)
 
 
 def path_under(
@@ -236,8 +241,8 @@ class _LoadedNewton:
     """Π in scaled strains, and the affine space in which it is minimised."""
 
     def __init__(
-        self, fabric: HomogeneousFabric, loads: Loads, held: Held, tolerance: float, max_iterations: int,
-        visit: Visit | None,
+        self, fabric: HomogeneousFabric, loads: Loads, held: Held, tolerance: tuple[float, float], radius: float,
+        max_iterations: int, visit: Visit | None,
     ) -> None:  # fmt: skip
         self.fabric, self.loads, self.held, self.visit = fabric, loads, held, visit
         self.max_iterations = max_iterations
@@ -247,7 +252,7 @@ class _LoadedNewton:
         rank = int((sizes > 1e-12 * sizes.max(initial=0.0)).sum())
         self.free = rows[rank:].T
         self.to_held = np.linalg.pinv(matrix)
-        self.tolerance = tolerance
+        (self.tolerance, self.floor), self.radius = tolerance, radius
         self.evaluations = 0
         self.known = np.full((6, 6), np.nan)
 
@@ -257,7 +262,7 @@ class _LoadedNewton:
             return self._outcome(here, Status.INVALID)
         moduli = self._moduli(here) if start is None or np.isnan(start.moduli).any() else start.moduli
         self.known = moduli if np.isfinite(moduli).all() else self.known
-        radius, escapes = RADIUS, 0
+        radius, escapes = self.radius, 0
         for iteration in range(self.max_iterations + 1):
             gradient, hessian = self._slope(here), self._curvature(here)
             gap = self.to_held @ (self.held.values - self.held.matrix @ here.strain)
@@ -278,7 +283,9 @@ class _LoadedNewton:
             if there is None:
                 return self._outcome(here, Status.STALLED, moduli)
             whole = float(np.abs(step).max())
-            radius = min(2.0 * radius, RADIUS) if fraction == 1.0 else max(fraction * whole, 1e-4 * RADIUS)
+            radius = (
+                min(2.0 * radius, self.radius) if fraction == 1.0 else max(fraction * whole, 1e-4 * RADIUS)
+            )
             here, moduli = there, self._moduli(there)
         return self._outcome(here, Status.ITERATION_LIMIT, moduli)
 
@@ -313,7 +320,7 @@ class _LoadedNewton:
     def _enough(self, response: Response) -> float:
         """Residual at which the loads count as met."""
         asked = self.free.T @ (self.loads.work(response.strain)[1] * self.scale)
-        return self.tolerance * float(np.linalg.norm(asked)) + FLOOR
+        return self.tolerance * float(np.linalg.norm(asked)) + self.floor
 
     def _newton_step(self, gradient: Array, hessian: Array) -> Array:
         """Step along the free strains, by the Hessian with its eigenvalues made positive."""
