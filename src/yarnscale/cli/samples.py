@@ -17,10 +17,10 @@ from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.sample import (
-    check_rays_resumable,
     check_resumable,
     create_ray_store,
     create_store,
+    resumed_ray_store,
 )
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
@@ -80,9 +80,7 @@ def _load_store(options: argparse.Namespace, cell: PeriodicCell) -> SampleStore:
     rays = load_rays(cell, **given)
     if not (options.resume and options.out.exists()):
         return create_ray_store(options.out, cell, rays)
-    store = SampleStore(options.out)
-    check_rays_resumable(store, cell, rays)
-    return store
+    return resumed_ray_store(SampleStore(options.out), cell, rays)
 
 
 def _grid_store(options: argparse.Namespace, cell: PeriodicCell, grid: StrainGrid) -> SampleStore:

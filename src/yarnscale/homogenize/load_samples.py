@@ -13,12 +13,12 @@ from scipy.spatial import cKDTree
 from yarnscale.cell.loads import CellFabric
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.homogenize.rays import FEWEST, LIMIT, SOLVES, Ray, load_rays, strains_held
+from yarnscale.homogenize.rays import FEWEST, LIMIT, SOLVES, VISITED, Ray, load_rays, strains_held
 from yarnscale.homogenize.sample import (
     Progress,
     SampleSummary,
-    check_rays_resumable,
     create_ray_store,
+    resumed_ray_store,
     sample,
 )
 from yarnscale.homogenize.states import FabricStates
@@ -32,7 +32,7 @@ UNSEEN_SHARE, UNSEEN_SEED = 0.1, 1
 """States that judge a fit, as a share of the solves for it, and the seed of their rays."""
 NEAR = 0.1
 """Distance in scaled strains below which a visited state counts as sampled."""
-VISITED = 60
+MOST_VISITED = 60
 """Most states that one simulation adds."""
 _CANDIDATES = 20_000
 
@@ -94,12 +94,10 @@ def _opened(path: Path, cell: PeriodicCell, rays: list[Ray], *, resume: bool) ->
         SampleStore.recover(path)
     if not (resume and path.exists()):
         return create_ray_store(path, cell, rays)
-    store = SampleStore(path)
-    check_rays_resumable(store, cell, rays)
-    return store
+    return resumed_ray_store(SampleStore(path), cell, rays)
 
 
-def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int = VISITED) -> list[Ray]:
+def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int = MOST_VISITED) -> list[Ray]:
     """Rays from the nearest sampled states to those of ``strains`` (n, 6) that are farthest from all samples.
 
     At most ``count``, one after the other the farthest from the samples and those chosen before, none nearer than
@@ -125,6 +123,6 @@ def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int =
         farthest = int(np.argmax(distance))
         levels = max(1, int(np.ceil(np.abs(places[farthest] - known[nearest[farthest]]).max())))
         target = (Loads(), strains_held(strains[farthest]))
-        rays.append(Ray("visited", (target,) * min(levels, store.shape[1]), int(good[nearest[farthest]])))
+        rays.append(Ray(VISITED, (target,) * min(levels, store.shape[1]), int(good[nearest[farthest]])))
         distance = np.minimum(distance, np.linalg.norm(places - places[farthest], axis=1))
     return rays

@@ -35,7 +35,6 @@ SOLVES = 600
 _PER_LEVEL = 2.1  # equilibria, as measured over ten patterns
 _LEAST = 0.05  # of the weight of a centimetre of the fabric
 _GRAVITY = 9.81
-_BOX_SHARE = 0.1
 _BENDS = np.array([0.002, 0.008, 0.025, 0.06, 0.1])
 """Curvatures of rays of pure bending, times the yarn radius."""
 _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
@@ -87,8 +86,8 @@ def load_rays(
     """Rays of about ``solves`` equilibria in all, the state of rest first; up to ``limit`` [N/m].
 
     fixed: begin with tension and bending along the axes and diagonals, else with random loads at once. The same numbers
-    give the same rays, and those of fewer solves are among those of more, but for their last tenth.
-    Raises InputError for a limit that is no load, or too few solves for all kinds of states.
+    give the same rays, and those of more solves begin with those of fewer. Raises InputError for a limit that is no
+    load, or too few solves for all kinds of states.
     """
     least = _LEAST * _GRAVITY * 0.01 * cell.area_density
     if not (math.isfinite(limit) and limit > 10 * least):
@@ -99,15 +98,17 @@ def load_rays(
     rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
     axes = _along_axes(radius, sizes) if fixed else ()
     for ray in chain(axes, _random_rays(radius, sizes, seed)):
-        if spent >= (1 - _BOX_SHARE) * solves:
+        if spent >= solves:
             break
         rays.append(ray)
-        spent += _PER_LEVEL * len(ray.levels)
-    return rays + [ray_to(strain) for strain in box_strains(radius, round(_BOX_SHARE * solves / 3), seed)]
+        spent += len(ray.levels) * (1.0 if ray.kind == "strain" else _PER_LEVEL)
+    return rays
 
 
 FEWEST = 60
 """Fewest solves of a plan."""
+VISITED = "visited"
+"""Kind of rays that are no part of a plan: to states where a simulation went."""
 
 
 def _along_axes(radius: float, sizes: Array) -> Iterator[Ray]:
@@ -120,9 +121,10 @@ def _along_axes(radius: float, sizes: Array) -> Iterator[Ray]:
 
 
 def _random_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
-    """All kinds of loads in turn, without end."""
-    draws = qmc.Sobol(7, seed=seed)
+    """All kinds of loads in turn, and states of the box between them, without end."""
+    draws, box = qmc.Sobol(7, seed=seed), box_strains(radius, seed + 1)
     for turn in count():
+        yield ray_to(next(box))
         place = draws.random(1)[0]
         normal = ndtri(np.clip(place[:6], 1e-3, 1 - 1e-3))
         pull = normal[:3].copy()
@@ -165,14 +167,13 @@ def ray_to(strain: Array, parts: int = 3) -> Ray:
     return Ray("strain", tuple((Loads(), strains_held(k / parts * strain)) for k in range(1, parts + 1)))
 
 
-def box_strains(radius: float, number: int, seed: int) -> Array:
-    """Strains (number, 6) spread over a box that holds usual clothing, bent in any direction, half of them doubly."""
-    places = qmc.Sobol(7, seed=seed + 1).random_base2(max(1, math.ceil(math.log2(max(number, 1)))))[:number]
-    strains = np.empty((number, 6))
-    strains[:, :3] = _BOX[:, 0] + (_BOX[:, 1] - _BOX[:, 0]) * places[:, :3]
-    for strain, place in zip(strains, places, strict=True):
-        strain[3:] = curvature(place[3:], radius, least=0.005, most=0.1)
-    return strains
+def box_strains(radius: float, seed: int) -> Iterator[Array]:
+    """Strains (6,) spread over a box that holds usual clothing, half of them bent doubly, in any direction; endless."""
+    draws = qmc.Sobol(7, seed=seed)
+    while True:
+        place = draws.random(1)[0]
+        in_plane = _BOX[:, 0] + (_BOX[:, 1] - _BOX[:, 0]) * place[:3]
+        yield np.concatenate([in_plane, curvature(place[3:], radius, least=0.005, most=0.1)])
 
 
 def _tension(angle: float, sizes: Array) -> Ray:

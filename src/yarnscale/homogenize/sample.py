@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogenize.executors import DaskExecutor, dask_workers, is_loss, local_workers
-from yarnscale.homogenize.rays import ITERATES, Ray
+from yarnscale.homogenize.rays import ITERATES, VISITED, Ray
 from yarnscale.homogenize.store import RAY_DIMS, SampleStore
 from yarnscale.homogenize.units import GridUnits, RayUnits
 from yarnscale.homogenize.worker import STRAINS
@@ -162,15 +162,21 @@ def check_resumable(
             )
 
 
-def check_rays_resumable(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray]) -> None:
-    """InputError unless the store was made for this cell and begins with these rays; more may follow them."""
+def resumed_ray_store(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray]) -> SampleStore:
+    """The store, with those of ``rays`` that it lacks.
+
+    InputError unless it was made for this cell and one of both plans begins with the other, but for visited states.
+    """
     _check_cell(store, cell, (1, 1))
     if store.dims != RAY_DIMS:
         raise InputError(
             "cannot resume: a store without loads", where=store.path, expected="a new folder", found="strains"
         )
-    if store.rays[: len(rays)] != json.loads(json.dumps([ray.plain() for ray in rays])):
+    planned = json.loads(json.dumps([ray.plain() for ray in rays]))
+    held = [ray for ray in store.rays if ray["kind"] != VISITED]
+    if any(one != other for one, other in zip(held, planned, strict=False)):
         raise InputError("cannot resume: other loads", where=store.path, expected="the loads of the store")
+    return store if len(held) >= len(planned) else store.extended(rays=planned[len(held) :])
 
 
 def _check_cell(store: SampleStore, cell: PeriodicCell, tiles: tuple[int, int]) -> None:
