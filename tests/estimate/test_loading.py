@@ -58,6 +58,21 @@ def test_pretension_is_extrapolated_to_zero_force():
         assert run.rest_length == pytest.approx(REST, rel=0.01)
 
 
+def test_an_offset_that_cannot_be_a_pretension_is_taken_off():
+    for readings in (200, 5000):
+        force, length = log(np.linspace(0.0, 1.0, readings), noise=0.01, offset=1.5)
+        found = loading(force, length)
+        assert StretchRun("1", found.force, found.length).rest_length == pytest.approx(REST, rel=0.02)
+        assert "offset" in found.remarks[0]
+
+
+def test_slack_is_found_in_a_curve_that_stiffens_much():
+    """Hundreds of times stiffer at its end than in its toe, which alone shows where slack ends."""
+    stretch = np.linspace(-0.1, 1.4, 3000)
+    found = loading(*log(stretch, noise=0.003, offset=2.0))
+    assert StretchRun("1", found.force, found.length).rest_length == pytest.approx(REST, rel=0.015)
+
+
 def test_a_stiffening_toe_is_no_slack():
     stretch = np.linspace(0.0, 0.7, 2000)
     found = loading(30.0 * stretch**3, REST * (1.0 + stretch))

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from yarnscale.errors import InputError
+from yarnscale.estimate.measurements import at_zero_force
+from yarnscale.estimate.slack import slack_and_offset
 
 Array = NDArray[np.float64]
 Cycle = Literal["first", "last"]
@@ -30,14 +32,10 @@ _LEAST_FALL = 0.03
 """Share of the range by which length must fall to be unloading, and force to be a break."""
 _REACHED = 0.9
 """Share of the largest force that a cycle must reach to count as the loading."""
-_TOE = 0.2
-"""Share of the largest force below which slack is looked for."""
-_LARGEST_DRIFT = 0.005
-"""Of the load cell during slack, as a share of the largest force; what rises more is fabric."""
+_FARTHEST = 0.4
+"""Longest extrapolation of a pretension to zero force, as a share of the extension; beyond, it was no pretension."""
 _NOTABLE = 0.01
 """Share of the largest force from which an offset is worth a remark."""
-_LEAST_SLACK = 0.005
-"""Shortest slack that is taken off, as a share of the length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +146,7 @@ def _binned(columns: list[Array], rising: Array, longer: Array) -> tuple[list[Ar
 def _from_zero(columns: list[Array], counts: Array, begin: float, remarks: list[str]) -> Loading:
     """The loading without slack and offset of the load cell, its force monotone."""
     force, length, *width = columns
-    offset, start = _toe(force, length, counts, begin)
+    offset, start = slack_and_offset(force, length, counts, begin)
     slack = start - begin
     if abs(offset) > _NOTABLE * force[-1] or slack > 0:
         remarks.append(f"{1e3 * slack:.2g} mm of slack and {offset:.2g} N of offset are taken off")
@@ -158,50 +156,9 @@ def _from_zero(columns: list[Array], counts: Array, begin: float, remarks: list[
         force, length = np.append(0.0, force[taut] - offset), np.append(start, length[taut])
         counts = np.append(max(counts[~taut].sum(), 1.0), counts[taut])
     force = np.maximum(isotonic_regression(force, weights=counts).x, 0.0)
+    if force[0] > 0 and begin - at_zero_force(force, length) > _FARTHEST * (length[-1] - begin):
+        remarks.append(
+            f"force begins at {force[0]:.2g} N, too much for a pretension of so soft a fabric: taken for an offset"
+        )
+        force = force - force[0]
     return Loading(force, length, width[0] if width else None, tuple(remarks))
-
-
-def _toe(force: Array, length: Array, counts: Array, begin: float) -> tuple[float, float]:
-    """Offset of the load cell [N], and length at which the swatch becomes taut [m]: the first length if it is at once.
-
-    Two models of the toe are compared: a line to which a cubic is added from some length on, and one cubic. The swatch
-    was slack where the first fits clearly better, its line is flat, and what follows is much stiffer than the line.
-    """
-    largest, extent = force[-1] - force[0], length[-1] - begin
-    toe = np.arange(len(force)) < np.flatnonzero(force <= force[0] + _TOE * largest)[-1] + 1
-    if toe.sum() < 12 or not length[toe][-1] > length[0]:
-        return _few_readings(force, length)
-    x, weights = (length[toe] - begin) / extent, np.sqrt(counts[toe])
-
-    def fitted(*functions: Array) -> tuple[Array, float, float]:
-        """Coefficients, squared residuals, and standard deviation of the first coefficient."""
-        matrix = weights[:, None] * np.stack(functions, axis=1)
-        coefficients = np.asarray(np.linalg.lstsq(matrix, weights * force[toe])[0], np.float64)
-        left = float(((matrix @ coefficients - weights * force[toe]) ** 2).sum())
-        first = float(np.linalg.pinv(matrix.T @ matrix)[0, 0])
-        return coefficients, left, float(np.sqrt(left / (len(x) - len(functions)) * first))
-
-    (level, *_), smooth, deviation = fitted(x**0, x, x**2, x**3)
-    starts = np.linspace(x[1], x[-5], 100)
-    beyond = [np.maximum(x - start, 0.0) for start in starts]
-    tries = [fitted(x**0, x, h, h**2, h**3) for h in beyond]
-    best = int(np.argmin([residual for _, residual, _ in tries]))
-    (at_start, drift, rise, *_), residual, _ = tries[best]
-    start = float(starts[best])
-    noise = np.sqrt(residual / (len(x) - 6))
-    clear = smooth - residual > 16.0 * noise**2
-    uncertain = 2.0 * noise * np.sqrt(12.0 / max(counts[toe][x < start].sum(), 1.0))
-    flat = abs(drift) * start < max(_LARGEST_DRIFT * largest, uncertain) and rise > 4.0 * abs(drift)
-    taut = float(begin + start * extent)
-    if clear and flat and taut - begin > _LEAST_SLACK * begin:
-        return float(at_start + drift * start), taut
-    # A force that is no more than noise is zero; a negative one is none of fabric. More is a pretension.
-    return (0.0 if level > max(4.0 * deviation, 2e-3 * largest) else float(level)), begin
-
-
-def _few_readings(force: Array, length: Array) -> tuple[float, float]:
-    """As ``_toe`` where the toe has few readings: slack is where three or more read no more than the first."""
-    last = int(np.flatnonzero(force <= force[0])[-1])
-    if last >= 2 and length[last] - length[0] > _LEAST_SLACK * length[0]:
-        return float(force[: last + 1].mean()), float(length[last])
-    return min(float(force[0]), 0.0), float(length[0])
