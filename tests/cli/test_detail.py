@@ -10,17 +10,23 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.files.animation import read_animation
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.patterns import write_pattern
-from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.plan import StrainGrid, scattered_axes
 from yarnscale.homogenize.sample import create_store
-from yarnscale.homogenize.worker import solve
+from yarnscale.homogenize.store import SampleStore
+from yarnscale.homogenize.worker import CODE_OF, solve
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
 from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
+RECORD = dict.fromkeys(
+    ("energy_density", "iterations", "seconds", "residual", "min_distance_over_diameter"), 0.0
+) | {"stress": np.zeros(6), "status": CODE_OF["converged"]}
+"""What a store holds of a state beside the place of its yarns."""
 MESH = rectangle(0.04, 0.03, 0.008)
 
 
@@ -99,3 +105,34 @@ def test_resume_refuses_frames_made_from_other_samples(
     other.write(0, solve(cell, other.states[0], None)[0])
     said = refused("detail", folder, "--pattern", inputs[0], "--samples", other.path, "--resume")
     assert "frames of other yarns" in said
+
+
+def test_samples_beside_the_pattern_are_used_without_a_solve(
+    run: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What 'homogenize' leaves: scattered states; û is linear in them here, and the yarns follow it exactly."""
+    pattern = library.build("plain")
+    cell, count = PeriodicCell(pattern, PRESETS["wool"]), len(pattern.edges)
+    write_pattern(pattern, tmp_path / "pattern.json", yarns=PRESETS["wool"])
+    rng = np.random.default_rng(3)
+    slope = rng.normal(size=(count, 3, 5)) * pattern.radius * [1, 1, 1, pattern.radius, pattern.radius]
+    for name, states in (("samples", 30), ("unseen", 6)):
+        strains = rng.uniform(-0.1, 0.3, (states, 5)) * [1, 1, 1, 300, 300]
+        strains[np.arange(states), 3 + np.arange(states) % 2] = 0.0
+        store = create_store(tmp_path / name, cell, scattered_axes(strains), scattered=True)
+        for number, strain in enumerate(strains):
+            store.write(number, RECORD | {"fluctuation": slope @ strain, "twist": np.zeros(count)})
+    folder = simulated(tmp_path / "run")
+    monkeypatch.setattr("yarnscale.cli.detail.run_sample", None)  # no solve may be asked for
+    out = run("detail", folder, "--pattern", tmp_path / "pattern.json", "--frames", "1:2", "--json")
+    summary = json.loads(out.out)
+    assert (summary["material"], summary["frames_written"]) == ("wool", 2)
+    assert max(summary["error_in_radii"]) < 1e-6
+    table = FluctuationTable.from_store(SampleStore(tmp_path / "samples"), pattern)
+    inside = np.repeat([[0.05, 0.1, 0.2, 0.0, 0.0]], count, axis=0)
+    np.testing.assert_allclose(
+        table.at(inside, np.arange(count)), slope @ inside[0], atol=1e-5 * pattern.radius
+    )
+    assert sorted(path.name for path in (folder / "yarns").glob("frame_*")) == [
+        "frame_0001.npz", "frame_0002.npz",
+    ]  # fmt: skip

@@ -134,16 +134,19 @@ def test_gltf_accessors_hold_every_frame(tmp_path: Path, yarns_as) -> None:
     sampler = content["animations"][0]["samplers"][0]
     np.testing.assert_allclose(read(sampler["input"]), TIMES - TIMES[0], atol=1e-7)
     weights = read(sampler["output"]).reshape(3, 2)
-    meshes = {mesh["name"]: mesh["primitives"][0] for mesh in content["meshes"]}
-    assert set(meshes) == {"cloth", "bodies", "yarns"}
+    parts = {mesh["name"]: mesh["primitives"] for mesh in content["meshes"]}
+    # Tubes are shown instead of the cloth, those of each colour as a part of its own.
+    assert set(parts) == ({"cloth", "bodies", "yarns"} if yarns_as == "lines" else {"bodies", "yarns"})
+    assert len(parts["yarns"]) == (1 if yarns_as == "lines" else 2)
     for k in range(3):
         here = moment(k)
-        positions, normals = morphed(meshes["cloth"], weights[k], read)
-        assert here.cloth is not None
-        np.testing.assert_allclose(positions, here.cloth, atol=1e-6)
-        np.testing.assert_allclose(normals, vertex_normals(here.cloth, MESH.triangles), atol=1e-6)
-        np.testing.assert_allclose(morphed(meshes["bodies"], weights[k], read)[0], here.bodies, atol=1e-6)
-        yarns, normals = morphed(meshes["yarns"], weights[k], read)
+        if yarns_as == "lines":
+            positions, normals = morphed(parts["cloth"][0], weights[k], read)
+            assert here.cloth is not None
+            np.testing.assert_allclose(positions, here.cloth, atol=1e-6)
+            np.testing.assert_allclose(normals, vertex_normals(here.cloth, MESH.triangles), atol=1e-6)
+        np.testing.assert_allclose(morphed(parts["bodies"][0], weights[k], read)[0], here.bodies, atol=1e-6)
+        yarns = np.concatenate([morphed(part, weights[k], read)[0] for part in parts["yarns"]])
         assert here.yarns is not None and here.radii is not None
         if yarns_as == "lines":
             np.testing.assert_allclose(yarns, here.yarns, atol=1e-6)
@@ -151,9 +154,15 @@ def test_gltf_accessors_hold_every_frame(tmp_path: Path, yarns_as) -> None:
             rings = yarns.reshape(len(here.yarns), 8, 3)
             np.testing.assert_allclose(rings.mean(axis=1), here.yarns, atol=1e-6)
             distance = np.linalg.norm(rings - here.yarns[:, None], axis=2)
-            np.testing.assert_allclose(distance, np.tile(here.radii[:, None], 8), atol=1e-6)
-    np.testing.assert_allclose(read(meshes["cloth"]["attributes"]["TEXCOORD_0"]), MESH.material, atol=1e-7)
-    assert meshes["yarns"]["mode"] == (1 if yarns_as == "lines" else 4)
+            outer = np.pi / 8 / np.sin(np.pi / 8)
+            np.testing.assert_allclose(distance, np.tile(outer * here.radii[:, None], 8), atol=1e-6)
+    if yarns_as == "lines":
+        np.testing.assert_allclose(
+            read(parts["cloth"][0]["attributes"]["TEXCOORD_0"]), MESH.material, atol=1e-7
+        )
+    assert parts["yarns"][0]["mode"] == (1 if yarns_as == "lines" else 4)
+    for part in parts["yarns"]:
+        assert read(part["indices"]).max() == len(read(part["attributes"]["POSITION"])) - 1
 
 
 def parsed(path: Path) -> tuple[dict[str, Any], Any]:
@@ -171,9 +180,9 @@ def parsed(path: Path) -> tuple[dict[str, Any], Any]:
         accessor = content["accessors"][index]
         view = content["bufferViews"][accessor["bufferView"]]
         width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor["type"]]
-        dtype = {5126: "<f4", 5125: "<u4"}[accessor["componentType"]]
+        dtype = {5126: "<f4", 5125: "<u4", 5123: "<u2"}[accessor["componentType"]]
         assert view["byteOffset"] % 4 == 0
-        assert view["byteLength"] == 4 * width * accessor["count"]
+        assert view["byteLength"] == np.dtype(dtype).itemsize * width * accessor["count"]
         values = np.frombuffer(binary, dtype, width * accessor["count"], view["byteOffset"])
         values = values.reshape(-1, width)
         if "min" in accessor:
@@ -246,7 +255,9 @@ def test_tubes_are_closed_face_outwards_and_do_not_turn() -> None:
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
     ends = curves.segments()
     length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1).sum()
-    assert volume == pytest.approx(3 * 2e-3**2 * length, rel=0.01)
+    # As wide as the yarn on average over all directions: twelve sides of a perimeter of 2 π r.
+    apothem, side = np.pi / 12 / np.tan(np.pi / 12), 2 * np.pi / 12
+    assert volume == pytest.approx(12 * 0.5 * apothem * side * 2e-3**2 * length, rel=0.01)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     # The second frame starts where the first did, though everything turned a little.
     angle = 0.05

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from yarnscale.cli.arguments import parser
 from yarnscale.errors import InputError
 
-_LISTS = ("--strain", "--stretch", "--directions", "--curvatures")
+_LISTS = ("--strain", "--stretch", "--directions", "--curvatures", "--frames")
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:
@@ -37,8 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"yarnscale: error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("yarnscale: interrupted; what was finished is kept", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        kept = interrupt.args[0] if interrupt.args else "what was finished is kept"
+        print(f"yarnscale: interrupted; {kept}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # The reader of our output went away; nothing more to say to it.

@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 
 from yarnscale.cli.shared_options import PATTERN, YARN_MATERIAL, Add, add_json, add_workers
-from yarnscale.cli.values import number, positive
+from yarnscale.cli.values import frames, number, positive
+
+_FRAMES = "frames to take, both ends included, e.g. 10:40:2, 30 or -1 (default: all)"
 
 
 def add_cloth_commands(add: Add) -> None:
@@ -64,8 +66,15 @@ def add_cloth_commands(add: Add) -> None:
     command.add_argument("--material", action="append", help=YARN_MATERIAL)
     command.add_argument(
         "--samples", type=Path, metavar="STORE",
-        help="grid that 'sample' wrote (default: one of 1225 states, made once beside the yarns)",
+        help="store that 'sample' or 'homogenize' wrote (default: 'samples' beside the pattern file, else a grid of "
+        "1225 states that is relaxed once and kept beside the yarns)",
     )  # fmt: skip
+    command.add_argument(
+        "--relaxed",
+        action="store_true",
+        help="relax that grid even where there are samples: slow, more exact",
+    )
+    command.add_argument("--frames", dest="chosen", type=frames, metavar="FIRST:LAST:STEP", help=_FRAMES)
     command.add_argument(
         "--seams", choices=("joined", "cut"), default="joined",
         help="yarns at seams: joined (default) goes on with the pattern where it can, and bridges where it cannot",
@@ -92,6 +101,14 @@ def add_cloth_commands(add: Add) -> None:
     command.add_argument(
         "--yarns", type=Path, metavar="DIR", help="frames of yarn curves to go with the cloth"
     )
+    command.add_argument(
+        "--frames", dest="chosen", type=frames, metavar="FIRST:LAST:STEP",
+        help=f"{_FRAMES}; of glTF with tubes the last one",
+    )  # fmt: skip
+    command.add_argument(
+        "--size", type=positive, default=50.0, metavar="MB",
+        help="of a frame of tubes in glTF, which get fewer sides and points until they fit (50)",
+    )  # fmt: skip
     command.add_argument("--fps", type=positive, default=30.0, help="frames a second of USD and MP4 (30)")
     command.add_argument("--speed", type=positive, default=1.0, help="of an MP4, 1 is real time (1)")
     command.add_argument(

@@ -74,6 +74,7 @@ class ProgressLine:
 
     def __init__(self, label: str) -> None:
         self.label, self._last, self._began = label, 0.0, time.monotonic()
+        self._done, self._changed = -1, self._began
         self._terminal = sys.stderr.isatty()
 
     def show_share(self, share: float) -> None:
@@ -82,8 +83,14 @@ class ProgressLine:
         self.show(round(1000 * share), 1000, seconds, seconds / max(share, 1e-9) * (1.0 - share))
 
     def show(self, done: int, total: int, seconds: float, left: float, note: str = "") -> None:
-        """Show how far the work is; ``left`` in seconds (nan: unknown)."""
+        """Show how far the work is; ``left`` in seconds (nan: unknown).
+
+        What has been worked on for a time takes about as long again, whatever others took.
+        """
         now = time.monotonic()
+        if done != self._done:
+            self._done, self._changed = done, now
+        left = max(left, now - self._changed, 1.0) if np.isfinite(left) else left
         if done < total and now - self._last < (0.1 if self._terminal else 5.0):
             return
         self._last = now

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from yarnscale.cli.console import ProgressLine, writable_file, writable_folder
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, read_animation
+
+if TYPE_CHECKING:
+    from yarnscale.files.tube_detail import TubeDetail
 
 NAMES = {
     "obj": "obj",
@@ -30,8 +35,19 @@ def convert(options: argparse.Namespace) -> int:
     """Convert the frames of a run."""
     require(options.to)
     animation = read_animation(options.frames, yarns=options.yarns)
+    if options.chosen is not None:
+        animation = animation.among(options.chosen.of(animation.numbers))
+    elif options.to == "gltf" and options.yarns_as == "tubes" and animation.yarns is not None:
+        last = animation.numbers[-1]
+        if len(animation) > 1:
+            _say(
+                f"frame {last} of {animation.numbers[0]} to {last}; --frames FIRST:LAST:STEP takes several, and "
+                "--yarns-as lines or --to usd are smaller"
+            )
+        animation = animation.among([last])
     write(animation, options.to, options.out, options)
-    print(f"{options.out}: {len(animation)} frames")
+    size = f", {options.out.stat().st_size / 1e6:.3g} MB" if options.out.is_file() else ""
+    print(f"{options.out}: {len(animation)} frame{'s' if len(animation) > 1 else ''}{size}")
     return 0
 
 
@@ -59,10 +75,22 @@ def write(animation: Animation, kind: str, out: Path, options: argparse.Namespac
     line, began, count = ProgressLine(f"writing {kind}"), time.perf_counter(), len(animation)
 
     def told(done: int) -> None:
+        # Closing the file counts as one more frame: until then it is not finished.
         seconds = time.perf_counter() - began
-        line.show(done, count, seconds, seconds / done * (count - done))
+        line.show(done, count + 1, seconds, seconds / done * (count + 1 - done), f"frame {done} of {count}")
 
-    chosen = vars(options) if options is not None else {}
+    try:
+        _write(animation, kind, out, vars(options) if options is not None else {}, told)
+    except KeyboardInterrupt as interrupt:
+        if interrupt.args or kind not in _FILES or kind == "vtk":
+            raise
+        raise KeyboardInterrupt(f"nothing is kept of {out}, which is written whole or not at all") from None
+    line.show(count + 1, count + 1, time.perf_counter() - began, 0.0)
+
+
+def _write(
+    animation: Animation, kind: str, out: Path, chosen: Mapping[str, Any], told: Callable[[int], None]
+) -> None:
     fps = chosen.get("fps") or 30.0
     look = {name: chosen[name] for name in ("colour", "camera", "wires") if chosen.get(name)}
     if kind == "usd":
@@ -72,7 +100,9 @@ def write(animation: Animation, kind: str, out: Path, options: argparse.Namespac
     elif kind == "gltf":
         from yarnscale.files.gltf import write_gltf
 
-        write_gltf(out, animation, yarns_as=chosen.get("yarns_as") or "tubes", on_frame=told)
+        yarns_as = chosen.get("yarns_as") or "tubes"
+        detail = None if yarns_as == "lines" else _tube_detail(animation, chosen.get("size") or 50.0)
+        write_gltf(out, animation, yarns_as=yarns_as, detail=detail, on_frame=told)
     elif kind == "mp4":
         from yarnscale.show.movie import write_movie
 
@@ -83,6 +113,29 @@ def write(animation: Animation, kind: str, out: Path, options: argparse.Namespac
         write_stills(out, animation, on_frame=told, **look)
     else:
         _write_each(animation, _frame_writer(animation, kind, out), told)
+
+
+def _tube_detail(animation: Animation, megabytes: float) -> TubeDetail | None:
+    """Tubes as fine as a size of a frame allows, said beforehand with the size that is to be expected."""
+    if animation.yarns is None:
+        return None
+    from yarnscale.files.tube_detail import fitting_detail, level_of
+
+    first = animation.moment(0)
+    assert first.yarns is not None
+    detail, size = fitting_detail(animation.yarns, first.yarns, 1e6 * megabytes)
+    share = level_of(animation.yarns, first.yarns, detail)[0].point_count / animation.yarns.point_count
+    # Later frames are differences of positions and normals.
+    whole = size * (1.0 + (len(animation) - 1) * 24 / 36)
+    _say(
+        f"about {whole / 1e6:.3g} MB: tubes of {detail.sides} sides, {100 * share:.0f} % of the points, to within "
+        f"{detail.tolerance:g} radii (--size MB takes more or fewer)"
+    )
+    return detail
+
+
+def _say(said: str) -> None:
+    print(f"yarnscale: {said}", file=sys.stderr, flush=True)
 
 
 def _frame_writer(animation: Animation, kind: str, out: Path) -> Callable[[int, Moment], None]:
@@ -110,11 +163,11 @@ def _frame_writer(animation: Animation, kind: str, out: Path) -> Callable[[int, 
 
 
 def _write_each(
-    frames: Iterable[Moment], write_one: Callable[[int, Moment], None], told: Callable[[int], None]
+    animation: Animation, write_one: Callable[[int, Moment], None], told: Callable[[int], None]
 ) -> None:
-    for number, moment in enumerate(frames):
+    for done, (number, moment) in enumerate(zip(animation.numbers, animation, strict=True), start=1):
         write_one(number, moment)
-        told(number + 1)
+        told(done)
 
 
 def _remove_frames(folder: Path, kind: str) -> None:

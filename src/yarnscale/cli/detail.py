@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from yarnscale.cli.cloth import MATERIAL
 from yarnscale.cli.console import ProgressLine, print_json, writable_file, writable_folder
 from yarnscale.cli.materials import worker_count
 from yarnscale.cli.yarn_choice import YarnChoice, names, same_yarns, yarn_for
-from yarnscale.detail.fluctuations import FluctuationTable, detail_grid
+from yarnscale.detail.fluctuations import FluctuationTable, ScatteredFluctuations, detail_grid
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
@@ -25,6 +26,7 @@ from yarnscale.files.patterns import read_pattern
 from yarnscale.homogenize.sample import check_resumable, create_store
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
+from yarnscale.homogenize.worker import CODE_OF, STRAINS
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -37,6 +39,8 @@ def detail(options: argparse.Namespace) -> int:
     """Put yarns on the frames of a run."""
     writable_file(options.picture, ".png")
     frames = read_cloth_frames(_frame_folder(options.frames))
+    if options.chosen is not None:
+        frames = frames.among(options.chosen.of(list(frames.paths)))
     out = options.out or options.frames / "yarns"
     table, summary = _table(options, out)
     first = frames.state(next(iter(frames.paths)))
@@ -76,11 +80,16 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     if cloth is not None:
         cloth.cell_pattern(pattern, options.pattern)
     yarn = yarn_for(options.pattern, pattern, options.material, kept=None if cloth is None else cloth.yarns)
-    if options.samples is not None:
-        store = SampleStore(options.samples)
-        table = FluctuationTable.from_store(store, _sampled_pattern(store, pattern, yarn, options))
+    if options.samples is not None and options.relaxed:
+        raise InputError("--relaxed", expected="no --samples with it", found=options.samples)
+    found = None if options.relaxed else _stored(options, pattern, yarn)
+    if found is not None:
+        store, sampled = found
+        table = FluctuationTable.from_store(store, sampled)
+        summary = _origin(store, out, resume=options.resume) | yarn.summary
         yarn.say()
-        return table, _origin(store, out, resume=options.resume) | yarn.summary
+        print(f"states of the yarns: {store.path}, {store.count} samples", file=sys.stderr, flush=True)
+        return table, summary | {"samples": str(store.path)} | _unseen_error(store, pattern)
     yarn.say()
     cell = PeriodicCell(pattern, yarn.materials)
     axes, path = detail_grid(cell).axes, writable_folder(out) / SAMPLES
@@ -98,6 +107,38 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     return table, _origin(store, out, resume=options.resume) | yarn.summary | {
         "states_replaced": table.replaced
     }
+
+
+def _stored(
+    options: argparse.Namespace, pattern: YarnPattern, yarn: YarnChoice
+) -> tuple[SampleStore, YarnPattern] | None:
+    """The samples asked for, or those beside the pattern's file if they are of this cell, and its pattern; or None."""
+    if options.samples is not None:
+        store = SampleStore(options.samples)
+        return store, _sampled_pattern(store, pattern, yarn, options)
+    path = Path(options.pattern).parent / SAMPLES
+    if not Path(options.pattern).is_file() or not path.is_dir():
+        return None
+    try:
+        store = SampleStore(path)
+        sampled = _sampled_pattern(store, pattern, yarn, options)
+    except InputError as error:
+        print(f"not used: {error}", file=sys.stderr, flush=True)
+        return None
+    return (store, sampled) if (store.status() == CODE_OF["converged"]).any() else None
+
+
+def _unseen_error(store: SampleStore, pattern: YarnPattern) -> dict[str, object]:
+    """Where scattered samples are interpolated: median and 95 % of what vertices err in states left out, in radii."""
+    path = store.path.parent / "unseen"
+    if store.dims == STRAINS or not path.is_dir():
+        return {}
+    stored = ScatteredFluctuations.of(store, pattern.radius)
+    try:
+        errors = stored.error_on(SampleStore(path)) / pattern.radius
+    except InputError:
+        return {}
+    return {"error_in_radii": np.percentile(errors, [50.0, 95.0])} if errors.size else {}
 
 
 def _sampled_pattern(
@@ -143,8 +184,7 @@ def _origin(store: SampleStore, out: Path, *, resume: bool) -> dict[str, object]
 
 def _write(yarns: YarnDetail, frames: ClothFrames, out: Path, *, resume: bool) -> tuple[int, float]:
     """Write a frame of curves for every frame of the cloth; how many were written and the seconds that took."""
-    layout = yarns.layout
-    curves = CurveSet(layout.offsets, yarns.radius, closed=layout.closed, yarn=layout.yarn)
+    layout, curves = yarns.layout, _curves(yarns)
     there = _finished(out, layout.offsets, frames) if resume else set()
     todo = [number for number in frames.paths if number not in there]
     folder = CurveFolder(out, curves, keep=max(there, default=-1) + 1)
@@ -155,6 +195,13 @@ def _write(yarns: YarnDetail, frames: ClothFrames, out: Path, *, resume: bool) -
         seconds = time.perf_counter() - began
         line.show(done, len(todo), seconds, seconds / done * (len(todo) - done))
     return len(todo), time.perf_counter() - began
+
+
+def _curves(yarns: YarnDetail) -> CurveSet:
+    """The curves, with the colour of the yarn that they are of: courses of one yarn look alike."""
+    layout = yarns.layout
+    kind = yarns.table.pattern.material_of_vertex[layout.vertex[layout.offsets[:-1]]]
+    return CurveSet(layout.offsets, yarns.radius, closed=layout.closed, yarn=kind)
 
 
 def _finished(out: Path, offsets: np.ndarray, frames: ClothFrames) -> set[int]:
@@ -174,9 +221,10 @@ def _finished(out: Path, offsets: np.ndarray, frames: ClothFrames) -> set[int]:
 
 
 def _draw(path: Path, yarns: YarnDetail, frames: ClothFrames) -> None:
+    from yarnscale.show.cloth import Solid
     from yarnscale.show.detail import yarn_cloth_picture
 
-    last = frames.state(max(frames.paths))
-    layout = yarns.layout
-    curves = CurveSet(layout.offsets, yarns.radius, closed=layout.closed, yarn=layout.yarn)
-    yarn_cloth_picture(path, curves, yarns.curves(last.positions))
+    number = max(frames.paths)
+    last, bodies = frames.state(number), frames.bodies(number)
+    solids = [] if bodies is None or frames.body_triangles is None else [Solid(bodies, frames.body_triangles)]
+    yarn_cloth_picture(path, _curves(yarns), yarns.curves(last.positions), solids=solids)

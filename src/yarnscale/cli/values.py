@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from yarnscale.errors import InputError
 
 
 def numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
@@ -50,6 +53,35 @@ def size(text: str) -> tuple[int, int]:
 def sizes(text: str) -> list[tuple[int, int]]:
     """Sizes with commas between them."""
     return [size(part) for part in text.split(",")]
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """Frames from a first to a last one, both among them, in steps; negative numbers count from the end."""
+
+    first: int | None = None
+    last: int | None = None
+    step: int = 1
+
+    def of(self, numbers: Sequence[int]) -> list[int]:
+        """Those of the frames with these numbers, increasing; InputError where there is none."""
+        end = numbers[-1] + 1
+        low = numbers[0] if self.first is None else self.first + (end if self.first < 0 else 0)
+        high = numbers[-1] if self.last is None else self.last + (end if self.last < 0 else 0)
+        chosen = [n for n in numbers if low <= n <= high and (n - low) % self.step == 0]
+        if not chosen:
+            found = f"{low} to {high} in steps of {self.step}"
+            raise InputError("--frames", expected=f"some of {numbers[0]} to {numbers[-1]}", found=found)
+        return chosen
+
+
+def frames(text: str) -> FrameChoice:
+    """FIRST:LAST:STEP, each of which may be left out, or the number of one frame."""
+    match = re.fullmatch(r"(-?\d{1,6})?(:(-?\d{1,6})?(:([1-9]\d{0,5})?)?)?", text.strip())
+    if match is None or not text.strip():
+        raise argparse.ArgumentTypeError(f"expected FIRST:LAST:STEP or a number; found {text!r}")
+    first, last = (None if match[k] is None else int(match[k]) for k in (1, 3))
+    return FrameChoice(first, first if match[2] is None else last, int(match[5] or 1))
 
 
 def number(text: str) -> float:

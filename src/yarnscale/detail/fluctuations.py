@@ -11,11 +11,14 @@ sampled state stands in; the yarns still follow the surface and its full stretch
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
 from yarnscale.cell.periodic import PeriodicCell
@@ -31,6 +34,10 @@ STRETCHES = (-0.16, -0.08, 0.0, 0.12, 0.27, 0.46, 0.7)
 SHEARS = (-0.5, -0.25, 0.0, 0.25, 0.5)
 CURVATURE = 0.08
 """Sampled by default: s_x and s_y, s_a, and curvature times yarn radius, either way."""
+LARGEST_TABLE = 300_000_000
+"""Bytes up to which a table that needs no solves is made fine."""
+_BEND_SIZE = 0.2
+"""Curvature times yarn radius that counts as much as a strain of one."""
 
 
 def detail_grid(cell: PeriodicCell) -> StrainGrid:
@@ -51,24 +58,20 @@ class FluctuationTable:
 
     pattern: YarnPattern
     axes: tuple[Floats, Floats, Floats, Floats, Floats]
-    values: Floats
+    values: Floats | NDArray[np.float32]
     replaced: int = 0
 
     @classmethod
     def from_store(cls, store: SampleStore, pattern: YarnPattern) -> FluctuationTable:
-        """The table of a store of samples; its states are a grid, with flat ones among them.
+        """The table of a store of samples: of a grid with flat states among them as it is, of scattered states by
+        interpolation (``from_scattered``).
 
-        Raises InputError where the store is of another pattern, scattered, or without any usable state.
+        Raises InputError where the store is of another pattern or without any usable state.
         """
         if store.attributes["provenance"]["pattern_hash"] != pattern.content_hash():
             raise InputError("samples of another pattern", where=store.path, expected=pattern.name)
         if store.dims != STRAINS:
-            raise InputError(
-                "samples for yarns on cloth",
-                where=store.path,
-                expected="a grid of strains",
-                found="scattered",
-            )
+            return cls.from_scattered(store, pattern)
         axes, index = _sorted_grid(store)
         flat_x, flat_y = (np.flatnonzero(axes[k] == 0.0) for k in (3, 4))
         if len(flat_x) == 0 or len(flat_y) == 0:
@@ -84,9 +87,99 @@ class FluctuationTable:
         slots += [index[..., flat_x[0], k] for k in range(len(axes[4]))]
         return cls(pattern, axes, *_values(store, axes, slots))
 
+    @classmethod
+    def from_scattered(cls, store: SampleStore, pattern: YarnPattern) -> FluctuationTable:
+        """The table whose entries are interpolated between the converged states of a store, no solve needed.
+
+        The interpolant is piecewise smooth, exact at the stored states, and used within their range only. Raises
+        InputError where no state of the store converged.
+        """
+        stored = ScatteredFluctuations.of(store, pattern.radius)
+        axes = stored.axes()
+        flat = np.stack(np.meshgrid(*axes[:3], indexing="ij"), -1)
+        bends = [(0.0, 0.0), *((b, 0.0) for b in axes[3]), *((0.0, b) for b in axes[4])]
+        values = np.empty((*flat.shape[:3], len(bends), len(pattern.edges), 3), dtype=np.float32)
+        for number, bend in enumerate(bends):
+            states = np.concatenate([flat, np.broadcast_to(bend, (*flat.shape[:3], 2))], axis=-1)
+            values[:, :, :, number] = stored.at(states.reshape(-1, 5)).reshape(*flat.shape[:3], -1, 3)
+        values[:, :, :, 1:] -= values[:, :, :, :1]
+        return cls(pattern, axes, values)
+
     def at(self, states: Floats, vertices: NDArray[np.int64]) -> Floats:
         """û of vertices (k,) of the pattern at states (k, 5) in the order of ``axes``, (k, 3) [m]."""
         return _looked_up(self.values, self.axes, np.ascontiguousarray(states, dtype=float), vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class ScatteredFluctuations:
+    """û (m, 3n) [m] at scattered states (m, 5), interpolated by radial basis functions |Δ| and a linear polynomial.
+
+    size: (5,) by which distances of states are counted.
+    """
+
+    states: Floats
+    values: Floats
+    size: Floats
+
+    @classmethod
+    def of(cls, store: SampleStore, radius: float) -> ScatteredFluctuations:
+        """From the converged states of a store; a yarn radius [m] counts curvatures. Raises InputError."""
+        good = np.flatnonzero(store.status() == CODE_OF["converged"])
+        if len(good) == 0:
+            raise InputError(
+                "samples for yarns on cloth", where=store.path, expected="a converged state", found="none"
+            )
+        states, first = np.unique(store.states[good], axis=0, return_index=True)
+        values = np.stack([store.read(int(i), "fluctuation").ravel() for i in good[first]])
+        return cls(states, values, np.array([1.0, 1.0, 1.0, _BEND_SIZE / radius, _BEND_SIZE / radius]))
+
+    def axes(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Axes of a table: the usual ones in the range of the states, its ends, and what lies half-way.
+
+        The latter as long as the table stays below ``LARGEST_TABLE``.
+        """
+        bend = CURVATURE * self.size[3] / _BEND_SIZE
+        usual = (STRETCHES, SHEARS, STRETCHES, (-bend, 0.0, bend), (-bend, 0.0, bend))
+        low, high = self.states.min(axis=0), self.states.max(axis=0)
+
+        def within(axes: Sequence[Sequence[float] | Floats]) -> list[Floats]:
+            clipped = (np.clip(u, lo, hi) for u, lo, hi in zip(axes, low, high, strict=True))
+            return [np.unique([*u, lo, hi]) for u, lo, hi in zip(clipped, low, high, strict=True)]
+
+        coarse = within(usual)
+        fine = within([np.sort(np.concatenate([u, 0.5 * (u[1:] + u[:-1])])) for u in map(np.asarray, usual)])
+        counts = [len(u) for u in fine]
+        size = 4 * np.prod(counts[:3]) * (1 + counts[3] + counts[4]) * self.values.shape[1]
+        x, a, y, p, q = fine if size <= LARGEST_TABLE else coarse
+        return x, a, y, p, q
+
+    @cached_property
+    def _varying(self) -> NDArray[np.bool_]:
+        """Which of the five differ among the states."""
+        return np.ptp(self.states, axis=0) > 0.0
+
+    @cached_property
+    def _interpolant(self) -> RBFInterpolator:
+        known = (self.states / self.size)[:, self._varying]
+        try:
+            return RBFInterpolator(known, self.values, kernel="linear", degree=1)
+        except (np.linalg.LinAlgError, ValueError):
+            # Too few states for a plane through them; they have a mean.
+            return RBFInterpolator(known, self.values, kernel="linear", degree=0)
+
+    def at(self, states: Floats) -> Floats:
+        """û at states (k, 5), (k, 3n) [m]."""
+        if not self._varying.any():
+            return np.repeat(self.values[:1], len(states), axis=0)
+        return self._interpolant((states / self.size)[:, self._varying])
+
+    def error_on(self, store: SampleStore) -> Floats:
+        """‖Δû‖ [m] of every vertex in the converged states of another store that lie in range, (k, n)."""
+        other = ScatteredFluctuations.of(store, _BEND_SIZE / self.size[3])
+        inside = (other.states >= self.states.min(axis=0)) & (other.states <= self.states.max(axis=0))
+        chosen = inside.all(axis=1)
+        difference = (self.at(other.states[chosen]) - other.values[chosen]).reshape(int(chosen.sum()), -1, 3)
+        return np.linalg.norm(difference, axis=2)
 
 
 def _sorted_grid(

@@ -2,10 +2,10 @@
 
 At a seam both panels meet in space; laid flat beside each other, each end of a yarn has a place where it would go on
 (the next vertex of the pattern, beyond the border). An end is joined to the one of the other panel that is nearest to
-that place, and that it is nearest to in turn; the best pairs come first. Where the pattern goes on unbroken,
-that is the very next vertex. Elsewhere a smooth bridge takes the place of the last vertices of both. Ends that find no
-partner within half a stitch, because one panel has more of them, look for one beside them on their own side, as where a
-loop of the pattern is cut off; what is still left stays cut.
+that place, and that it is nearest to in turn; the best pairs come first. Both are of one material. Where the pattern
+goes on unbroken, that is the very next vertex. Elsewhere a smooth bridge takes the place of the last vertices of both.
+Ends that find no partner within half a stitch, because one panel has more of them, look for one beside them on their
+own side, as where a loop of the pattern is cut off; what is still left stays cut.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ class YarnEnds:
     """Ends of open yarns that lie at a seam.
 
     end: 2·curve for its first vertex, 2·curve + 1 for its last one, (k,). place: reference coordinates and height,
-    (k, 3) [m]; step: from there to where the yarn would go on, (k, 3) [m]; panel: (k,). seen: place, step and panel as
+    (k, 3) [m]; step: from there to where the yarn would go on, (k, 3) [m]; panel: (k,); kind: (k,)
+    number of the yarn's material. seen: place, step and panel as
     the other side of the seam has them, if it went on flat beyond its border.
     """
 
@@ -55,6 +56,7 @@ class YarnEnds:
     place: Floats
     step: Floats
     panel: Integers
+    kind: Integers
     seen_place: Floats
     seen_step: Floats
     seen_panel: Integers
@@ -76,7 +78,8 @@ class YarnEnds:
         points = mesh.material[numbers]
         seen_place, seen_step = place.copy(), step.copy()
         seen_place[:, :2], seen_step[:, :2] = _across(points, place[:, :2], step[:, :2])
-        return cls(end, place, step, panel, seen_place, seen_step, mesh.panel_numbers[numbers[:, 2]])
+        kind = pattern.material_of_vertex[layout.vertex[layout.offsets[end // 2]]]
+        return cls(end, place, step, panel, kind, seen_place, seen_step, mesh.panel_numbers[numbers[:, 2]])
 
 
 def _steps(pattern: YarnPattern, vertex: Integers, *, forward: NDArray[np.bool_]) -> Floats:
@@ -164,6 +167,7 @@ def _nearest_pairs(ends: YarnEnds, mesh: TriangleMesh, reach: float, free: NDArr
     two = np.fromiter((k for near in found for k in near), np.int64, len(one))
     # At the same seam, and never one end with itself.
     fits = (ends.seen_panel[two] == ends.panel[one]) & (one != two) & free[one] & free[two]
+    fits &= ends.kind[one] == ends.kind[two]
     one, two = one[fits], two[fits]
     gap = ends.place[two] - ends.seen_place[one]
     miss = 0.5 * (

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +54,8 @@ class Moment:
 class Animation:
     """Moving cloth, yarns and bodies, frames read one by one: nothing holds them all.
 
-    times: of the frames, strictly increasing [s], (nf,). moment: the frame of an index below nf.
+    times: of the frames, strictly increasing [s], (nf,). moment: the frame of an index below nf. numbers: that the
+    frames bear in their folder, default 0, 1, 2, …
     """
 
     times: Floats
@@ -62,12 +63,24 @@ class Animation:
     cloth: Surface | None = None
     yarns: CurveSet | None = None
     bodies: Surface | None = None
+    numbers: Sequence[int] = ()
+
+    def __post_init__(self) -> None:
+        if not self.numbers:
+            object.__setattr__(self, "numbers", range(len(self.times)))
 
     def __len__(self) -> int:
         return len(self.times)
 
     def __iter__(self) -> Iterator[Moment]:
         return (self.moment(k) for k in range(len(self)))
+
+    def among(self, numbers: Sequence[int]) -> Animation:
+        """The frames of these numbers alone."""
+        index = [k for k, number in enumerate(self.numbers) if number in set(numbers)]
+        return replace(
+            self, times=self.times[index], moment=lambda k: self.moment(index[k]), numbers=list(numbers)
+        )
 
 
 def read_animation(
@@ -145,6 +158,7 @@ def _joined(folder: Path, cloth: ClothFrames | None, curves: CurveFrames | None)
         Surface(cloth.triangles, cloth.material, cloth.corners) if cloth is not None else None,
         curves.curves if curves is not None else None,
         Surface(bodies) if bodies is not None else None,
+        numbers,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +114,11 @@ class ClothFrames:
     body_triangles: Integers | None
     paths: dict[int, Path]
     times: Floats
+
+    def among(self, numbers: Sequence[int]) -> ClothFrames:
+        """The frames of these numbers alone."""
+        index = [k for k, number in enumerate(self.paths) if number in set(numbers)]
+        return replace(self, paths={n: self.paths[n] for n in numbers}, times=self.times[index])
 
     def state(self, number: int) -> ClothState:
         """Frame of a number; InputError where it does not belong to the mesh."""

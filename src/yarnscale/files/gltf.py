@@ -18,22 +18,18 @@ from yarnscale import __version__
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
-from yarnscale.files.tube_sweep import TubeSweep
+from yarnscale.files.colours import colour_of, yarn_name
+from yarnscale.files.tube_detail import LARGEST_PIECE, TubeDetail, Tubes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shape = tuple[Floats, Floats | None]
 """Positions [m] and normals (n, 3) of a mesh in one frame; lines have no normals."""
 
-_FLOAT, _UNSIGNED, _TRIANGLES, _LINES = 5126, 5125, 4, 1
+_FLOAT, _UNSIGNED, _SHORT, _TRIANGLES, _LINES = 5126, 5125, 5123, 4, 1
 _VERTICES, _INDICES = 34962, 34963
 _LARGEST = 2**32 - 2**20
 """Bytes that a binary glTF can count, less a megabyte for its text."""
-_COLOURS = {
-    "cloth": (0.69, 0.26, 0.12, 1.0),
-    "bodies": (0.55, 0.60, 0.65, 1.0),
-    "yarns": (0.69, 0.26, 0.12, 1.0),
-}
 
 
 def write_gltf(
@@ -41,15 +37,15 @@ def write_gltf(
     animation: Animation,
     *,
     yarns_as: Literal["tubes", "lines"] = "tubes",
-    sides: int = 8,
+    detail: TubeDetail | None = None,
     on_frame: Callable[[int], None] | None = None,
 ) -> None:
     """Write an animation as one .glb file; frames are read one by one.
 
     The first frame is the mesh, every later one a morph target with positions and normals; one animation, in seconds
     from the first frame, goes through them. Metres; y is up, as glTF has it, by a rotation of the root. The texture
-    coordinates of the cloth are its material coordinates [m]. sides: of the tubes. on_frame: called with the number
-    of frames done.
+    coordinates of the cloth are its material coordinates [m]. Tubes are shown instead of the cloth.
+    detail: of tubes, default eight sides about all points. on_frame: called with the number of frames done.
 
     Raises InputError where the file cannot be written or would pass the 4 GiB of the format.
     """
@@ -57,13 +53,13 @@ def write_gltf(
     try:
         with tempfile.TemporaryFile(dir=target.parent) as data:
             file = _Gltf(data)
-            meshes = _meshes(animation, yarns_as, sides)
+            meshes = _meshes(animation, yarns_as, detail or TubeDetail())
             size = sum(mesh.bytes_per_frame for mesh in meshes) * len(animation)
             if size > _LARGEST:
                 raise InputError(
                     "binary glTF holds 4 GiB at most",
                     where=path,
-                    expected="fewer frames, yarns as lines, or USD",
+                    expected="fewer frames (--frames FIRST:LAST:STEP), --yarns-as lines, or --to usd",
                     found=f"{size / 2**30:.1f} GiB",
                 )
             for k, moment in enumerate(animation):
@@ -77,18 +73,22 @@ def write_gltf(
         raise InputError("output cannot be written", where=path, found=error.strerror or error) from None
 
 
+_Part = tuple[slice, Integers, str]
+"""Rows of a mesh's vertices, indices counted from the first of them, and the name of a material."""
+
+
 @dataclass(eq=False)
 class _Mesh:
-    """One mesh of the file: what stays, how a frame gives its shape, and the accessors of the frames so far."""
+    """One mesh: what stays, how a frame gives its shape, and accessors, of every frame those of each part."""
 
     name: str
     mode: int
-    indices: Integers
+    parts: list[_Part]
     shape: Callable[[Moment], Shape]
     vertex_count: int
     material: Floats | None = None
     moves: bool = True
-    targets: list[dict[str, int]] = field(default_factory=list)
+    targets: list[list[dict[str, int]]] = field(default_factory=list)
     base: Shape | None = None
 
     @property
@@ -96,9 +96,9 @@ class _Mesh:
         return self.vertex_count * (24 if self.mode == _TRIANGLES else 12) * self.moves
 
 
-def _meshes(animation: Animation, yarns_as: str, sides: int) -> list[_Mesh]:
-    meshes = []
-    if animation.cloth is not None:
+def _meshes(animation: Animation, yarns_as: str, detail: TubeDetail) -> list[_Mesh]:
+    meshes, tubes = [], animation.yarns is not None and yarns_as == "tubes"
+    if animation.cloth is not None and not tubes:
         meshes.append(_cloth(animation.cloth))
     if animation.bodies is not None:
         triangles = animation.bodies.triangles
@@ -109,27 +109,37 @@ def _meshes(animation: Animation, yarns_as: str, sides: int) -> list[_Mesh]:
 
         first = _there(animation.moment(0).bodies)
         moves = any(not np.array_equal(_there(m.bodies), first) for m in animation)
-        meshes.append(_Mesh("bodies", _TRIANGLES, triangles, body, len(first), moves=moves))
+        meshes.append(_Mesh("bodies", _TRIANGLES, _whole("bodies", triangles), body, len(first), moves=moves))
     if animation.yarns is not None:
         curves = animation.yarns
         if yarns_as == "lines":
             meshes.append(
                 _Mesh(
-                    "yarns", _LINES, curves.segments(), lambda m: (_there(m.yarns), None), curves.point_count
+                    "yarns",
+                    _LINES,
+                    _whole("yarns", curves.segments()),
+                    lambda m: (_there(m.yarns), None),
+                    curves.point_count,
                 )
             )
         else:
-            sweep = TubeSweep(curves, sides=sides)
+            swept = Tubes.of(curves, _there(animation.moment(0).yarns), detail)
+            parts = [(rows, indices, yarn_name(kind)) for rows, indices, kind in swept.pieces]
             meshes.append(
                 _Mesh(
                     "yarns",
                     _TRIANGLES,
-                    sweep.triangles,
-                    lambda m: sweep.surface(_there(m.yarns), _there(m.radii)),
-                    curves.point_count * sides,
+                    parts,
+                    lambda m: swept.surface(_there(m.yarns), _there(m.radii)),
+                    swept.sweep.curves.point_count * detail.sides,
                 )
             )
     return meshes
+
+
+def _whole(name: str, indices: Integers) -> list[_Part]:
+    """A mesh of one part."""
+    return [(slice(None), indices, name)]
 
 
 def _cloth(surface: Surface) -> _Mesh:
@@ -137,7 +147,7 @@ def _cloth(surface: Surface) -> _Mesh:
     triangles = surface.triangles
     count = int(triangles.max(initial=-1)) + 1
     if surface.material is None:
-        return _Mesh("cloth", _TRIANGLES, triangles, lambda m: _smooth(m, triangles), count)
+        return _Mesh("cloth", _TRIANGLES, _whole("cloth", triangles), lambda m: _smooth(m, triangles), count)
     corners = triangles if surface.corners is None else surface.corners
     vertex = np.zeros(len(surface.material), np.int64)
     vertex[corners] = triangles
@@ -146,7 +156,7 @@ def _cloth(surface: Surface) -> _Mesh:
         positions, normals = _smooth(moment, triangles)
         return positions[vertex], normals[vertex]
 
-    return _Mesh("cloth", _TRIANGLES, corners, shape, len(vertex), surface.material)
+    return _Mesh("cloth", _TRIANGLES, _whole("cloth", corners), shape, len(vertex), surface.material)
 
 
 def _smooth(moment: Moment, triangles: Integers) -> tuple[Floats, Floats]:
@@ -177,23 +187,27 @@ class _Gltf:
             base, facing = mesh.base
             change = positions - base
             turn = normals - facing if normals is not None and facing is not None else None
-        target = {"POSITION": self.add(change, "VEC3", use=_VERTICES, bounds=True)}
-        if turn is not None:
-            target["NORMAL"] = self.add(turn, "VEC3", use=_VERTICES)
-        mesh.targets.append(target)
+        targets = []
+        for rows, _, _ in mesh.parts:
+            target = {"POSITION": self.add(change[rows], "VEC3", use=_VERTICES, bounds=True)}
+            if turn is not None:
+                target["NORMAL"] = self.add(turn[rows], "VEC3", use=_VERTICES)
+            targets.append(target)
+        mesh.targets.append(targets)
 
     def add(self, values: NDArray, kind: str, *, use: int | None = None, bounds: bool = False) -> int:
         """Append numbers; returns their accessor."""
         floats = values.dtype.kind == "f"
-        array = np.ascontiguousarray(values, dtype="<f4" if floats else "<u4")
+        short = not floats and int(values.max(initial=0)) < LARGEST_PIECE
+        array = np.ascontiguousarray(values, dtype="<f4" if floats else "<u2" if short else "<u4")
         view: dict[str, int] = {"buffer": 0, "byteOffset": self.data.tell(), "byteLength": array.nbytes}
         if use is not None:
             view["target"] = use
-        self.data.write(array.tobytes())
+        self.data.write(array.tobytes() + b"\0" * (-array.nbytes % 4))
         count = array.size if kind == "SCALAR" else len(array)
         accessor: dict[str, Any] = {
             "bufferView": len(self.views),
-            "componentType": _FLOAT if floats else _UNSIGNED,
+            "componentType": _FLOAT if floats else _SHORT if short else _UNSIGNED,
             "count": count,
             "type": kind,
         }
@@ -220,34 +234,40 @@ class _Gltf:
                 stream.write(block)
 
     def _description(self, meshes: list[_Mesh], times: Floats) -> dict[str, Any]:
-        nodes, shapes, materials = [], [], []
+        nodes, shapes = [], []
+        names = list(dict.fromkeys(name for mesh in meshes for _, _, name in mesh.parts))
         for k, mesh in enumerate(meshes):
-            attributes = dict(mesh.targets[0])
-            if mesh.material is not None:
-                attributes["TEXCOORD_0"] = self.add(mesh.material, "VEC2", use=_VERTICES)
-            primitive: dict[str, Any] = {
-                "attributes": attributes,
-                "indices": self.add(mesh.indices.ravel(), "SCALAR", use=_INDICES),
-                "mode": mesh.mode,
-                "material": k,
-            }
-            shape: dict[str, Any] = {"name": mesh.name, "primitives": [primitive]}
+            primitives = []
+            for number, (_, indices, name) in enumerate(mesh.parts):
+                attributes = dict(mesh.targets[0][number])
+                if mesh.material is not None:
+                    attributes["TEXCOORD_0"] = self.add(mesh.material, "VEC2", use=_VERTICES)
+                primitive: dict[str, Any] = {
+                    "attributes": attributes,
+                    "indices": self.add(indices.ravel(), "SCALAR", use=_INDICES),
+                    "mode": mesh.mode,
+                    "material": names.index(name),
+                }
+                if later := mesh.targets[1:]:
+                    primitive["targets"] = [targets[number] for targets in later]
+                primitives.append(primitive)
+            shape: dict[str, Any] = {"name": mesh.name, "primitives": primitives}
             if later := mesh.targets[1:]:
-                primitive["targets"] = later
                 shape["weights"] = [0.0] * len(later)
             shapes.append(shape)
             nodes.append({"name": mesh.name, "mesh": k})
-            materials.append(
-                {
-                    "name": mesh.name,
-                    "doubleSided": mesh.name == "cloth",
-                    "pbrMetallicRoughness": {
-                        "baseColorFactor": _COLOURS[mesh.name],
-                        "metallicFactor": 0.0,
-                        "roughnessFactor": 0.9,
-                    },
-                }
-            )
+        materials = [
+            {
+                "name": name,
+                "doubleSided": name == "cloth",
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [*colour_of(name), 1.0],
+                    "metallicFactor": 0.0,
+                    "roughnessFactor": 0.9,
+                },
+            }
+            for name in names
+        ]
         half = float(np.sqrt(0.5))
         root = {"name": "yarnscale", "rotation": [-half, 0.0, 0.0, half], "children": list(range(len(nodes)))}
         content: dict[str, Any] = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -15,31 +17,35 @@ Integers = NDArray[np.int64]
 class TubeSweep:
     """Rings of ``sides`` vertices about the points of curves, with flat lids at open ends.
 
-    triangles: (m, 3), facing outwards. Rings do not turn about the curve, nor from one frame to the next: each starts
-    from where the last call left it, so that a tube may be interpolated between frames.
+    Seen from all around, a ring is on average as wide as the yarn, however few sides it has: its vertices lie a little
+    outside. Rings do not turn about the curve, nor from one frame to the next: each starts from where the last call
+    left it, so that a tube may be interpolated between frames.
     """
 
     def __init__(self, curves: CurveSet, *, sides: int = 8) -> None:
         self.curves, self.sides = curves, sides
-        self.triangles = _walls(curves, sides)
         self._starts: Floats = np.zeros((len(curves), 3))
+
+    @cached_property
+    def triangles(self) -> Integers:
+        """Corners (m, 3), facing outwards."""
+        return tube_triangles(self.curves, self.sides)
 
     def surface(self, points: Floats, radii: Floats) -> tuple[Floats, Floats]:
         """Vertices [m] and their normals, both (n · sides, 3), of points (n, 3) [m] with radii (n,) [m]."""
-        normals = np.empty_like(points)
-        tangents = np.empty_like(points)
-        _transport(points, self.curves.offsets, self.curves.closed, self._starts, tangents, normals)
-        across = np.cross(tangents, normals)
+        normals, tangents = np.empty_like(points), np.empty_like(points)
+        curves = self.curves
+        _transport(points, curves.offsets, curves.closed, self._starts, tangents, normals)
         angles = 2 * np.pi * np.arange(self.sides) / self.sides
-        spokes = (
-            np.cos(angles)[None, :, None] * normals[:, None, :]
-            + np.sin(angles)[None, :, None] * across[:, None, :]
-        )
-        rings = points[:, None, :] + radii[:, None, None] * spokes
-        return rings.reshape(-1, 3), spokes.reshape(-1, 3)
+        vertices, spokes = (np.empty((len(points) * self.sides, 3)) for _ in range(2))
+        # The mean width of a convex section is its perimeter over π.
+        outer = np.pi / (self.sides * np.sin(np.pi / self.sides))
+        _rings(points, outer * radii, tangents, normals, angles, vertices, spokes)
+        return vertices, spokes
 
 
-def _walls(curves: CurveSet, sides: int) -> Integers:
+def tube_triangles(curves: CurveSet, sides: int) -> Integers:
+    """Walls and lids of tubes of so many sides, (m, 3), facing outwards."""
     segments = curves.segments()
     here, following = np.arange(sides), (np.arange(sides) + 1) % sides
     first, second = sides * segments[:, :1], sides * segments[:, 1:]
@@ -53,7 +59,7 @@ def _walls(curves: CurveSet, sides: int) -> Integers:
     return np.vstack([walls, front, back]).astype(np.int64)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _transport(
     points: Floats,
     offsets: Integers,
@@ -67,51 +73,107 @@ def _transport(
     The mismatch after a loop is spread evenly over it.
     """
     for curve in range(len(closed)):
-        low, high = offsets[curve], offsets[curve + 1]
+        low, high, loop = offsets[curve], offsets[curve + 1], closed[curve]
+        t = (1.0, 0.0, 0.0)
         for i in range(low, high):
-            before = i - 1 if i > low else (high - 1 if closed[curve] else i)
-            after = i + 1 if i < high - 1 else (low if closed[curve] else i)
-            tangent = points[after] - points[before]
-            length = np.sqrt(np.sum(tangent * tangent))
+            before = i - 1 if i > low else (high - 1 if loop else i)
+            after = i + 1 if i < high - 1 else (low if loop else i)
+            x, y, z = (
+                points[after, 0] - points[before, 0],
+                points[after, 1] - points[before, 1],
+                points[after, 2] - points[before, 2],
+            )
+            length = np.sqrt(x * x + y * y + z * z)
             if length > 0.0:
-                tangents[i] = tangent / length
-            elif i > low:
-                tangents[i] = tangents[i - 1]
-            else:
-                tangents[i] = np.array([1.0, 0.0, 0.0])
-        normal = _square(starts[curve], tangents[low])
-        starts[curve] = normal
-        normals[low] = normal
+                t = (x / length, y / length, z / length)
+            tangents[i, 0], tangents[i, 1], tangents[i, 2] = t
+        first = (tangents[low, 0], tangents[low, 1], tangents[low, 2])
+        n = _square((starts[curve, 0], starts[curve, 1], starts[curve, 2]), first)
+        starts[curve, 0], starts[curve, 1], starts[curve, 2] = n
+        normals[low, 0], normals[low, 1], normals[low, 2] = n
+        begin, before_it = n, first
         for i in range(low + 1, high):
-            normal = _carried(normal, tangents[i - 1], tangents[i])
-            normals[i] = normal
-        if closed[curve]:
-            back = _carried(normal, tangents[high - 1], tangents[low])
-            side = np.cross(tangents[low], normals[low])
-            angle = np.arctan2(np.sum(back * side), np.sum(back * normals[low]))
+            t = (tangents[i, 0], tangents[i, 1], tangents[i, 2])
+            n = _carried(n, before_it, t)
+            before_it = t
+            normals[i, 0], normals[i, 1], normals[i, 2] = n
+        if loop:
+            back, side = _carried(n, before_it, first), _cross(first, begin)
+            angle = np.arctan2(_dot(back, side), _dot(back, begin))
             for i in range(low + 1, high):
                 turn = -angle * (i - low) / (high - low)
-                normals[i] = np.cos(turn) * normals[i] + np.sin(turn) * np.cross(tangents[i], normals[i])
+                cosine, sine = np.cos(turn), np.sin(turn)
+                n = (normals[i, 0], normals[i, 1], normals[i, 2])
+                across = _cross((tangents[i, 0], tangents[i, 1], tangents[i, 2]), n)
+                for k in range(3):
+                    normals[i, k] = cosine * n[k] + sine * across[k]
 
 
-@numba.njit(cache=True)
-def _square(vector: Floats, tangent: Floats) -> Floats:
+@numba.njit(cache=True, error_model="numpy")
+def _rings(
+    points: Floats,
+    radii: Floats,
+    tangents: Floats,
+    normals: Floats,
+    angles: Floats,
+    vertices: Floats,
+    spokes: Floats,
+) -> None:
+    """Vertices and their normals, both (n · sides, 3), of rings about points."""
+    sides = len(angles)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    for i in range(len(points)):
+        n = (normals[i, 0], normals[i, 1], normals[i, 2])
+        across = _cross((tangents[i, 0], tangents[i, 1], tangents[i, 2]), n)
+        for s in range(sides):
+            for k in range(3):
+                spoke = cosine[s] * n[k] + sine[s] * across[k]
+                spokes[i * sides + s, k] = spoke
+                vertices[i * sides + s, k] = points[i, k] + radii[i] * spoke
+
+
+@numba.njit(cache=True, inline="always")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True, inline="always")
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _square(vector, tangent):
     """The part of a vector across the tangent, as a unit vector; any direction across it where there is none."""
-    across = vector - np.sum(vector * tangent) * tangent
-    length = np.sqrt(np.sum(across * across))
+    along = _dot(vector, tangent)
+    x, y, z = (
+        vector[0] - along * tangent[0],
+        vector[1] - along * tangent[1],
+        vector[2] - along * tangent[2],
+    )
+    length = np.sqrt(x * x + y * y + z * z)
     if length < 1e-6:
-        axis = np.zeros(3)
-        axis[np.argmin(np.abs(tangent))] = 1.0
-        across = axis - np.sum(axis * tangent) * tangent
-        length = np.sqrt(np.sum(across * across))
-    return across / length
+        a, b, c = abs(tangent[0]), abs(tangent[1]), abs(tangent[2])
+        axis = (1.0, 0.0, 0.0) if a <= b and a <= c else (0.0, 1.0, 0.0) if b <= c else (0.0, 0.0, 1.0)
+        along = _dot(axis, tangent)
+        x, y, z = axis[0] - along * tangent[0], axis[1] - along * tangent[1], axis[2] - along * tangent[2]
+        length = np.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
 
 
-@numba.njit(cache=True)
-def _carried(normal: Floats, tangent: Floats, following: Floats) -> Floats:
+@numba.njit(cache=True, error_model="numpy")
+def _carried(normal, tangent, following):
     """The normal turned by the smallest rotation that takes a tangent to the following one."""
-    axis, cosine = np.cross(tangent, following), np.sum(tangent * following)
+    cosine = _dot(tangent, following)
     if cosine < -0.999999:
         return _square(normal, following)
-    turned = cosine * normal + np.cross(axis, normal) + axis * (np.sum(axis * normal) / (1.0 + cosine))
-    return _square(turned, following)
+    axis = _cross(tangent, following)
+    turned, share = _cross(axis, normal), _dot(axis, normal) / (1.0 + cosine)
+    return _square(
+        (
+            cosine * normal[0] + turned[0] + axis[0] * share,
+            cosine * normal[1] + turned[1] + axis[1] * share,
+            cosine * normal[2] + turned[2] + axis[2] * share,
+        ),
+        following,
+    )

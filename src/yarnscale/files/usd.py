@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
+from yarnscale.files.colours import colour_of, yarn_colour
 from yarnscale.files.curve_frames import CurveSet
 
 Floats = NDArray[np.float64]
 
 SUFFIXES = (".usd", ".usdc", ".usda")
-COLOURS = {"cloth": (0.69, 0.26, 0.12), "bodies": (0.55, 0.60, 0.65), "yarns": (0.69, 0.26, 0.12)}
-"""Of display, in linear red, green and blue."""
 _FRAMES_IN_MEMORY = 32
 
 
@@ -89,6 +88,9 @@ class _Parts:
         self.sdf, _, _, self.geometry, self.arrays = _libraries()
         self.animation = animation
         self.cloth = self._mesh(stage, "cloth", animation.cloth)
+        if self.cloth is not None and animation.yarns is not None:
+            # The yarns are the cloth; a hidden prim can be shown again.
+            self.cloth.MakeInvisible()
         self.bodies = self._mesh(stage, "bodies", animation.bodies)
         self.curves: list[tuple[Any, NDArray[np.int64]]] = []
         if animation.yarns is not None:
@@ -149,11 +151,13 @@ class _Parts:
         prim.CreateWrapAttr(tokens.periodic if closed else tokens.pinned if cubic else tokens.nonperiodic)
         prim.CreateCurveVertexCountsAttr(self._integers(np.diff(curves.offsets)))
         prim.SetWidthsInterpolation(tokens.vertex)
-        self._colour(prim, "yarns")
+        colours = np.array([yarn_colour(number) for number in curves.yarn.tolist()], dtype=np.float32)
+        variable = prim.CreateDisplayColorPrimvar(tokens.uniform)
+        variable.Set(self.arrays.Vec3fArray.FromNumpy(colours))
         return prim
 
     def _colour(self, prim: Any, name: str) -> None:
-        colour = np.array([COLOURS[name]], dtype=np.float32)
+        colour = np.array([colour_of(name)], dtype=np.float32)
         prim.CreateDisplayColorAttr(self.arrays.Vec3fArray.FromNumpy(colour))
 
     def _vectors(self, values: Floats) -> Any:

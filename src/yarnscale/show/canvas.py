@@ -105,8 +105,10 @@ def aim(
     camera: Camera | Sequence[float] = "oblique",
     margin: float = 1.06,
     aspect: float | None = None,
-) -> None:
+) -> float:
     """Point the camera, in parallel projection, so that ``points`` (n, 3) [m] just fill the picture.
+
+    Returns the scale of the picture [pixels/m].
 
     camera: a name of ``CAMERAS`` or the direction from the object to the eye (3,).
     aspect: width by height of the picture; None takes that of the window.
@@ -129,6 +131,7 @@ def aim(
     view.parallel_projection = True
     view.parallel_scale = 0.5 * margin * max(extent[1], extent[0] / ratio)
     plotter.reset_camera_clipping_range()
+    return plotter.window_size[1] / (2.0 * view.parallel_scale)
 
 
 def _view(camera: Camera | Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.curve_frames import CurveSet
-from yarnscale.files.tube_sweep import TubeSweep
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, canvas, light
 from yarnscale.show.cloth import Solid
 from yarnscale.show.curves import Curve, smooth_curve
+from yarnscale.show.seen_tubes import seen_tubes, tube_colours
 
-FAR_SIDES, NEAR_SIDES = 6, 20
-"""Corners of a tube's cross section."""
 NEAR_POINTS = 60_000
-"""With fewer points in view, yarns are drawn smooth and round."""
+"""With fewer points in view, yarns are drawn smooth."""
 
 Floats = NDArray[np.float64]
 
@@ -56,11 +54,13 @@ def yarn_cloth_picture(
         raise InputError("near view of yarns", expected="yarns around its point", found="none")
     near = sum(len(piece.points) for piece in pieces) < NEAR_POINTS
     radius = float(curves.radii.max())
-    seen = np.vstack([piece.points for piece in pieces])
+    drawn = solids if middle is None else ()
+    seen = np.vstack([piece.points for piece in pieces] + [solid.vertices for solid in drawn])
     with canvas(path, size=size) as plotter:
         light(plotter)
+        scale = aim(plotter, seen, camera=camera, margin=1.04 if middle is None else 0.9)
         plotter.add_mesh(
-            _tubes(pieces, radius, near=near),
+            _tubes(pieces, radius, near=near, scale=scale),
             scalars="colour",
             rgb=True,
             interpolation="phong",
@@ -68,13 +68,11 @@ def yarn_cloth_picture(
             diffuse=0.85,
             specular=0.1,
         )
-        if middle is None:
-            for solid in solids:
-                body = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
-                plotter.add_mesh(body, color=solid.colour, smooth_shading=True, ambient=0.3, specular=0.1)
-                seen = np.vstack([seen, solid.vertices])
+        for solid in drawn:
+            body = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
+            plotter.add_mesh(body, color=solid.colour, smooth_shading=True, ambient=0.3, specular=0.1)
         plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)
-        aim(plotter, seen, camera=camera, margin=1.04 if middle is None else 0.9)
+        plotter.reset_camera_clipping_range()
 
 
 def _pieces(curves: CurveSet, positions: Floats, middle: Floats | None, reach: float) -> list[Curve]:
@@ -91,19 +89,17 @@ def _pieces(curves: CurveSet, positions: Floats, middle: Floats | None, reach: f
     return pieces
 
 
-def _tubes(pieces: Sequence[Curve], radius: float, *, near: bool) -> pv.PolyData:
-    """Tubes about curves, coloured by yarn; near ones smoothed."""
-    sides = NEAR_SIDES if near else FAR_SIDES
+def _tubes(pieces: Sequence[Curve], radius: float, *, near: bool, scale: float) -> pv.PolyData:
+    """Tubes about curves in a picture of a scale [pixels/m], coloured by yarn; near ones smoothed."""
     lines = [smooth_curve(piece, per_segment=4)[0] if near else piece.points for piece in pieces]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
     yarn = np.array([piece.yarn for piece in pieces])
     closed = np.array([piece.closed and not near for piece in pieces])
-    sweep = TubeSweep(CurveSet(offsets, radius, closed=closed, yarn=yarn), sides=sides)
-    points, normals = sweep.surface(np.vstack(lines), sweep.curves.radii)
+    every = np.vstack(lines)
+    sweep, chosen = seen_tubes(CurveSet(offsets, radius, closed=closed, yarn=yarn), every, scale)
+    points, normals = sweep.surface(every[chosen], sweep.curves.radii)
     mesh = pv.PolyData.from_regular_faces(points, sweep.triangles)
     mesh.point_data["Normals"] = normals
     mesh.point_data.active_normals_name = "Normals"
-    palette = np.array([theme.yarn_colour(k) for k in range(len(theme.YARNS))])
-    colours = palette[np.repeat(yarn % len(palette), np.diff(offsets) * sides)]
-    mesh.point_data["colour"] = np.rint(255 * colours).astype(np.uint8)
+    mesh.point_data["colour"] = tube_colours(sweep)
     return mesh

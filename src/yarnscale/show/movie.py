@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
-from yarnscale.files.tube_sweep import TubeSweep
+from yarnscale.files.curve_frames import CurveSet
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, light, screen, write_png
+from yarnscale.show.seen_tubes import seen_tubes, tube_colours
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 MOVIE_SIZE = (1280, 960)
-_NEAR_SIDES, _FAR_SIDES, _MANY_POINTS = 12, 6, 60_000
-"""Corners of a tube's section, and how many points of yarns count as seen from afar."""
 _BAR = {
     "color": theme.INK,
     "n_labels": 2,
@@ -53,8 +52,9 @@ def write_movie(
     """Write an MP4 file (H.264).
 
     Time runs ``speed`` times as fast as in the run; at every moment the frame nearest in time is shown, none is made
-    up. look: as of ``Film``. on_frame: called with the number of frames drawn. Raises InputError without the extra
-    ``export``, where the machine cannot draw, or where the file cannot be written.
+    up. look: as of ``Film``. on_frame: called with the number of frames drawn. Interrupted, it closes the film with
+    what was drawn and goes on with a KeyboardInterrupt that says so. Raises InputError without the extra ``export``,
+    where the machine cannot draw, or where the file cannot be written.
     """
     try:
         import av
@@ -63,7 +63,7 @@ def write_movie(
         raise InputError(
             "movies need the package av", expected="pip install 'yarnscale[export]'", found="none"
         ) from None
-    order = playing_order(animation.times, fps=fps, speed=speed)
+    order, unfinished = playing_order(animation.times, fps=fps, speed=speed), None
     with replacement(path) as temporary, Film(animation, **look) as film:
         try:
             with av.open(str(temporary), "w", format="mp4") as container:
@@ -71,16 +71,23 @@ def write_movie(
                 stream: Any = container.add_stream("libx264", rate=rate, options={"crf": "18"})
                 stream.width, stream.height = film.size
                 stream.pix_fmt = "yuv420p"
-                shown, pixels = -1, film.pixels(0)
-                for index in order:
-                    if index != shown:
-                        pixels, shown = film.pixels(index), index
-                        if on_frame is not None:
-                            on_frame(index + 1)
-                    container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+                shown, pixels = -1, None
+                try:
+                    for index in order:
+                        if pixels is None or index != shown:
+                            pixels, shown = film.pixels(index), index
+                            if on_frame is not None:
+                                on_frame(index + 1)
+                        container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+                except KeyboardInterrupt:
+                    if pixels is None:
+                        raise
+                    unfinished = f"{path} holds {shown + 1} of {len(animation)} frames"
                 container.mux(stream.encode())
         except FFmpegError as error:
             raise InputError("output cannot be written", where=path, found=error.strerror) from None
+    if unfinished is not None:
+        raise KeyboardInterrupt(unfinished)
 
 
 def write_stills(
@@ -92,8 +99,8 @@ def write_stills(
 ) -> None:
     """Write ``frame_0000.png`` and so on into a folder that exists; arguments and errors as of ``write_movie``."""
     with Film(animation, **look) as film:
-        for index in range(len(animation)):
-            write_png(Path(folder) / f"frame_{index:04d}.png", film.pixels(index))
+        for index, number in enumerate(animation.numbers):
+            write_png(Path(folder) / f"frame_{number:04d}.png", film.pixels(index))
             if on_frame is not None:
                 on_frame(index + 1)
 
@@ -161,8 +168,8 @@ class Film:
         moment = self.animation.moment(index)
         for mesh, shape in self._parts:
             points, normals = shape(moment)
-            mesh.points = points
-            mesh.point_data["Normals"] = normals
+            mesh.points = points.astype(np.float32)
+            mesh.point_data["Normals"] = normals.astype(np.float32)
         if self._stretch is not None and moment.cloth is not None:
             stretch = vertex_stretch(self._stretch, moment.cloth)
             np.copyto(np.asarray(self._parts[0][0].point_data["stretch"]), stretch)
@@ -175,18 +182,18 @@ class Film:
         """Put everything on the stage as it is in the first frame."""
         light(self._plotter)
         animation, first = self.animation, self.animation.moment(0)
+        aspect = self.size[0] / self.size[1]
+        scale = aim(self._plotter, self._corners, camera=self._camera, aspect=aspect, margin=1.12)
         if self._cloth is not None:
             self._add_cloth(self._cloth, first, self._limits)
         if animation.bodies is not None:
             self._add_bodies(animation.bodies, first)
         if animation.yarns is not None:
-            many = animation.yarns.point_count > _MANY_POINTS
-            self._add_yarns(TubeSweep(animation.yarns, sides=_FAR_SIDES if many else _NEAR_SIDES), first)
+            self._add_yarns(animation.yarns, first, scale)
         self._caption = self._plotter.add_text(
             "0 s", position=(0.025, 0.935), viewport=True, font_size=13, color=theme.INK
         )
-        aspect = self.size[0] / self.size[1]
-        aim(self._plotter, self._corners, camera=self._camera, aspect=aspect, margin=1.12)
+        self._plotter.reset_camera_clipping_range()
 
     def _survey(self) -> tuple[Floats, tuple[float, float] | None]:
         """Corners of the box around everything in all frames, and the limits of the stretch."""
@@ -237,16 +244,16 @@ class Film:
         mesh = self._part(bodies.triangles, shape, first)
         self._plotter.add_mesh(mesh, color=theme.OBSTACLE, interpolation="phong", ambient=0.3, specular=0.1)
 
-    def _add_yarns(self, sweep: TubeSweep, first: Moment) -> None:
+    def _add_yarns(self, curves: CurveSet, first: Moment, scale: float) -> None:
+        assert first.yarns is not None
+        sweep, chosen = seen_tubes(curves, first.yarns, scale)
+
         def shape(moment: Moment) -> tuple[Floats, Floats]:
             assert moment.yarns is not None and moment.radii is not None
-            return sweep.surface(moment.yarns, moment.radii)
+            return sweep.surface(moment.yarns[chosen], moment.radii[chosen])
 
-        curves = sweep.curves
         mesh = self._part(sweep.triangles, shape, first)
-        palette = np.array([theme.yarn_colour(k) for k in range(len(theme.YARNS))])
-        colours = palette[np.repeat(curves.yarn % len(palette), np.diff(curves.offsets) * sweep.sides)]
-        mesh.point_data["colour"] = np.rint(255 * colours).astype(np.uint8)
+        mesh.point_data["colour"] = tube_colours(sweep)
         self._plotter.add_mesh(
             mesh, scalars="colour", rgb=True, interpolation="phong", ambient=0.32, diffuse=0.85, specular=0.12
         )
@@ -258,6 +265,8 @@ class Film:
         first: Moment,
     ) -> pv.PolyData:
         points, normals = shape(first)
+        # Single precision, as the renderer has it: half the memory, and nothing to convert.
+        points, normals = points.astype(np.float32), normals.astype(np.float32)
         mesh = pv.PolyData.from_regular_faces(points, triangles)
         mesh.point_data["Normals"] = normals
         mesh.point_data.active_normals_name = "Normals"

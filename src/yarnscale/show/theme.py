@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-YARNS = ("#2a6fa8", "#d9653b", "#e8b13d", "#2f9e8a", "#a267ac", "#7a8794")
-"""Yarn colours in order of use; neighbours differ in lightness as well as in hue."""
+from yarnscale.files.colours import YARNS
 
 INK = "#22303c"
 MUTED = "#6b7a88"
