@@ -95,8 +95,10 @@ def test_garments_meet_themselves_and_sheets_where_told(
 def test_a_floor_below_the_cloth_is_one_whatever_its_normal(folder: Path, normal: str) -> None:
     floor = f'[[obstacles]]\nshape = "plane"\npoint = [0, 0, -0.1]\nnormal = {normal}\n'
     mesh = "[mesh]\nwidth = 0.1\nheight = 0.1\nspacing = 0.02\n"
-    (plane,) = scene_of(folder, mesh + SCHEDULE + floor).cloth.obstacles
+    scene = scene_of(folder, mesh + SCHEDULE + floor)
+    (plane,) = scene.cloth.obstacles
     assert isinstance(plane, Plane) and plane.normal == (0.0, 0.0, 1.0)
+    assert any("obstacles[0] is turned round" in text for text in scene.notices) == ("-1" in normal)
 
 
 def test_a_garment_from_files_with_bodies_that_move(folder: Path) -> None:

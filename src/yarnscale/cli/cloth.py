@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -80,11 +79,11 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
 
     for kind in options.format:
         require(kind)
+    scene = replace(scene, notices=(*scene.notices, *_notes(scene)))
     tell(scene.notices)
     folder = writable_folder(options.out)
     if options.animation:
         scene = replace(scene, schedule=scene.schedule.animated())
-    print(f"yarnscale: note: {_contact_note(scene)}", file=sys.stderr, flush=True)
     result = simulate_into(scene, folder, resume=options.resume)
     for kind in options.format:
         write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
@@ -105,14 +104,21 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     return 0 if result.succeeded else 1
 
 
-def _contact_note(scene: Scene) -> str:
-    """What may touch in a scene, and so what is tested for crossings."""
+def _notes(scene: Scene) -> list[str]:
+    """What may touch in a scene, and so what is tested for crossings; motions that go on beyond its end."""
     contact, bodies = scene.cloth.contact, bool(scene.cloth.obstacles)
     if contact is not None and contact.self_contact:
-        return f"the cloth meets itself{' and bodies' * bodies}, from a thickness of {1e3 * contact.thickness:.3g} mm"
-    if contact is not None and bodies:
-        return "the cloth meets bodies but not itself: crossings of the cloth with itself are not tested"
-    return "nothing may touch, so crossings are not tested ([contact] in a scene file)"
+        thick = f"{1e3 * contact.thickness:.3g} mm"
+        notes = [f"the cloth meets itself{' and bodies' * bodies}, from a thickness of {thick}"]
+    elif contact is not None and bodies:
+        notes = ["the cloth meets bodies but not itself: crossings of the cloth with itself are not tested"]
+    else:
+        notes = ["nothing may touch, so crossings are not tested ([contact] in a scene file)"]
+    end = scene.start.time + scene.schedule.duration
+    for name, motion in scene.cloth.motions():
+        if motion.moves and motion.end > end + 1e-9:
+            notes.append(f"{name} moves until {motion.end:.4g} s, and the run ends at {end:.4g} s")
+    return notes
 
 
 def _unfulfilled(result: SceneResult) -> list[str]:

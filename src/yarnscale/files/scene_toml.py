@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.scenes.plausible import check_cloth, check_size, sizes_of
 from yarnscale.shell.scenes.ready import READY, ready_scene
 from yarnscale.shell.scenes.scene import Scene
-from yarnscale.shell.scenes.thickness import cloth_thickness
+from yarnscale.shell.scenes.thickness import cloth_thickness, garment_thickness
 from yarnscale.shell.state import ClothState
 
 
@@ -53,9 +54,13 @@ def _scene(root: Section) -> Scene:
     if not {"unit", "scale", "material_scale"} & set(section.content):
         notices += section.build(lambda: [*check_size(mesh, material.density)])
     start = read_start(section, mesh)
-    obstacles = tuple(_facing(read_obstacle(item), start) for item in root.sections("obstacles"))
-    usual = ContactSettings(thickness=cloth_thickness(material, mesh))
-    meets = "contact" in root.content or obstacles or is_garment(section)
+    obstacles = tuple(
+        _facing(read_obstacle(item), start, item, notices.append) for item in root.sections("obstacles")
+    )
+    garment = is_garment(section)
+    thickness = garment_thickness(material, mesh, start) if garment else cloth_thickness(material, mesh)
+    usual = ContactSettings(thickness=thickness)
+    meets = "contact" in root.content or obstacles or garment
     contact = _contact(root.section("contact"), usual) if meets else None
     cloth = root.build(
         lambda: Cloth(
@@ -108,13 +113,18 @@ def _ready(root: Section, material: ElementMaterial) -> Scene:
     return replace(scene, cloth=cloth, schedule=schedule, options=options)
 
 
-def _facing(obstacle: Obstacle, start: ClothState) -> Obstacle:
+def _facing(
+    obstacle: Obstacle, start: ClothState, section: Section, notice: Callable[[str], None]
+) -> Obstacle:
     """The obstacle; a plane with the whole cloth behind it is turned round, for it was meant from the other side."""
     if not isinstance(obstacle, Plane):
         return obstacle
     heights = (start.positions - obstacle.points(start.time)) @ np.asarray(obstacle.normal)
+    if not (heights < 0).all():
+        return obstacle
+    notice(f"plane {section.name} is turned round: its normal points away from the cloth")
     x, y, z = obstacle.normal
-    return replace(obstacle, normal=(-x, -y, -z)) if (heights < 0).all() else obstacle
+    return replace(obstacle, normal=(-x, -y, -z))
 
 
 def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.contact.obstacles import Obstacle
+from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.shell.elastic.elements import FreeEdges
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
@@ -76,3 +76,11 @@ class Cloth:
             raise InputError("air_drag", expected="zero or more [kg/m³]", found=self.air_drag)
         if self.obstacles and self.contact is None:
             raise InputError("obstacles", expected="contact settings with them", found="none")
+
+    def motions(self) -> list[tuple[str, Motion]]:
+        """Rigid motions of handles and obstacles, by the names that messages have for them."""
+        found = [(f"handle '{handle.name}'", handle.motion) for handle in self.handles]
+        for number, obstacle in enumerate(self.obstacles):
+            if isinstance(obstacle, Sphere | Plane | MeshObstacle):
+                found.append((obstacle_name(obstacle, number), obstacle.motion))
+        return found
