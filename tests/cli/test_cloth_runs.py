@@ -128,7 +128,27 @@ def test_another_scene_is_not_resumed(tmp_path: Path, capsys) -> None:
     assert main(["simulate", str(short), "--out", str(out), "--resume"]) == 2
     assert "another scene" in capsys.readouterr().err
     assert sorted((out / "frames").iterdir()) == frames
-    assert main(["simulate", str(short), "--out", str(out)]) == 0
+    assert main(["simulate", str(short), "--out", str(out)]) == 2
+    assert "expected a new folder, or --overwrite or --resume" in capsys.readouterr().err
+    assert sorted((out / "frames").iterdir()) == frames
+
+
+def test_a_run_owns_its_folder(tmp_path: Path) -> None:
+    """A shorter run over a longer one leaves no frame, export or sequence of that, and all of the user's files."""
+    scene, out = written(tmp_path / "scene", 0.08), tmp_path / "run"
+    exports = ["--format", "obj", "--format", "gltf", "--format", "vtk"]
+    assert main(["simulate", str(scene), "--out", str(out), *exports]) == 0
+    assert main(["convert", str(out), "--to", "gltf", "--out", str(out / "later.glb")]) == 0
+    assert main(["convert", str(out), "--to", "obj", "--out", str(out / "sequence")]) == 0
+    mine = {"notes.txt", "cloth.blend", "obj/mine.obj"}
+    for name in mine:
+        (out / name).write_text("mine")
+    written(scene.parent, 0.04)
+    assert main(["simulate", str(scene), "--out", str(out), "--overwrite"]) == 0
+    left = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file() and p.name[0] != "."}
+    frames = {"frames/frame_0000.npz", "frames/frame_0001.npz", "frames/mesh.npz", "frames/bodies.npz"}
+    pictures = {"frames.png", "last.png", "index.html"}
+    assert left == mine | frames | pictures | {"checkpoint.npz", "cloth_material.json", "last.obj"}
 
 
 def test_a_pin_that_a_floor_stops_is_told(tmp_path: Path, capsys) -> None:
@@ -171,7 +191,7 @@ def test_every_format_of_a_run(run: Path, tmp_path: Path) -> None:
     last = frames.state(2).positions
     obj: Any = pv.read(str(tmp_path / "obj" / "frame_0002.obj"))
     np.testing.assert_allclose(obj.points[: len(last)], last, atol=1e-6)
-    assert len(list((tmp_path / "bcc").iterdir())) == len(list((tmp_path / "png").iterdir())) == 3
+    assert len(list((tmp_path / "bcc").glob("*.bcc"))) == len(list((tmp_path / "png").glob("*.png"))) == 3
 
 
 def test_a_movie_has_the_frames_of_its_time(run: Path, tmp_path: Path) -> None:

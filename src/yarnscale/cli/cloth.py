@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from yarnscale.cli.console import ProgressLine, print_json, tell, writable_folder
+from yarnscale.cli.console import ProgressLine, print_json, tell
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material, write_material
+from yarnscale.files.run_folder import RunFolder
 from yarnscale.shell.dynamics.simulate import Progress
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
@@ -25,6 +26,12 @@ from yarnscale.shell.scenes.scene import stretch as stretch_scene
 
 MATERIAL = "cloth_material.json"
 """In the folder of a run: the shell material of its cloth."""
+MAKES = (
+    "frames/frame_*.npz", "frames/mesh.npz", "frames/bodies.npz", CHECKPOINT, MATERIAL, "last.obj", "last.png",
+    "frames.png", "index.html",
+)  # fmt: skip
+"""All that a run writes, but for converted frames."""
+GOES_ON_FROM = ("frames/*.npz", CHECKPOINT)
 FRAMES = 6
 """Moments that a contact sheet shows."""
 
@@ -74,19 +81,23 @@ def _scene(options: argparse.Namespace) -> Scene:
 
 
 def _run(scene: Scene, options: argparse.Namespace) -> int:
-    from yarnscale.cli.convert import NAMES, require, write
+    from yarnscale.cli.convert import NAMES, made_by, require, write
     from yarnscale.files.animation import read_animation
 
     for kind in options.format:
         require(kind)
     scene = replace(scene, notices=(*scene.notices, *_notes(scene)))
-    tell(scene.notices)
-    folder = writable_folder(options.out)
     if options.animation:
         scene = replace(scene, schedule=scene.schedule.animated())
-    result = simulate_into(scene, folder, resume=options.resume)
-    for kind in options.format:
-        write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
+    makes = [*MAKES, *(name for kind in options.format for name in made_by(kind, NAMES[kind]))]
+    with RunFolder(
+        options.out, "cloth", makes, overwrite=options.overwrite, resume=options.resume,
+        goes_on_from=GOES_ON_FROM, valued=("frames/frame_*.npz",),
+    ) as folder:  # fmt: skip
+        tell(scene.notices)
+        result = simulate_into(scene, folder, resume=options.resume)
+        for kind in options.format:
+            write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
     digest = hashlib.sha256((folder / MATERIAL).read_bytes()).hexdigest()
     summary = result.summary() | {"material_hash": digest}
     if options.json:

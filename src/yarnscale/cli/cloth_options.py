@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import PATTERN, YARN_MATERIAL, Add, add_json, add_workers
+from yarnscale.cli.shared_options import PATTERN, YARN_MATERIAL, Add, add_json, add_overwrite, add_workers
 from yarnscale.cli.values import frames, number, positive
 
 _FRAMES = "frames to take, both ends included, e.g. 10:40:2, 30 or -1 (default: all)"
@@ -84,6 +84,7 @@ def add_cloth_commands(add: Add) -> None:
     )
     command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the last frame's yarns")
     add_json(command)
+    add_overwrite(command)
     add_workers(command)
 
     command = add("convert", "convert", "Convert the frames of a run: OBJ, glTF, USD, VTK, BCC, MP4, PNG.")
@@ -121,6 +122,7 @@ def add_cloth_commands(add: Add) -> None:
     command.add_argument(
         "--yarns-as", choices=("tubes", "lines"), default="tubes", help="in glTF, which has no curves (tubes)"
     )
+    add_overwrite(command)
 
 
 def _add_output(command: argparse.ArgumentParser) -> None:
@@ -138,4 +140,5 @@ def _add_output(command: argparse.ArgumentParser) -> None:
         "--format", action="append", choices=("obj", "gltf", "usd", "vtk", "mp4", "png"), default=[],
         help="convert the frames at the end; may be given several times",
     )  # fmt: skip
+    add_overwrite(command)
     add_json(command)

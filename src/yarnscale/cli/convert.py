@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from yarnscale.cli.console import ProgressLine, writable_file, writable_folder
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, read_animation
+from yarnscale.files.run_folder import RunFolder, note_result
 
 if TYPE_CHECKING:
     from yarnscale.files.tube_detail import TubeDetail
@@ -45,10 +45,27 @@ def convert(options: argparse.Namespace) -> int:
                 "--yarns-as lines or --to usd are smaller"
             )
         animation = animation.among([last])
-    write(animation, options.to, options.out, options)
+    kind, out = options.to, options.out
+    if kind in _FILES:
+        writable_file(out, *_FILES[kind])
+        for name in made_by(kind, out.name):
+            note_result(out.parent / name, options.frames)
+        write(animation, kind, out, options)
+    else:
+        makes = [Path(name).name for name in made_by(kind, "")]
+        with RunFolder(out, f"convert --to {kind}", makes, overwrite=options.overwrite):
+            note_result(out, options.frames)
+            write(animation, kind, out, options)
     size = f", {options.out.stat().st_size / 1e6:.3g} MB" if options.out.is_file() else ""
     print(f"{options.out}: {len(animation)} frame{'s' if len(animation) > 1 else ''}{size}")
     return 0
+
+
+def made_by(kind: str, name: str) -> list[str]:
+    """Names of the files that a conversion writes as ``name``, beside and below it."""
+    if kind == "vtk":
+        return [name, *(f"{Path(name).stem}/{part}_*.vtp" for part in ("cloth", "bodies", "yarns"))]
+    return [name] if kind in _FILES else [f"{name}/frame_*.{kind}"]
 
 
 def require(kind: str) -> None:
@@ -71,7 +88,6 @@ def write(animation: Animation, kind: str, out: Path, options: argparse.Namespac
         writable_file(out, *_FILES[kind])
     else:
         writable_folder(out)
-        _remove_frames(out, kind)
     line, began, count = ProgressLine(f"writing {kind}"), time.perf_counter(), len(animation)
 
     def told(done: int) -> None:
@@ -168,10 +184,3 @@ def _write_each(
     for done, (number, moment) in enumerate(zip(animation.numbers, animation, strict=True), start=1):
         write_one(number, moment)
         told(done)
-
-
-def _remove_frames(folder: Path, kind: str) -> None:
-    """Frames of an earlier and perhaps longer run would stand among the new ones."""
-    for path in folder.iterdir():
-        if re.fullmatch(rf"frame_\d{{4,}}\.{kind}", path.name):
-            path.unlink()

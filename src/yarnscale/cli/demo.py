@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import time
 from pathlib import Path
 
@@ -11,12 +10,13 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
-from yarnscale.cli.cloth import simulate_into
+from yarnscale.cli.cloth import MAKES, simulate_into
 from yarnscale.cli.console import print_json, writable_folder
 from yarnscale.cli.materials import PATTERN as REST
-from yarnscale.cli.materials import homogenize_into, material_sections
+from yarnscale.cli.materials import homogenize_into, material_sections, results_of_homogenize
 from yarnscale.cli.yarns import draw_cell
 from yarnscale.files.patterns import write_pattern
+from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.plan import StrainRange
 from yarnscale.kinematics import ShellStrain
 from yarnscale.shell.scenes.scene import drape, stretch
@@ -27,28 +27,25 @@ from yarnscale.yarn.material import YarnMaterial
 PATTERN, MATERIAL = "stockinette", "hylc2020-stockinette"
 SOLVES, WORKERS = 240, 2
 AMOUNT = 0.3
-_OWN = ("homogenized", "yarns", "stretch", "drape")
-"""Folders that the demo writes and replaces."""
 
 
 def demo(options: argparse.Namespace) -> int:
     """Run everything; a few minutes."""
     began = time.perf_counter()
-    folder = writable_folder(options.out)
-    for name in _OWN:
-        shutil.rmtree(folder / name, ignore_errors=True)
+    makes = ("index.html", "yarns/*.png", "homogenized/", "stretch/", "drape/")
+    with RunFolder(options.out, "demo", makes, overwrite=options.overwrite) as folder:
+        return _demo(folder, began)
+
+
+def _demo(folder: Path, began: float) -> int:
     rest = settled(library.build(PATTERN), YarnMaterial.preset(MATERIAL))
     cell = PeriodicCell(rest.pattern, YarnMaterial.preset(MATERIAL))
-    write_pattern(rest.pattern, writable_folder(folder / "homogenized") / REST, yarns=cell.material)
     yarns, all_converged = _yarn_section(cell, folder / "yarns")
-    outcome = homogenize_into(
-        cell,
-        writable_folder(folder / "homogenized"),
-        solves=SOLVES,
-        box=StrainRange(),
-        workers=WORKERS,
-        resume=False,
-    )
+    with results_of_homogenize(folder / "homogenized") as homogenized:
+        write_pattern(rest.pattern, homogenized / REST, yarns=cell.material)
+        outcome = homogenize_into(
+            cell, homogenized, solves=SOLVES, box=StrainRange(), workers=WORKERS, resume=False
+        )
     material_section = material_sections(outcome, _embedded(folder / "homogenized" / "pictures"))
     cloth, measures, cloth_converged = _cloth_section(outcome.material, folder)
     seconds = time.perf_counter() - began
@@ -100,10 +97,15 @@ def _embedded(folder: Path) -> list[Picture]:
 
 
 def _cloth_section(material, folder: Path) -> tuple[Section, dict[str, float | int], bool]:  # type: ignore[no-untyped-def]
-    pulled = simulate_into(
-        stretch(material, direction="course", amount=AMOUNT, frame_interval=0.1), folder / "stretch"
-    )
-    draped = simulate_into(drape(material, frame_interval=0.1), folder / "drape")
+    scenes = {
+        "stretch": stretch(material, direction="course", amount=AMOUNT, frame_interval=0.1),
+        "drape": drape(material, frame_interval=0.1),
+    }
+    results = []
+    for name, scene in scenes.items():
+        with RunFolder(folder / name, "cloth", MAKES) as place:
+            results.append(simulate_into(scene, place))
+    pulled, draped = results
     rows = [
         [result.scene.name, result.status.value, result.steps, result.newton_iterations, result.seconds]
         for result in (pulled, draped)

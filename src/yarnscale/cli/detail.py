@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,7 @@ from yarnscale.files.cell_origin import CellOrigin
 from yarnscale.files.cloth_frames import MESH, ClothFrames, frame_paths, read_cloth_frames
 from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
 from yarnscale.files.patterns import read_pattern
+from yarnscale.files.run_folder import RunFolder, note_result
 from yarnscale.homogenize.sample import check_resumable, create_store
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
@@ -42,13 +45,19 @@ def detail(options: argparse.Namespace) -> int:
     if options.chosen is not None:
         frames = frames.among(options.chosen.of(list(frames.paths)))
     out = options.out or options.frames / "yarns"
-    table, summary = _table(options, out)
-    first = frames.state(next(iter(frames.paths)))
-    mesh = TriangleMesh(frames.material, frames.triangles, 0.0, frames.corners, first.positions)
-    yarns = YarnDetail.of(table, mesh, seams=options.seams)
-    done, seconds = _write(yarns, frames, out, resume=options.resume)
-    if options.picture is not None:
-        _draw(options.picture, yarns, frames)
+    made = (CURVES, "frame_*.npz", ORIGIN)
+    with RunFolder(
+        out, "detail", made, overwrite=options.overwrite, resume=options.resume, goes_on_from=made
+    ):
+        note_result(out, options.frames)
+        table, summary = _table(options, out)
+        first = frames.state(next(iter(frames.paths)))
+        mesh = TriangleMesh(frames.material, frames.triangles, 0.0, frames.corners, first.positions)
+        yarns = YarnDetail.of(table, mesh, seams=options.seams)
+        done, seconds = _write(yarns, frames, out, resume=options.resume)
+        if options.picture is not None:
+            note_result(options.picture, options.frames)
+            _draw(options.picture, yarns, frames)
     summary |= {
         "curves": len(yarns.layout.yarn),
         "yarn_vertices": yarns.layout.vertex_count,
@@ -93,10 +102,8 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     yarn.say()
     cell = PeriodicCell(pattern, yarn.materials)
     axes, path = detail_grid(cell).axes, writable_folder(out) / SAMPLES
-    if path.exists():
-        store = SampleStore(path)
-        check_resumable(store, cell, axes)
-    else:
+    store = _kept(path, cell, axes, replace=options.overwrite)
+    if store is None:
         store = create_store(path, cell, axes, scattered=False)
     line = ProgressLine(f"sampling {pattern.name}")
     run_sample(
@@ -139,6 +146,23 @@ def _unseen_error(store: SampleStore, pattern: YarnPattern) -> dict[str, object]
     except InputError:
         return {}
     return {"error_in_radii": np.percentile(errors, [50.0, 95.0])} if errors.size else {}
+
+
+def _kept(
+    path: Path, cell: PeriodicCell, axes: Mapping[str, np.ndarray], *, replace: bool
+) -> SampleStore | None:
+    """The store of an earlier run, None without one; one of another cell is removed if it may be replaced."""
+    if not path.exists():
+        return None
+    store = SampleStore(path)
+    try:
+        check_resumable(store, cell, axes)
+    except InputError:
+        if not replace:
+            raise
+        shutil.rmtree(path)
+        return None
+    return store
 
 
 def _sampled_pattern(

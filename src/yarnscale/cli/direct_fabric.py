@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager
+from pathlib import Path
 
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, tell, writable_folder
+from yarnscale.cli.console import ProgressLine, tell
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
@@ -112,8 +114,10 @@ def _ring_glue(tube: YarnSheet, material: YarnMaterial) -> Springs:
     )
 
 
-def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], bool]:
-    """Run the scene, or count unknowns; numbers of the run, and whether it came to its end."""
+def simulate_direct(
+    options: argparse.Namespace, results: AbstractContextManager[Path | None]
+) -> tuple[dict[str, object], bool]:
+    """Run the scene, into the folder of results, or count unknowns; numbers, and whether it came to its end."""
     sheet, material, borders = sheet_at_rest(options)
     counts: dict[str, object] = {
         "vertices": sheet.vertex_count,
@@ -137,7 +141,8 @@ def simulate_direct(options: argparse.Namespace) -> tuple[dict[str, object], boo
     within = RodVolume(energy, options.volume) if options.method == "volume" else None
     dynamics = FabricDynamics(*parts) if within is None else VolumeDynamics(*parts, volume=within)
     method = "explicit" if options.explicit else "implicit"
-    run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)
+    with results:
+        run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)
     done = run.status.name == "CONVERGED" and (options.may_give_way or not run.unfulfilled)
     return {**counts, **_summary(energy, scene, run, led=options.explicit)}, done
 
@@ -154,7 +159,7 @@ def _run(dynamics: FabricDynamics, schedule: MotionSchedule, options: argparse.N
     # A colour for every yarn of the sheet, in a knitted piece for every kind of yarn.
     colour = sheet.yarn_material if options.border == "knitted" else None
     curves = CurveSet(sheet.offsets, sheet.radius, closed=sheet.closed, yarn=colour)
-    folder = CurveFolder(writable_folder(options.out), curves)
+    folder = CurveFolder(options.out, curves)
 
     def frame(number: int, motion: FabricMotion) -> None:
         folder.write(number, energy.positions(motion.x) * sheet.radius, motion.time)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.console import ProgressLine, print_json
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
@@ -31,10 +31,15 @@ from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, eva
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.measurements_swatches import LogSettings
 from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
+from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.executors import dask_workers, local_workers
 
 EVALUATIONS = "evaluations"
 """Folder of finished evaluations within that of the report."""
+MAKES = (
+    f"{EVALUATIONS}/*.json", "estimate.json", "index.html", "curves.png", "spread.png", "cell-*.png", PATTERN,
+)  # fmt: skip
+"""All that the command writes."""
 DRAWN_RADIUS = 0.4e-3
 """Radius of the yarn of a drawing whose size nothing tells [m]: a hand-knitting yarn of about 400 tex, as it lies in
 fabric. Fabrics of all sizes behave alike, so that it moves the values of parameters and not the errors."""
@@ -59,13 +64,17 @@ def estimate(options: argparse.Namespace) -> int:
     check_bending(measurements, weights)
     if options.resume:
         check_resumable(options.out / EVALUATIONS)
+    results = RunFolder(
+        options.out, "estimate", MAKES, overwrite=options.overwrite, resume=options.resume,
+        goes_on_from=(f"{EVALUATIONS}/*.json",),
+    )  # fmt: skip
     with ExitStack() as stack:
         executor = None
         if options.dask is not None:
             executor = stack.enter_context(dask_workers(options.dask, tell=_say))
         elif worker_count(options) > 1:
             executor = stack.enter_context(local_workers(worker_count(options)))
-        folder = writable_folder(options.out)
+        folder = stack.enter_context(results)
         found = estimate_yarn(
             measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=search,
             weights=weights, executor=executor,

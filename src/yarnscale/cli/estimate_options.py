@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from yarnscale.cli.shared_options import add_json
+from yarnscale.cli.shared_options import add_json, add_overwrite
 from yarnscale.cli.values import not_negative, positive, positive_integer
 
 SOLVERS = ("sobol", "local", "paper")
@@ -104,4 +104,5 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--resume", action="store_true", help="go on with the evaluations in DIR that the same code made"
     )
+    add_overwrite(command)
     add_json(command)

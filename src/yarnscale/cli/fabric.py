@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from yarnscale.cli import convert
-from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.console import ProgressLine, print_json
 from yarnscale.cli.yarn_choice import YarnChoice
 from yarnscale.cli.yarns import pattern_of
 from yarnscale.errors import InputError
@@ -20,9 +21,10 @@ from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
-from yarnscale.files.curve_frames import CurveFolder, CurveSet
+from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.patterns import stitches_of
+from yarnscale.files.run_folder import RunFolder
 from yarnscale.unfulfilled import Unfulfilled, plain
 
 JERSEYS = ("jersey", "single-jersey", "stockinette")
@@ -32,6 +34,18 @@ _FILES = {"gltf": "fabric.glb", "usd": "fabric.usdc", "mp4": "fabric.mp4"}
 
 def fabric(options: argparse.Namespace) -> int:
     """Simulate a finite fabric, or count its unknowns."""
+    if options.count:
+        return _fabric(options, nullcontext())
+    if options.out is None:
+        raise InputError("--out", expected="a folder for frames and pictures", found="none")
+    for kind in options.format:
+        convert.require(kind)
+    formats = [name for kind in options.format for name in convert.made_by(kind, _FILES.get(kind, kind))]
+    results = RunFolder(options.out, "fabric", [CURVES, "frame_*.npz", *formats], overwrite=options.overwrite)
+    return _fabric(options, results)
+
+
+def _fabric(options: argparse.Namespace, results: AbstractContextManager[Path | None]) -> int:
     for name in ("rows", "columns"):
         given = getattr(options, name)
         if options.on is None and given is None:
@@ -41,7 +55,7 @@ def fabric(options: argparse.Namespace) -> int:
     if options.adaptive and options.method != "volume":
         raise InputError("--adaptive", expected="--method volume", found=options.method)
     if options.method == "direct" or _rods_in_a_volume(options):
-        return _direct(options)
+        return _direct(options, results)
     if options.scene != "hang":
         raise InputError("--scene", expected="hang, or --method direct or volume", found=options.scene)
     plain = {
@@ -59,13 +73,13 @@ def fabric(options: argparse.Namespace) -> int:
             counts["reduced_unknowns"] = 3 * volume.count
         _tell(counts, options)
         return 0
-    _check_output(options)
     moving = SplineMotion(knitted, volume=volume, held=knitted.top, damping=options.damping)
     schedule = MotionSchedule(
         options.duration, options.time_step, method="explicit" if options.explicit else "implicit"
     )
     rule = AdaptiveRule() if options.adaptive else None
-    run = _run(moving, schedule, rule, writable_folder(options.out))
+    with results:
+        run = _run(moving, schedule, rule, options.out)
     _convert(options)
     _tell(_summary(run), options)
     done = options.may_give_way or not run.unfulfilled
@@ -104,21 +118,12 @@ def _rods_in_a_volume(options: argparse.Namespace) -> bool:
     return True
 
 
-def _direct(options: argparse.Namespace) -> int:
-    if not options.count:
-        _check_output(options)
-    numbers, done = import_module("yarnscale.cli.direct_fabric").simulate_direct(options)
+def _direct(options: argparse.Namespace, results: AbstractContextManager[Path | None]) -> int:
+    numbers, done = import_module("yarnscale.cli.direct_fabric").simulate_direct(options, results)
     if not options.count:
         _convert(options)
     _tell(numbers, options)
     return 0 if done else 1
-
-
-def _check_output(options: argparse.Namespace) -> None:
-    if options.out is None:
-        raise InputError("--out", expected="a folder for frames and pictures", found="none")
-    for kind in options.format:
-        convert.require(kind)
 
 
 def _convert(options: argparse.Namespace) -> None:

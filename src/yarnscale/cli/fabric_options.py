@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import add_json
+from yarnscale.cli.shared_options import add_json, add_overwrite
 from yarnscale.cli.values import not_negative, number, positive
 
 METHODS = ("splines", "volume", "direct")
@@ -134,4 +134,5 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         "--format", action="append", choices=FORMATS, default=[],
         help="convert the frames at the end; may be given several times",
     )  # fmt: skip
+    add_overwrite(command)
     add_json(command)

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import argparse
 
-from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.console import ProgressLine, print_json
+from yarnscale.files.run_folder import RunFolder
 from yarnscale.show.canvas import require_renderer
 from yarnscale.show.gallery import checked_names, write_gallery
+from yarnscale.yarn import library
 
 
 def gallery(options: argparse.Namespace) -> int:
     """Relax, draw, write the page."""
     names = checked_names(options.names) or None
     require_renderer()
-    folder, line = writable_folder(options.out), ProgressLine("gallery")
-    exhibits = write_gallery(
-        folder, names=names, at_rest=not options.as_drawn,
-        progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, p.name),
-    )  # fmt: skip
+    line = ProgressLine("gallery")
+    makes = ["index.html", *(f"{name}-[0-9].png" for name in library.names())]
+    with RunFolder(options.out, "gallery", makes, overwrite=options.overwrite) as folder:
+        exhibits = write_gallery(
+            folder, names=names, at_rest=not options.as_drawn,
+            progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, p.name),
+        )  # fmt: skip
     failed = [exhibit.pattern.name for exhibit in exhibits if not exhibit.good]
     if options.json:
         print_json({"patterns": [exhibit.pattern.name for exhibit in exhibits], "failed": failed})

@@ -11,6 +11,7 @@ from yarnscale.cli.shared_options import (
     Add,
     add_free_sliding,
     add_json,
+    add_overwrite,
     add_starts,
     add_workers,
     add_yarns,
@@ -51,6 +52,7 @@ def add_material_commands(add: Add) -> None:
     )
     _add_in_plane(command)
     add_workers(command)
+    add_overwrite(command)
 
     command = add(
         "sample",
@@ -79,6 +81,7 @@ def add_material_commands(add: Add) -> None:
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
     add_json(command)
     add_workers(command)
+    add_overwrite(command)
 
     command = add("fit", "samples", "Fit a shell material to a store of samples.")
     command.add_argument(

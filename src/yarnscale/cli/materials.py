@@ -17,6 +17,7 @@ from yarnscale.cli.yarns import settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
+from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.observations import InPlane, strains_of
@@ -66,31 +67,40 @@ def homogenize(options: argparse.Namespace) -> int:
     kept = options.out / PATTERN
     begun = options.resume and kept.is_file()
     yarn = yarn_for(options.pattern, drawn, options.material, kept=read_yarns(kept) if begun else None)
-    folder = writable_folder(options.out)
-    if (folder / "samples").exists() and not options.resume:
-        raise InputError("output exists", where=folder / "samples", expected="a new folder, or --resume")
-    if (folder / "samples").exists():
-        SampleStore(folder / "samples")  # refuses what is no store before anything is settled
+    results = results_of_homogenize(options.out, overwrite=options.overwrite, resume=options.resume)
+    if options.resume and (options.out / "samples").exists():
+        SampleStore(options.out / "samples")  # refuses what is no store before anything is settled
     if begun and read_pattern(kept).name != drawn.name:
         raise InputError(
             "cannot resume: another pattern", where=kept, expected=drawn.name, found=read_pattern(kept).name
         )
     yarn.say()
-    if not begun:
-        if is_drawing(options.pattern) and not options.as_drawn:
-            drawn = settled_drawing(drawn, yarn.materials)
-        write_pattern(drawn, kept, yarns=yarn.materials)
-    cell = PeriodicCell(read_pattern(kept), yarn.materials)
-    outcome = homogenize_into(
-        cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
-        in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
-    )  # fmt: skip
+    with results as folder:
+        if not begun:
+            if is_drawing(options.pattern) and not options.as_drawn:
+                drawn = settled_drawing(drawn, yarn.materials)
+            write_pattern(drawn, kept, yarns=yarn.materials)
+        cell = PeriodicCell(read_pattern(kept), yarn.materials)
+        outcome = homogenize_into(
+            cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
+            in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
+        )  # fmt: skip
     failed = outcome.summary.states - outcome.summary.converged
     print(
         f"{folder / 'material.json'}: {outcome.summary.converged} of {outcome.summary.states} states converged"
     )
     print(f"{folder / 'index.html'}: pictures and numbers")
     return 1 if failed else 0
+
+
+def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool = False) -> RunFolder:
+    """The folder of a homogenized pattern."""
+    stores = ("samples/", "unseen/")
+    pictures = ("axes", "plane_*", "errors")
+    makes = (*stores, PATTERN, "material.json", "index.html", *(f"pictures/{name}.png" for name in pictures))
+    return RunFolder(
+        path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN)
+    )
 
 
 def homogenize_into(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 
 from yarnscale.cell import PeriodicCell
@@ -39,6 +40,8 @@ def sample(options: argparse.Namespace) -> int:
         reach_workers(
             options.dask, tell=lambda said: print(f"yarnscale: {said}", file=sys.stderr, flush=True)
         )
+    if options.overwrite and not options.resume and options.out.exists():
+        shutil.rmtree(SampleStore(options.out).path)
     store = _load_store(options, cell) if grid is None else _grid_store(options, cell, grid)
     yarn.say()
     line = ProgressLine(f"sampling {pattern.name}")

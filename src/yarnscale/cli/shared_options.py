@@ -51,6 +51,14 @@ def add_starts(command: argparse.ArgumentParser, *, default: int) -> None:
     )  # fmt: skip
 
 
+def add_overwrite(command: argparse.ArgumentParser) -> None:
+    """``--overwrite``."""
+    command.add_argument(
+        "--overwrite", action="store_true",
+        help="replace what an earlier run of this command left there; other files stay",
+    )  # fmt: skip
+
+
 def add_workers(command: argparse.ArgumentParser) -> None:
     """Processes, and going on after a kill."""
     command.add_argument(

@@ -10,6 +10,7 @@ from yarnscale.cli.shared_options import (
     add_cell_strain,
     add_free_sliding,
     add_json,
+    add_overwrite,
     add_starts,
     add_yarns,
 )
@@ -45,6 +46,7 @@ def add_yarn_commands(add: Add) -> None:
         action="store_true",
         help="stretch the drawings as they are; faster than bringing them to rest",
     )
+    add_overwrite(command)
     add_json(command)
 
     command = add("relax", "yarns", "Relax a periodic cell under a macroscopic strain.")

@@ -55,14 +55,8 @@ def check_resumable(folder: Path) -> None:
 
 
 def evaluation_folder(folder: Path, *, resume: bool) -> Path:
-    """The folder for evaluations, emptied unless a run is resumed: ask when all else has been checked.
-
-    InputError where there is nothing to resume.
-    """
+    """The folder for evaluations. InputError where there is nothing to resume."""
     if resume:
         check_resumable(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    if not resume:
-        for path in folder.glob("*.json"):
-            path.unlink(missing_ok=True)
     return folder

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import quoteattr, unescape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,13 @@ class VtkSeries:
         self.path, self.animation = Path(path), animation
         self.folder = self.path.with_suffix("")
         self._entries: list[str] = []
+        self._remove_earlier()
+
+    def _remove_earlier(self) -> None:
+        """Remove the files of the series that this one replaces: those that its list names."""
+        if self.path.is_file():
+            for name in re.findall(r'file="([^"/]+/\w+_\d{4,}\.vtp)"', self.path.read_text(encoding="utf-8")):
+                (self.path.parent / unescape(name)).unlink(missing_ok=True)
 
     def write(self, number: int, moment: Moment) -> None:
         """Write one frame. Raises InputError where a file cannot be written."""

@@ -167,7 +167,10 @@ class SampleStore:
             ) from None
         if taken:
             raise InputError(
-                "output exists", where=path, expected="a new folder, or --resume", found="files in it"
+                "output exists",
+                where=path,
+                expected="a new folder, --overwrite or --resume",
+                found="files in it",
             )
         building = _beside(path, "building")
         try:

@@ -1,0 +1,153 @@
+"""Folders that a command owns: results of an earlier run go as a whole or stay, and files of others are never touched.
+
+A record beside the results, ``.yarnscale.json``, lists what the command makes: names with ``*``, and folders with a
+slash at the end. It is written before the first result, so that it holds for runs that were killed too.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePosixPath
+
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_text
+
+RECORD = ".yarnscale.json"
+
+
+class RunFolder:
+    """The folder for the results of one run of a command; a context that yields its path.
+
+    makes: what the run will write, as names relative to the folder. goes_on_from: those that a resumed run needs.
+    valued: those that only ``overwrite`` or ``resume`` may touch, by default all.
+    When it is made, nothing is changed; InputError where the folder holds valued results and neither ``overwrite`` nor
+    ``resume`` is asked for, or results of another command. On entry the folder is created, and results of an earlier
+    run are removed, of a resumed one at the end and only those that it neither wrote nor needed. Whatever else lies in
+    the folder stays.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        command: str,
+        makes: Sequence[str],
+        *,
+        overwrite: bool = False,
+        resume: bool = False,
+        goes_on_from: Sequence[str] = (),
+        valued: Sequence[str] | None = None,
+    ) -> None:
+        self.path, self._command, self._makes, self._needs = path, command, makes, goes_on_from
+        self._made = _made(path, command)
+        there = [*_matching(path, [*self._made, *makes] if valued is None else valued)]
+        if there and not (overwrite or resume):
+            expected = "a new folder, or --overwrite" + (" or --resume" if goes_on_from else "")
+            raise InputError("output exists", where=there[0], expected=expected)
+        self._resumed = resume and any(True for _ in _matching(path, goes_on_from))
+        self._old: dict[Path, int] = {}
+
+    def __enter__(self) -> Path:
+        _writable(self.path)
+        there = [*_matching(self.path, [*self._made, *self._makes])]
+        if self._resumed:
+            needed = {*_matching(self.path, self._needs)}
+            self._old = {path: path.stat().st_mtime_ns for path in there if path not in needed}
+        else:
+            _remove(self.path, there)
+        _write(self.path, self._command, [*self._made, *self._makes] if self._resumed else self._makes)
+        return self.path
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            left = [path for path in self._old if path.exists()]
+            _remove(self.path, [path for path in left if path.stat().st_mtime_ns == self._old[path]])
+
+
+def note_result(path: Path, source: Path) -> None:
+    """Add what is made of a run to the record of that run, where it lies in the run's folder: both go together.
+
+    path: a file, files (``*`` in the name) or a folder; source: the run's folder, or that of its frames within.
+    """
+    path, source = path.absolute(), source.absolute()
+    for folder in (source, source.parent):
+        if (folder / RECORD).is_file() and folder in path.parents:
+            command, made = _read(folder)
+            name = path.relative_to(folder).as_posix() + ("/" if path.is_dir() else "")
+            _write(folder, command, [*made, name])
+            return
+
+
+def _made(folder: Path, command: str) -> list[str]:
+    """What the record of a folder lists; InputError where that is of another command and something is left of it."""
+    if not (folder / RECORD).is_file():
+        return []
+    owner, made = _read(folder)
+    if owner != command and any(True for _ in _matching(folder, made)):
+        raise InputError(
+            f"folder holds results of '{owner}'",
+            where=folder,
+            expected=f"a folder of its own for '{command}'",
+        )
+    return made
+
+
+def _read(folder: Path) -> tuple[str, list[str]]:
+    try:
+        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        return str(content["command"]), [str(name) for name in content["makes"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError("record of a run cannot be read", where=folder / RECORD, expected="JSON") from None
+
+
+def _write(folder: Path, command: str, makes: Sequence[str]) -> None:
+    content = {"format": "yarnscale-run", "command": command, "makes": list(dict.fromkeys(makes))}
+    write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
+
+
+def _matching(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+    """Files and folders of these names, each once; nothing outside of the folder."""
+    seen: set[Path] = set()
+    for name in names:
+        parts = PurePosixPath(name).parts
+        if not parts or ".." in parts or PurePosixPath(name).is_absolute():
+            continue
+        for path in sorted(folder.glob(name.rstrip("/"))):
+            inside = path.parent.resolve().is_relative_to(folder.resolve())
+            wanted = path.is_dir() and not path.is_symlink() if name.endswith("/") else path.is_file()
+            if inside and wanted and path not in seen:
+                seen.add(path)
+                yield path
+
+
+def _remove(folder: Path, paths: Sequence[Path]) -> None:
+    """Remove results, and folders that are empty then. A folder with a record of its own loses what that lists."""
+    try:
+        for path in paths:
+            if not path.is_dir():
+                path.unlink()
+            elif (path / RECORD).is_file():
+                _remove(path, [*_matching(path, _read(path)[1])])
+                (path / RECORD).unlink()
+            else:
+                shutil.rmtree(path)
+        touched = {parent for path in paths for parent in (path, *path.parents) if folder in parent.parents}
+        for place in sorted(touched, reverse=True):
+            if place.is_dir() and not any(place.iterdir()):
+                place.rmdir()
+    except OSError as error:
+        raise InputError("output cannot be removed", where=folder, found=error.strerror) from None
+
+
+def _writable(folder: Path) -> None:
+    """Create a folder and make sure that it can be written, before long work begins."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(
+            "output cannot be written", where=folder, expected="a folder", found=error.strerror
+        ) from None
