@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from yarnscale.kinematics import COMPONENTS, ShellStrain
     from yarnscale.laboratory.programme import FabricTests, Programme, run_tests
     from yarnscale.numerics.newton import Status
+    from yarnscale.shell import scenes
     from yarnscale.shell.dynamics.cloth import Cloth
     from yarnscale.shell.dynamics.simulate import simulate
     from yarnscale.shell.materials.material import ShellMaterial
     from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
     from yarnscale.shell.materials.spline_material import SplineMaterial
     from yarnscale.shell.mesh import TriangleMesh
-    from yarnscale.shell.scenes import scene as scenes
     from yarnscale.shell.scenes.scene import Scene, run_scene
     from yarnscale.yarn import library as patterns
     from yarnscale.yarn.knit import knit
@@ -94,7 +94,7 @@ _HOME = {
     "run_scene": "shell.scenes.scene",
     "run_tests": "laboratory.programme",
     "sample": "homogenize.sample",
-    "scenes": "shell.scenes.scene:",
+    "scenes": "shell.scenes:",
     "settled": "cell.rest",
     "simulate": "shell.dynamics.simulate",
     "weave": "yarn.weave",
@@ -173,4 +173,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return __all__

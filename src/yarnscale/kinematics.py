@@ -8,6 +8,7 @@ from dataclasses import astuple, dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 
 COMPONENTS = ("s_x", "s_a", "s_y", "II11", "II12", "II22")
@@ -16,6 +17,7 @@ LARGEST = 1e6
 """No strain [-] or curvature [1/m] exceeds this."""
 
 
+@checked
 @dataclass(frozen=True)
 class ShellStrain:
     """Strain of a thin shell: stretches, shear and second fundamental form.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
 from yarnscale.cell.topology import crossed, jump_is_safe, linked_differently, safe_move
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
-from yarnscale.kinematics import ShellStrain
+from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.numerics.newton import Solution, Status, minimise
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
@@ -64,6 +65,12 @@ class Equilibrium:
     min_distance_over_diameter: float
     crossed: bool = False
 
+    def __repr__(self) -> str:
+        stress = ", ".join(f"{s:.4g}" for s in self.stress)
+        state = ", ".join(f"{c}={v:.4g}" for c, v in zip(COMPONENTS, astuple(self.strain), strict=True) if v)
+        found = f"{self.outcome} at {state or 'no strain'}: {self.energy_density:.4g} J/m²"
+        return f"Equilibrium({found}, stress [{stress}])"
+
     @property
     def converged(self) -> bool:
         """Whether the cell is at rest, at a minimum."""
@@ -80,6 +87,7 @@ class Equilibrium:
         return "crossed" if self.crossed else self.status.name.lower()
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class PeriodicCell:
     """One period of a pattern made of a yarn material.
@@ -104,6 +112,9 @@ class PeriodicCell:
             raise InputError("number of starts", expected="at least 1", found=self.starts)
         if not isinstance(self.material, YarnMaterial):
             object.__setattr__(self, "material", materials_of(self.pattern, self.material))
+
+    def __repr__(self) -> str:
+        return f"PeriodicCell({self.pattern!r} of {self.material_name})"
 
     @property
     def materials(self) -> tuple[YarnMaterial, ...]:
@@ -132,6 +143,7 @@ class PeriodicCell:
         energy.quadratic(start)
         energy.stress(start)
 
+    @checked
     def relax(self, strain: ShellStrain | None = None, *, start: Equilibrium | None = None) -> Equilibrium:
         """The equilibrium under a macroscopic state, from rest or from a neighbouring equilibrium.
 
@@ -353,6 +365,7 @@ class PeriodicCell:
         return (flat * radius).reshape(points, points, 3)
 
     @on_one_thread
+    @checked
     def moduli(self, state: Equilibrium) -> Array:
         """∂²Ψ/∂z² (6, 6) at an equilibrium, z = (s_x, s_a, s_y, II11, II12, II22) (theory §2).
 
@@ -360,6 +373,7 @@ class PeriodicCell:
         """
         return response(self, state).moduli
 
+    @checked
     def sensitivities(self, state: Equilibrium) -> Sensitivities:
         """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium."""
         return sensitivities(self, state)

@@ -29,6 +29,7 @@ from yarnscale.cell.rest_outcome import (
     shortened,
 )
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
@@ -55,6 +56,7 @@ SMALLEST_STEP = 1e-5
 """A step of the periods below this is none: the stress is that of a strain of 1e-5."""
 
 
+@checked
 def settled(
     pattern: YarnPattern,
     material: Materials,

@@ -101,6 +101,10 @@ class RestShape:
     moved: float
     seconds: float
 
+    def __repr__(self) -> str:
+        ratio = 100.0 * float(self.stress.ratios.max())
+        return f"RestShape({self.status.value}: {self.pattern!r}, stress {ratio:.2g} % of that at 5 % strain)"
+
     @property
     def converged(self) -> bool:
         """Whether the pattern is at rest."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.estimate.bend_fit import BendFit, fit_bending
 from yarnscale.estimate.measurements import SwatchMeasurements
@@ -47,6 +48,7 @@ class FabricShell:
         return data if self.bending is None else replace(data, bending=uniform_bending(self.bending))
 
 
+@checked
 def fit_shell(measurements: SwatchMeasurements) -> FabricShell:
     """Fit membrane and bending to everything that was measured. Raises InputError without a stretch test."""
     membrane = fit_membrane(measurements)

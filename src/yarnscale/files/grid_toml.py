@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.files.toml_text import fields_of, read_toml
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.worker import STRAINS
 
 
+@checked
 def read_grid(path: str | os.PathLike[str]) -> StrainGrid:
     """The grid of a file; InputError naming file, field (or line), expected and found for anything else."""
     content, text = read_toml(path)

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.hylc_json import hylc_material, is_hylc
@@ -45,6 +46,7 @@ UNITS = {
 ORTHOTROPIC_UNITS = {"stretch, shear, area": "N/m", "bend": "J", "density": "kg/m^2"}
 
 
+@checked
 def read_material(path: str | Path) -> SplineMaterial | OrthotropicMaterial:
     """Material of a yarnscale material file or a published HYLC JSON file, told apart by content.
 
@@ -76,6 +78,7 @@ def is_material(path: str | Path) -> bool:
     return content.get("format") == FORMAT or ("format" not in content and is_hylc(content))
 
 
+@checked
 def write_material(path: str | Path, material: ShellMaterial) -> None:
     """Write a material file whole or not at all; InputError where the target cannot be written.
 

@@ -7,6 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.toml_text import fields_of, read_toml
@@ -23,6 +24,7 @@ from yarnscale.yarn.material import (
 TOP_LEVEL = (*NUMBERS, "name", "contact", "stretch")
 
 
+@checked
 def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
     """A material by preset name or from a TOML file; InputError naming file and field for anything else."""
     if isinstance(source, str) and source in PRESETS:
@@ -74,6 +76,7 @@ def material_of_table(
         raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
 
 
+@checked
 def write_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None:
     """Write a material as TOML with every digit; whole or not at all."""
     lines = [

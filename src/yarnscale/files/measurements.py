@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.estimate.loading import CYCLES
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements, YarnComposition
@@ -31,6 +32,7 @@ _LOG_FIELDS = ("file", "direction", "run", "swatch_width_mm", "swatch_length_mm"
 _YARN_FIELDS = tuple(field.name for field in fields(YarnComposition))
 
 
+@checked
 def read_measurements(
     path: str | os.PathLike[str], *, sample: str | None = None, single_run: bool = False,
     settings: LogSettings | None = None,

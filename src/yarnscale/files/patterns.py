@@ -6,6 +6,7 @@ import os
 import re
 from pathlib import Path
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.files import pattern_json
 from yarnscale.files.chart import read_chart, read_stitches
@@ -21,6 +22,7 @@ READERS = {".pyp": read_pyp, ".json": read_pattern_json, ".chart": read_chart}
 WRITERS = (".pyp", ".json")
 
 
+@checked
 def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
     """A built-in pattern by name, or a pattern file (`.pyp`, `.json`, or a chart to draw, `.chart`;
     without a suffix, by its content).
@@ -81,6 +83,7 @@ def _format(source: str | os.PathLike[str]) -> str:
     )
 
 
+@checked
 def write_pattern(
     pattern: YarnPattern, path: str | os.PathLike[str], *, yarns: Materials | None = None
 ) -> None:

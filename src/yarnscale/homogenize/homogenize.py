@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.fit import FitOptions, FitReport, fit_spline_material, validate
 from yarnscale.homogenize.observations import InPlane
@@ -42,6 +43,7 @@ class Homogenization:
     summary: SampleSummary
 
 
+@checked
 def fit(store: SampleStore, *, options: FitOptions | None = None) -> SplineMaterial:
     """Shell material fitted to the energies and stresses of a store's converged states.
 
@@ -63,6 +65,7 @@ def fit(store: SampleStore, *, options: FitOptions | None = None) -> SplineMater
     )
 
 
+@checked
 def homogenize(
     cell: PeriodicCell,
     folder: Path,
@@ -100,7 +103,7 @@ def homogenize(
     stores, summaries = {}, []
     for name, states in planned.items():
         axes = scattered_axes(states)
-        path = folder / name
+        path = Path(folder) / name
         if resume:
             SampleStore.recover(path)
         if resume and path.exists():

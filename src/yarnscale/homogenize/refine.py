@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.adaptive import FEWEST_SCATTERED, CrossValidation, cross_validation, next_states
 from yarnscale.homogenize.fit import FitOptions
@@ -40,6 +41,7 @@ class Refinement:
     summary: SampleSummary
 
 
+@checked
 def refine(
     cell: PeriodicCell,
     store: SampleStore,

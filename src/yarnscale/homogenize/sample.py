@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.executors import DaskExecutor, dask_workers, is_loss, local_workers
 from yarnscale.homogenize.rays import ITERATES, VISITED, Ray
@@ -83,6 +84,7 @@ def _plain_material(cell: PeriodicCell) -> object:
     return entries[0] if isinstance(cell.material, YarnMaterial) else entries
 
 
+@checked
 def create_store(
     path: Path,
     cell: PeriodicCell,
@@ -99,7 +101,7 @@ def create_store(
     smaller pattern the cell holds; only told to readers of the store.
     """
     return SampleStore.create(
-        path,
+        Path(path),
         axes,
         scattered=scattered,
         vertices=len(cell.pattern.edges),
@@ -313,6 +315,7 @@ def _workers(count: int, dask: str | None, *, again: bool) -> Iterator[Executor]
         yield executor
 
 
+@checked
 def sample(
     cell: PeriodicCell,
     store: SampleStore,

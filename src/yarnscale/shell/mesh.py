@@ -56,6 +56,11 @@ class TriangleMesh:
     Raises InputError on anything that is not an oriented manifold of at least six vertices.
     """
 
+    def __repr__(self) -> str:
+        size = " × ".join(f"{extent:.3g}" for extent in np.ptp(self.panel, axis=0))
+        counts = f"{self.vertex_count} vertices, {len(self.triangles)} triangles"
+        return f"TriangleMesh({counts}, {size} m, {self.areas.sum():.3g} m²)"
+
     material: Floats
     triangles: Integers
     grain: float | Floats = 0.0

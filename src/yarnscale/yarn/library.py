@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.pattern import YarnPattern
@@ -188,6 +189,7 @@ def structure(name: str) -> Structure:
     return STRUCTURES[name]
 
 
+@checked
 def build(name: str, **parameters: object) -> YarnPattern:
     """A built-in pattern; `parameters` are those of `knit.knit` or `weave.weave` (radius in metres).
 
@@ -205,3 +207,13 @@ def parameter_names(name: str) -> tuple[str, ...]:
     """Parameters that `build` takes for a pattern."""
     signature = inspect.signature(structure(name).maker)
     return tuple(key for key, value in signature.parameters.items() if value.kind is value.KEYWORD_ONLY)
+
+
+__all__ = [
+    "STRUCTURES", "Structure", "basket_draft", "build", "herringbone_draft", "names", "parameter_names", "plain_draft",
+    "satin_draft", "structure", "twill_draft",
+]  # fmt: skip
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -143,6 +143,11 @@ class YarnMaterial:
                 "stretch must be a stretch rule", expected="StretchRule", found=repr(self.stretch)
             )
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={getattr(self, name):.4g}" for name in NUMBERS)
+        rules = "".join(f", {rule}" for rule in (self.contact.kernel, self.stretch.law) if rule != "linear")
+        return f"YarnMaterial('{self.name}', {values}{rules})"
+
     def stretch_stiffness(self, radius: float) -> float:
         """Force per relative stretch k_s = E π r² [N] of a yarn of `radius` [m]; k_s1 of a two-phase one."""
         return self.young_modulus * math.pi * radius**2

@@ -99,6 +99,12 @@ class YarnPattern:
         object.__setattr__(self, "yarn_material", material_array(self.yarn_material, len(self.yarns)))
         self._check_values()
 
+    def __repr__(self) -> str:
+        x, y = 1e3 * self.period
+        counts = f"{len(self.yarns)} yarns, {len(self.edges)} vertices"
+        size = f"period {x:.4g} × {y:.4g} mm, yarn radius {1e3 * self.radius:.3g} mm"
+        return f"YarnPattern('{self.name}': {counts}, {size})"
+
     def _check_values(self) -> None:
         check_length("radius", np.array([self.radius]))
         check_length("period", self.period)

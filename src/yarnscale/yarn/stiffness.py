@@ -7,13 +7,14 @@ reference material, so that equal materials give what one gives.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.checked import MAKERS, WrongArgument
 from yarnscale.errors import InputError
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.yarn.material import ContactRule, YarnMaterial
@@ -64,10 +65,18 @@ def materials_of(pattern: Yarns, material: Materials) -> tuple[YarnMaterial, ...
     """The materials of a pattern by their number; InputError where they do not suit it or each other."""
     if isinstance(material, YarnMaterial):
         return (material,)
+    if isinstance(material, str) or not isinstance(material, Iterable):
+        raise WrongArgument(
+            "yarn material",
+            expected=f"YarnMaterial or several ({MAKERS['YarnMaterial']})",
+            found=repr(material),
+        )
     given = tuple(material)
     for k, entry in enumerate(given):
         if not isinstance(entry, YarnMaterial):
-            raise InputError(f"material {k} is no yarn material", expected="YarnMaterial", found=repr(entry))
+            raise WrongArgument(
+                f"material {k} is no yarn material", expected="YarnMaterial", found=repr(entry)
+            )
     asked = int(pattern.material_of_vertex.max()) + 1
     if len(given) != asked:
         raise InputError(

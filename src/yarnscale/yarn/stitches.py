@@ -19,7 +19,7 @@ between the beds. On the back bed the loops are drawn towards the back: write ``
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -52,6 +52,10 @@ class StitchChart:
     @classmethod
     def read(cls, chart: Sequence[str] | str) -> StitchChart:
         """A chart from texts, of one bed or ``front|back``."""
+        if not isinstance(chart, Iterable):
+            raise InputError(
+                "chart is no text of stitches", expected="a text, or several", found=f"{chart!r:.60}"
+            )
         rows = [chart] if isinstance(chart, str) else list(chart)
         if not 1 <= len(rows) <= LARGEST_CHART:
             expected = f"1 to {LARGEST_CHART}"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
@@ -44,6 +45,7 @@ class Handle:
         return Attachment(self.vertices, self.motion.place(self.rest, time), self.stiffness)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Cloth:
     """A panel and everything that acts on it.
@@ -64,6 +66,10 @@ class Cloth:
     free_edges: FreeEdges = "extrapolate"
     stiffness_damping: float = 0.0
     air_drag: float = 0.0
+
+    def __repr__(self) -> str:
+        held = f"{len(self.handles)} handles, {len(self.obstacles)} obstacles"
+        return f"Cloth({self.mesh!r} of {self.material!r}, {held})"
 
     def __post_init__(self) -> None:
         if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.contact.crossings import CLOTH
@@ -125,6 +126,7 @@ class Run:
         return self.status is Status.CONVERGED
 
 
+@checked
 def simulate(
     solver: ClothSolver,
     start: ClothState,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ class ElementKernels(Protocol):
     def second(self) -> Kernel: ...
 
 
+@runtime_checkable
 class ElementMaterial(Protocol):
     """What the cloth solver needs of a material; ``shell.material`` describes it."""
 

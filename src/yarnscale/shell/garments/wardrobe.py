@@ -71,7 +71,7 @@ def shirt(
     for kind in angles:
         if kind not in SEAMS:
             raise InputError("seam of a shirt", expected=" or ".join(SEAMS), found=kind)
-    check_spacing(name, spacing, max(cut.width, cut.length, cut.sleeve))
+    check_spacing("front", spacing, max(cut.width, cut.length, cut.sleeve))
     rows = max(3, round(cut.armhole / spacing))
     side = max(3, round((cut.length - cut.armhole) / spacing))
     top = max(2, round((0.5 * cut.width - cut.neck) / spacing))

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -76,6 +77,12 @@ class ShellMaterial(ABC):
     def kernels(self) -> MaterialKernels:
         """Compiled energy and derivatives, the same object for every material of a kind."""
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copied and pickled by their fields: read-only mappings cannot be."""
+        values = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}  # type: ignore[arg-type]
+        plain = {name: dict(v) if isinstance(v, MappingProxyType) else v for name, v in values.items()}
+        return _built, (type(self), plain)
+
     def energy_density(self, strains: ArrayLike) -> Array:
         """ψ [J/m²], shape (...), of strains (..., 6) in the order of ``kinematics.COMPONENTS``."""
         return self._evaluate(strains, order=0)[0]
@@ -121,6 +128,10 @@ class ShellMaterial(ABC):
         else:
             kernels.second(stride, stride, forms, parameters, psi, gradient, lower)
         return psi[0, :count], gradient[:, :count], lower[:, :count]
+
+
+def _built(kind: type[ShellMaterial], values: dict[str, object]) -> ShellMaterial:
+    return kind(**values)
 
 
 def checked_strains(strains: ArrayLike) -> Array:

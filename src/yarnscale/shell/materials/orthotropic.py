@@ -83,6 +83,12 @@ class OrthotropicMaterial(ShellMaterial):
             expected = f"at least {least:g} beside the other two"
             raise InputError("bend_bias", expected=expected, found=self.bend_bias)
 
+    def __repr__(self) -> str:
+        stretch = ", ".join(
+            f"{name}={getattr(self, name):.4g}" for name in ("stretch_weft", "stretch_warp", "shear")
+        )
+        return f"OrthotropicMaterial({stretch}, bend_weft={self.bend_weft:.4g}, density={self.density:.4g})"
+
     @property
     def parameter_count(self) -> int:
         return PARAMETER_COUNT

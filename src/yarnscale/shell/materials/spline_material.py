@@ -92,6 +92,12 @@ class SplineMaterial(ShellMaterial):
         if self.density <= 0:
             raise InputError("density", expected="a positive number", found=self.density)
 
+    def __repr__(self) -> str:
+        box = ", ".join(
+            f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in zip(AXES, self.range, strict=True)
+        )
+        return f"SplineMaterial({len(self.planes)} planes; {box}; {self.density:.3g} kg/m²)"
+
     @property
     def parameter_count(self) -> int:
         return PARAMETER_COUNT if self.inside is None else INSIDE_PARAMETER_COUNT

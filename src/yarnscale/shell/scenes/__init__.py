@@ -1,1 +1,15 @@
-"""Scenes: what is set up, how long it runs and what is measured; ready ones."""
+"""Scenes of cloth: what is simulated, from where, how long, and what is measured; ready ones for any material."""
+
+from yarnscale.shell.scenes.body_scenes import scarf, sweater, t_shirt
+from yarnscale.shell.scenes.ready import READY, ready_scene
+from yarnscale.shell.scenes.scene import Scene, SceneResult, drape, run_scene, stretch
+from yarnscale.shell.scenes.sheet_scenes import drape_on_ball, hang, pull_through, twist
+
+__all__ = [
+    "READY", "Scene", "SceneResult", "drape", "drape_on_ball", "hang", "pull_through", "ready_scene", "run_scene",
+    "scarf", "stretch", "sweater", "t_shirt", "twist",
+]  # fmt: skip
+
+
+def __dir__() -> list[str]:
+    return __all__

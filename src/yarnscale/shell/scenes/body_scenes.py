@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
@@ -44,6 +45,7 @@ _WAIT = (
 )
 
 
+@checked
 def sweater(
     material: ElementMaterial,
     *,
@@ -61,6 +63,7 @@ def sweater(
     return _dressed("sweater", cut, material, spacing, duration, time_step, thickness, friction)
 
 
+@checked
 def t_shirt(
     material: ElementMaterial,
     *,
@@ -75,6 +78,7 @@ def t_shirt(
     return _dressed("tshirt", cut, material, spacing, duration, time_step, thickness, friction)
 
 
+@checked
 def scarf(
     material: ElementMaterial,
     *,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.scenes import body_scenes, scene, sheet_scenes
@@ -25,6 +26,7 @@ READY: dict[str, Callable[..., Scene]] = {
 """Scenes by name; each takes a material and, as an option, ``spacing`` [m]."""
 
 
+@checked
 def ready_scene(name: str, material: ElementMaterial, *, spacing: float | None = None) -> Scene:
     """A ready scene of a material; spacing: edge length of its triangles [m]. Raises InputError."""
     if name not in READY:

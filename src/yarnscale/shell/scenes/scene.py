@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.contact.cloth_contact import ContactSettings
@@ -41,6 +42,7 @@ BAR_GAP = SHEET - 2 * BAR_INSET - BAR_WIDTH
 """Distance between the facing edges of the bars at rest [m]; it grows by the amount of the stretch."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Something to simulate: name, cloth, first state, schedule and what to measure of the last state.
@@ -57,6 +59,9 @@ class Scene:
     measure: Measure | None = None
     may_give_way: bool = False
     notices: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Scene('{self.name}': {self.cloth!r}, {self.schedule.duration:g} s)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +80,10 @@ class SceneResult:
     intersections: int | None = None
     body_intersections: int | None = None
     unfulfilled: tuple[Unfulfilled, ...] = ()
+
+    def __repr__(self) -> str:
+        measures = ", ".join(f"{name}={value:.4g}" for name, value in self.measures.items())
+        return f"SceneResult('{self.scene.name}': {self.status.value} in {self.steps} steps; {measures})"
 
     @property
     def converged(self) -> bool:
@@ -104,6 +113,7 @@ class SceneResult:
         }
 
 
+@checked
 def run_scene(
     scene: Scene,
     *,
@@ -141,6 +151,7 @@ def run_scene(
     )
 
 
+@checked
 def stretch(
     material: ElementMaterial,
     *,
@@ -228,6 +239,7 @@ def bar_duration(travel: float) -> float:
     return 0.05 + abs(travel) / 0.1
 
 
+@checked
 def drape(
     material: ElementMaterial,
     *,

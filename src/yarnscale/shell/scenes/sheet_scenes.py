@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import MeshObstacle, Sphere
@@ -24,6 +25,7 @@ FRAME = 1.0 / 30.0
 """Time between frames [s]."""
 
 
+@checked
 def hang(material: ElementMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
     """A sheet that falls from its plane, held at two neighbouring corners 24 cm apart, and comes to rest."""
     mesh = rectangle(SHEET, SHEET, spacing)
@@ -41,6 +43,7 @@ def hang(material: ElementMaterial, *, spacing: float = SPACING, duration: float
     return Scene("hang", cloth, start, schedule, SolverOptions(), measure_sheet)
 
 
+@checked
 def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
     """The published drape (HYLC20 Fig. 17): held within 1 cm of (−0.1, ±0.1) m, over a ball of 3 cm 4 cm below."""
     mesh = rectangle(SHEET, SHEET, spacing)
@@ -61,6 +64,7 @@ def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, durati
     return Scene("drape-on-ball", cloth, start, schedule, SolverOptions(), measure_sheet)
 
 
+@checked
 def twist(
     material: ElementMaterial,
     *,
@@ -92,6 +96,7 @@ def twist(
     return Scene("twist", cloth, start, schedule, SolverOptions(), measure_sheet)
 
 
+@checked
 def pull_through(
     material: ElementMaterial,
     *,
