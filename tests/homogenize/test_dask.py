@@ -23,9 +23,12 @@ from yarnscale.errors import InputError
 from yarnscale.homogenize import executors
 from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.plan import StrainGrid
-from yarnscale.homogenize.sample import create_store, sample
+from yarnscale.homogenize.rays import Ray, strains_held
+from yarnscale.homogenize.sample import create_ray_store, create_store, sample
+from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.loads import FLAT, Loads
 from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
@@ -76,6 +79,20 @@ def cell() -> PeriodicCell:
 def write_grid(path: Path) -> Path:
     path.write_text("\n".join(f"{name} = {values.tolist()}" for name, values in GRID.axes.items()))
     return path
+
+
+def test_loads_are_sampled_as_on_this_machine(
+    cluster: tuple[str, list[int]], cell: PeriodicCell, tmp_path: Path
+) -> None:
+    rays = [
+        Ray("rest", ((Loads(), strains_held(np.zeros(6))),)),
+        Ray("tension", tuple((Loads.tension(0.5, load), FLAT) for load in (0.1, 0.4))),
+    ]
+    far = create_ray_store(tmp_path / "far", cell, rays)
+    near = create_ray_store(tmp_path / "near", cell, rays)
+    assert sample(cell, far, dask=cluster[0]).converged == sample(cell, near, workers=1).converged > 2
+    for name in ("strains", "energies", "stresses", "moduli"):
+        assert np.array_equal(getattr(FabricStates.of(far), name), getattr(FabricStates.of(near), name))
 
 
 def test_a_killed_worker_loses_nothing(
