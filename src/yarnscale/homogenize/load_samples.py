@@ -80,12 +80,14 @@ def sample_loads(
             spent.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
         stores[name] = store
     states = {name: FabricStates.of(store) for name, store in stores.items()}
-    never = CODE_OF["pending"], CODE_OF["excluded"]
-    total = sum(int((~np.isin(store.status(), never)).sum()) for store in stores.values())
+    found = sum(len(kept.energies) for kept in states.values())
     summary = SampleSummary(
-        total, sum(len(s.energies) for s in states.values()), sum(s.seconds for s in spent), spent[-1].workers,
+        found,
+        found,
+        sum(s.seconds for s in spent),
+        spent[-1].workers,
         max(s.peak_worker_megabytes for s in spent),
-    )  # fmt: skip
+    )
     return LoadSamples(states["samples"], states["unseen"], stores["samples"], summary)
 
 

@@ -254,23 +254,23 @@ class SampleStore:
 
     def write(self, index: int, result: Mapping[str, object]) -> None:
         """Store one finished state; ``status`` goes last, so that a state is there whole or not at all."""
-        for name, (entry, shape) in self._fields.items():
-            array = np.asarray(result[name], dtype=np.dtype(entry.dtype), order="C")
+        for name, (_, shape) in self._fields.items():
+            array = np.asarray(result[name])
             if array.shape != shape:
                 raise ValueError(f"{name}: expected shape {shape}, found {array.shape}")
-            target = self._chunk(name, index, len(shape))
-            target.parent.mkdir(parents=True, exist_ok=True)
-            building = target.with_name(f"{target.name}.{os.getpid()}.building")
-            building.write_bytes(array.tobytes())
-            os.replace(building, target)
+            self._write(index, name, array)
 
-    def write_excluded(self, index: int) -> None:
-        """Mark a state as one that is never solved: it bends about both axes, or its ray needs it no more."""
-        empty = {
-            name: np.full(shape, np.nan) for name, (_, shape) in self._fields.items() if name != "status"
-        }
-        excluded = next(code for code, name in STATUS_CODES.items() if name == "excluded")
-        self.write(index, empty | {"iterations": 0, "seconds": 0.0, "status": excluded})
+    def _write(self, index: int, name: str, array: NDArray) -> None:
+        entry, shape = self._fields[name]
+        target = self._chunk(name, index, len(shape))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        building = target.with_name(f"{target.name}.{os.getpid()}.building")
+        building.write_bytes(np.asarray(array, np.dtype(entry.dtype), order="C").tobytes())
+        os.replace(building, target)
+
+    def write_empty(self, index: int, status: int) -> None:
+        """Give a state a status and no values: it bends about both axes, or its ray does not need or reach it."""
+        self._write(index, "status", np.array(status))
 
     def discard_unfinished(self) -> None:
         """Remove what a killed run was writing; nothing of it counts."""
@@ -279,9 +279,12 @@ class SampleStore:
                 leftover.unlink(missing_ok=True)
 
     def read(self, index: int, name: str) -> NDArray:
-        """One array of one finished state."""
+        """One array of one finished state; its fill value where the state has a status and no values."""
         entry, shape = self._fields[name]
-        raw = self._chunk(name, index, len(shape)).read_bytes()
+        try:
+            raw = self._chunk(name, index, len(shape)).read_bytes()
+        except FileNotFoundError:
+            return np.full(shape, entry.fill, np.dtype(entry.dtype))
         return np.frombuffer(raw, np.dtype(entry.dtype)).reshape(shape)
 
     def dataset(self) -> xarray.Dataset:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from yarnscale.homogenize.worker import CODE_OF, LoadedStart, Start, climb, solv
 from yarnscale.kinematics import ShellStrain
 
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
-_CONVERGED, _EXCLUDED = CODE_OF["converged"], CODE_OF["excluded"]
+_CONVERGED, _STALLED, _EXCLUDED = (CODE_OF[name] for name in ("converged", "stalled", "excluded"))
 
 
 class GridUnits:
@@ -26,7 +26,7 @@ class GridUnits:
         self.status = store.status()
         twice = bends_twice(store.states)
         for index in np.flatnonzero(twice & (self.status == 0)):
-            store.write_excluded(int(index))
+            store.write_empty(int(index), _EXCLUDED)
             self.status[index] = _EXCLUDED
         self.done = set(np.flatnonzero(self.status != 0).tolist())
         self.total = self.solved = int((~twice).sum())
@@ -75,7 +75,8 @@ class RayUnits:
     """Levels of rays; each starts from the level before, the first one from rest, the first ray, or another state.
 
     The states of a level are written in order and the last place of a level, filled or not, at the end: a level
-    without it is done again as a whole. A level that finds no state ends its ray.
+    without it is done again as a whole. A level that needs no step, and so has no state, is passed over; one on which
+    the fabric gives way has a place that is ``stalled``, and ends its ray.
     """
 
     def __init__(self, store: SampleStore) -> None:
@@ -83,7 +84,12 @@ class RayUnits:
         self.rays = [Ray.from_plain(entry) for entry in store.rays]
         _, self.levels, self.iterates = store.shape
         self.status = store.status().reshape(-1, self.iterates)
-        self.units = [r * self.levels + k for r, ray in enumerate(self.rays) for k in range(len(ray.levels))]
+        real = [len(ray.levels) for ray in self.rays]
+        for ray, count in enumerate(real):
+            for unit in range(ray * self.levels + count, (ray + 1) * self.levels):
+                if self.status[unit, -1] == 0:
+                    self._write(unit, [])
+        self.units = [ray * self.levels + level for ray, count in enumerate(real) for level in range(count)]
         self.total = len(self.units)
         self.lost: set[int] = set()
 
@@ -93,26 +99,28 @@ class RayUnits:
         return sorted(left, key=lambda unit: (unit % self.levels, unit))
 
     def _before(self, unit: int) -> int | None:
-        """The level that a level starts from; None for the state of rest."""
+        """The level that a level comes after; None for the state of rest."""
         if unit == 0:
             return None
         ray, level = divmod(unit, self.levels)
         return unit - 1 if level else self.rays[ray].origin // self.iterates
 
     def ready(self, unit: int) -> bool:
-        """Whether what the level starts from is done, or will not be."""
+        """Whether the level before is done, or will not be."""
         before = self._before(unit)
         return before is None or self.status[before, -1] != 0 or before in self.lost
 
     def settled(self, unit: int) -> bool:
         """Whether the ray ended before this level; its places are marked then."""
-        before = self._before(unit)
-        if before is None or (self.status[before] == _CONVERGED).any():
-            return False
-        if before in self.lost:
+        level = unit % self.levels
+        earlier = [before for before in range(unit - level, unit)] if level else [self._before(unit)]
+        if self.lost.intersection(earlier):
             self.lost.add(unit)
-        else:
-            self._write(unit, [])
+            return True
+        ended = level > 0 and (self.status[earlier] == _STALLED).any()
+        if unit == 0 or not (ended or self._last_state(unit) is None):
+            return False
+        self._write(unit, [])
         return True
 
     def task(self, unit: int) -> Task:
@@ -120,42 +128,53 @@ class RayUnits:
         ray, level = divmod(unit, self.levels)
         return climb, (*self.rays[ray].levels[level], self._start(unit), self.iterates)
 
-    def _start(self, unit: int) -> LoadedStart | None:
+    def _states_before(self, unit: int) -> Iterator[int]:
+        """Converged states on the way to a level, the last one first."""
         before = self._before(unit)
-        if before is None:
+        first = self.rays[unit // self.levels].origin if unit % self.levels == 0 else None
+        while before is not None:
+            for place in np.flatnonzero(self.status[before] == _CONVERGED)[::-1]:
+                index = before * self.iterates + int(place)
+                if first is None or index <= first:
+                    yield index
+            first = self.rays[before // self.levels].origin if before % self.levels == 0 else None
+            before = self._before(before)
+
+    def _last_state(self, unit: int) -> int | None:
+        return next(self._states_before(unit), None)
+
+    def _start(self, unit: int) -> LoadedStart | None:
+        last = self._last_state(unit)
+        if last is None:
             return None
-        last = before * self.iterates + int(np.flatnonzero(self.status[before] == _CONVERGED)[-1])
-        if unit % self.levels == 0 and self.rays[unit // self.levels].origin:
-            last = self.rays[unit // self.levels].origin
         read = self.store.read
         return LoadedStart(
             ShellStrain.from_vector(read(last, "strain")), read(last, "fluctuation"), read(last, "twist"),
-            float(read(last, "energy_density")), read(last, "stress"), self._known_moduli(before),
+            float(read(last, "energy_density")), read(last, "stress"), self._known_moduli(unit),
         )  # fmt: skip
 
-    def _known_moduli(self, unit: int | None) -> np.ndarray:
-        """The last moduli on the way to the end of a level; NaN where there are none."""
-        while unit is not None:
-            for place in np.flatnonzero(self.status[unit] == _CONVERGED)[::-1]:
-                moduli = self.store.read(unit * self.iterates + int(place), "moduli")
-                if np.isfinite(moduli).all():
-                    return moduli
-            unit = self._before(unit)
+    def _known_moduli(self, unit: int) -> np.ndarray:
+        """The last moduli on the way to a level; NaN where there are none."""
+        for index in self._states_before(unit):
+            moduli = self.store.read(index, "moduli")
+            if np.isfinite(moduli).all():
+                return moduli
         return np.full((6, 6), np.nan)
 
-    def keep(self, unit: int, result: list[dict[str, object]]) -> None:
+    def keep(self, unit: int, result: tuple[list[dict[str, object]], bool]) -> None:
         """Store what a worker has found."""
-        self._write(unit, result)
+        self._write(unit, *result)
 
-    def _write(self, unit: int, found: list[dict[str, object]]) -> None:
+    def _write(self, unit: int, found: list[dict[str, object]], ended: bool = False) -> None:
         for place in range(self.iterates):
             index = unit * self.iterates + place
             if place < len(found):
                 self.store.write(index, found[place])
                 self.status[unit, place] = found[place]["status"]
             else:
-                self.store.write_excluded(index)
-                self.status[unit, place] = _EXCLUDED
+                empty = _STALLED if ended and place == len(found) else _EXCLUDED
+                self.store.write_empty(index, empty)
+                self.status[unit, place] = empty
 
     def give_up(self, unit: int) -> None:
         """Leave a level pending that workers died of; its ray ends there for now."""
@@ -164,7 +183,7 @@ class RayUnits:
     @property
     def solved(self) -> int:
         """States that were solved."""
-        return int(((self.status != 0) & (self.status != _EXCLUDED)).sum())
+        return self.converged
 
     @property
     def converged(self) -> int:

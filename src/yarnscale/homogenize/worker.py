@@ -112,7 +112,7 @@ def solve(
     return record(equilibrium) | extra, _peak_megabytes()
 
 
-LEVEL_TOLERANCE, LEVEL_FLOOR = 0.25, 5e-4
+LEVEL_TOLERANCE, LEVEL_FLOOR = 0.25, 2e-4
 """Load that may be missing where the next level begins, as a part of its own or [N/m]: samples need not be round."""
 LEVEL_STEP = 0.24
 """Largest change of a scaled strain between the samples of a level."""
@@ -122,14 +122,15 @@ BENT_ENOUGH = 0.25
 
 def climb(
     cell: PeriodicCell, loads: Loads, held: Held, start: LoadedStart | None, iterates: int
-) -> tuple[list[dict[str, object]], float]:
-    """Equilibria on the way from a start to loads, at most ``iterates``: their records, and peak memory [MB].
+) -> tuple[tuple[list[dict[str, object]], bool], float]:
+    """Equilibria on the way from a start to loads, at most ``iterates``: their records, whether the ray ends there
+    because the fabric gives way or is rolled up, and peak memory [MB].
 
     Every step of the macroscopic Newton method is an equilibrium of the yarns, and so a sample.
     """
     found: list[dict[str, object]] = []
     if start is not None and np.abs(start.strain.vector[3:]).max() * cell.pattern.radius > BENT_ENOUGH:
-        return found, _peak_megabytes()
+        return (found, True), _peak_megabytes()
 
     def keep(response: Response, moduli: Array) -> None:
         found.append(record(response.state) | {"strain": response.strain, "moduli": moduli})
@@ -138,11 +139,11 @@ def climb(
     if start is not None:
         there = Response(start.strain.vector, start.energy, start.stress, state=start)
         before = LoadedState(there, start.moduli, 0.0, True, Status.CONVERGED, 0)
-    equilibrium_under(
+    outcome = equilibrium_under(
         CellFabric(cell), loads, held=held, start=before, tolerance=LEVEL_TOLERANCE, floor=LEVEL_FLOOR,
         radius=LEVEL_STEP, max_iterations=iterates, visit=keep,
     )  # fmt: skip
-    return found, _peak_megabytes()
+    return (found, outcome.status in (Status.STALLED, Status.INVALID)), _peak_megabytes()
 
 
 def _peak_megabytes() -> float:
