@@ -6,7 +6,7 @@ Lengths are counted in yarn radii, energies in the unit of the cell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,8 @@ class Contacts:
     """Pairs listed at the fluctuation ``built_at`` (n, 3), and their stencils.
 
     first, second: primary segment and copied segment of every pair (N,). unknowns: (N, 12) free unknowns behind the
-    stencils' variables. slots: where their Hessian goes, once that is known.
+    stencils' variables. slots: where their Hessian goes, once that is known; covered: (N,) which pairs have
+    a place there.
     """
 
     first: Indices
@@ -41,6 +42,7 @@ class Contacts:
     stencils: StencilSet
     unknowns: Indices
     slots: NDArray[np.int32] | None = None
+    covered: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
 
 
 class ContactList:

@@ -21,6 +21,7 @@ from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
+from yarnscale.numerics.null_space import Chain, ChainConstraints
 from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.neighbours import Images, pair_gaps, safe_fraction
 from yarnscale.yarn.pattern import YarnPattern
@@ -30,6 +31,10 @@ from yarnscale.yarn.stiffness import Materials, PatternStiffness
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+LARGE = 400
+"""Vertices beyond which factors decide what an iteration costs."""
+TIGHT_MARGIN = 0.1
+"""How much farther than they touch pairs have a place in the matrix of a large cell [r]."""
 STEP_LIMIT = 0.3
 """Largest move of a vertex in one step [r]."""
 TWIST_LIMIT = 1.0
@@ -88,6 +93,22 @@ def constraint_rows(pattern: YarnPattern, sliding: bool) -> Array:
     return np.array(rows)
 
 
+def constraint_chains(pattern: YarnPattern, sliding: bool) -> ChainConstraints:
+    """The constraints of ``constraint_rows`` with each yarn as a chain of its own vertices."""
+    n = len(pattern.edges)
+    weight, length = pattern.voronoi_length / pattern.radius, pattern.rest_length / pattern.radius
+    moves = weight[:, None] * vertex_tangents(pattern)
+    everywhere = np.zeros((3, 4 * n))
+    for axis in range(3):
+        everywhere[axis, axis : 3 * n : 3] = weight
+    chains = [Chain(n + yarn, length[yarn, None]) for yarn in pattern.yarns]
+    if not sliding:
+        chains += [Chain(yarn, moves[yarn]) for yarn in pattern.yarns]
+    sizes = np.concatenate([np.full(n, 3), np.ones(n, np.int64)])
+    places = np.mod(pattern.vertices[:, :2], pattern.period)
+    return ChainConstraints(sizes, chains, everywhere, np.concatenate([places, places]))
+
+
 @dataclass(eq=False)
 class CellModel:
     """H + shift·D of a cell, D scaled separately for positions and twists."""
@@ -117,7 +138,7 @@ class CellEnergy:
     sliding: bool = False
     symmetric: bool = False
     nodes: CopiedNodes = field(init=False)
-    constraints: LinearConstraints = field(init=False)
+    constraints: LinearConstraints | ChainConstraints = field(init=False)
     residual_scale: float = field(init=False, default=1.0)
 
     def __post_init__(self) -> None:
@@ -126,6 +147,7 @@ class CellEnergy:
         self.unit = self.stiffness.unit
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
+        self._large = n > LARGE
         self._rings = self._rings_within(SLACK)
         self.images = Images.of(pattern, self._rings)
         self.reference = self.placed(self.images)
@@ -223,8 +245,10 @@ class CellEnergy:
         )
         return tangent, carried, slope @ np.concatenate(inputs, axis=1)
 
-    def _constraints(self) -> LinearConstraints:
-        """Rows of ``constraint_rows``, made independent of each other."""
+    def _constraints(self) -> LinearConstraints | ChainConstraints:
+        """Rows of ``constraint_rows``, made independent of each other; of large cells, as chains."""
+        if self._large:
+            return constraint_chains(self.pattern, self.sliding)
         rows = constraint_rows(self.pattern, self.sliding)
         matrix = _independent(rows / np.linalg.norm(rows, axis=1)[:, None])
         return LinearConstraints(matrix, np.zeros(len(matrix)))
@@ -233,16 +257,43 @@ class CellEnergy:
         return full[: 3 * len(self.nodes.source)].reshape(-1, 3)
 
     def _block_pattern(self, contacts: Contacts, full: Array) -> BlockPattern:
-        """The matrix pattern, made anew only where a new contact list does not fit into it."""
+        """The matrix pattern, made anew only where contacts do not fit into it.
+
+        Of a large cell it has only pairs that touch or nearly do: factors cost more than patterns.
+        """
+        if self._large:
+            return self._tight_pattern(contacts, full)
         if contacts.slots is None:
             if self._pattern is None or not self._pattern.covers(contacts.unknowns):
                 wide = self.contact_list.unknowns_ahead(self._positions(full))
-                groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
-                self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, contacts.unknowns, wide])
-                self._rod_slots = [self._pattern.slots(u) for u in self._rod_unknowns]
+                self._lay_out([contacts.unknowns, wide])
+            assert self._pattern is not None
             contacts.slots = self._pattern.slots(contacts.unknowns)
         assert self._pattern is not None
         return self._pattern
+
+    def _tight_pattern(self, contacts: Contacts, full: Array) -> BlockPattern:
+        ends, touch = self.images.segment_end, contact_reach(self.stiffness.rule)
+        gaps = pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
+        if self._pattern is not None and contacts.slots is None:
+            self._place(contacts)
+        if contacts.slots is None or (~contacts.covered & (gaps < touch)).any():
+            self._lay_out([contacts.unknowns[gaps < touch + TIGHT_MARGIN]])
+            self._place(contacts)
+        assert self._pattern is not None
+        return self._pattern
+
+    def _place(self, contacts: Contacts) -> None:
+        """Slots of the pairs that the pattern covers."""
+        assert self._pattern is not None
+        contacts.covered = self._pattern.covered(contacts.unknowns)
+        contacts.slots = self._pattern.slots(np.where(contacts.covered[:, None], contacts.unknowns, -1))
+
+    def _lay_out(self, contacts: list[Indices]) -> None:
+        """A new pattern of the rods and of the unknowns of contacts (N, 12) each."""
+        groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
+        self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, *contacts])
+        self._rod_slots = [self._pattern.slots(u) for u in self._rod_unknowns]
 
     def contacts(self, free: Array, full: Array) -> Contacts:
         """Contact stencils valid at the free vector and its full vector."""
@@ -314,8 +365,7 @@ class CellEnergy:
         u = np.zeros((self.count, 3)) if fluctuation is None else fluctuation
         theta = self.pattern.twist if twist is None else twist
         free = np.concatenate([u.ravel(), theta])
-        matrix = self.constraints.matrix
-        return free - matrix.T @ np.linalg.solve(matrix @ matrix.T, matrix @ free)
+        return self.constraints.project(free)
 
     def parts(self, x: Array) -> dict[str, float]:
         """Energy of stretch, bending with twist, and contact [J/m²]."""

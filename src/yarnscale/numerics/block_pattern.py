@@ -42,11 +42,17 @@ class BlockPattern:
     def of(cls, group_sizes: Indices, unknowns: list[Indices]) -> BlockPattern:
         """Pattern of stencils: each array (N, k) holds unknowns that meet (−1: fixed)."""
         groups = len(group_sizes)
+        group = np.repeat(np.arange(groups), group_sizes)
+        return cls.from_keys(group_sizes, np.concatenate([_met(group, rows, groups) for rows in unknowns]))
+
+    @classmethod
+    def from_keys(cls, group_sizes: Indices, keys: Indices) -> BlockPattern:
+        """Pattern of blocks ``column·g + row`` ≥ the diagonal, in any order and as often as they like."""
+        groups = len(group_sizes)
         first = np.zeros(groups + 1, np.int64)
         np.cumsum(group_sizes, out=first[1:])
         group = np.repeat(np.arange(groups), group_sizes)
-        met = [_met(group, rows, groups) for rows in unknowns]
-        keys = np.unique(np.concatenate([np.arange(groups) * (groups + 1), *met]))
+        keys = np.unique(np.concatenate([np.arange(groups) * (groups + 1), keys]))
         columns, rows = np.divmod(keys, groups)
         starts = np.searchsorted(columns, np.arange(groups + 1))
         offsets = np.empty(len(keys), np.int32)
@@ -68,7 +74,11 @@ class BlockPattern:
 
     def covers(self, unknowns: Indices) -> bool:
         """Whether all pairs of these stencils' unknowns, (N, k), lie in the pattern."""
-        return bool(_covered(self.starts, self.rows, self.group, unknowns))
+        return bool(self.covered(unknowns).all())
+
+    def covered(self, unknowns: Indices) -> NDArray[np.bool_]:
+        """Of which stencils, (N, k), all pairs of unknowns lie in the pattern."""
+        return _covered_each(self.starts, self.rows, self.group, unknowns)
 
     def slots(self, unknowns: Indices) -> NDArray[np.int32]:
         """Where a stencil's Hessian entries go: (blocks, n(n+1)/2, BLOCK).
@@ -120,7 +130,7 @@ def _distinct(group, unknowns, own):
 
 
 @numba.njit(**_JIT)
-def _block(starts, rows, column, row):
+def find_block(starts, rows, column, row):
     """Which block of a column group is the given row group; −1: none."""
     low, high = starts[column], starts[column + 1]
     while low < high:
@@ -133,15 +143,16 @@ def _block(starts, rows, column, row):
 
 
 @numba.njit(**_JIT)
-def _covered(starts, rows, group, unknowns):
+def _covered_each(starts, rows, group, unknowns):
     own = np.empty(unknowns.shape[1], np.int64)
+    covered = np.ones(unknowns.shape[0], np.bool_)
     for e in range(unknowns.shape[0]):
         distinct = _distinct(group, unknowns[e], own)
         for a in range(distinct):
             for b in range(a):
-                if _block(starts, rows, min(own[a], own[b]), max(own[a], own[b])) < 0:
-                    return False
-    return True
+                if find_block(starts, rows, min(own[a], own[b]), max(own[a], own[b])) < 0:
+                    covered[e] = False
+    return covered
 
 
 @numba.njit(**_JIT)
@@ -179,7 +190,7 @@ def _fill_slots(starts, rows, offsets, group, first, column_starts, unknowns, sl
         distinct = _distinct(group, unknowns[e], own)
         for a in range(distinct):
             for b in range(a + 1):
-                block = _block(starts, rows, min(own[a], own[b]), max(own[a], own[b]))
+                block = find_block(starts, rows, min(own[a], own[b]), max(own[a], own[b]))
                 if block < 0:
                     return False
                 offset[a, b] = offset[b, a] = offsets[block]

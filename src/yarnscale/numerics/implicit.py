@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
+from yarnscale.numerics.kkt import QuadraticModel
+from yarnscale.numerics.newton import Constraints, linear_solver
 
 Array = NDArray[np.float64]
 
@@ -20,14 +21,14 @@ class ConstrainedInverse:
     def __init__(
         self,
         model: QuadraticModel,
-        constraints: LinearConstraints | None = None,
+        constraints: Constraints | None = None,
         *,
         shift: float = 1e-8,
         backend: str | None = None,
     ) -> None:
         """shift: smallest regularisation; raised until the factorisation succeeds, and undone by refinement."""
         self._model, self._constraints = model, constraints
-        self._solver = ConstrainedSolver(constraints, backend)
+        self._solver = linear_solver(constraints, backend)
         self._exact = model.values(0.0)
         while not self._solver.factorise(model, shift):
             shift = max(10.0 * shift, 1e-12)

@@ -17,9 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
+from yarnscale.numerics.null_space import ChainConstraints, NullSpaceSolver
 from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
 
 Array = NDArray[np.float64]
+Constraints = LinearConstraints | SparseConstraints | ChainConstraints
+LinearSolver = ConstrainedSolver | SaddleSolver | NullSpaceSolver
 
 
 class Status(enum.Enum):
@@ -118,7 +121,7 @@ def minimise(
     objective: Objective,
     start: Array,
     *,
-    constraints: LinearConstraints | SparseConstraints | None = None,
+    constraints: Constraints | None = None,
     bound: Bound | None = None,
     after_step: Callable[[Array], None] | None = None,
     tolerance: float = 1e-6,
@@ -128,7 +131,7 @@ def minimise(
     backtracks: int = 6,
     check_minimum: bool = True,
     backend: str | None = None,
-    linear: ConstrainedSolver | SaddleSolver | None = None,
+    linear: LinearSolver | None = None,
 ) -> Solution:
     """Minimise ``objective`` from ``start`` (n,) under linear constraints.
 
@@ -142,22 +145,23 @@ def minimise(
     """
     return _Minimisation(
         objective, constraints, bound, after_step, tolerance, enough, max_iterations, shift or ShiftRule(), backtracks,
-        check_minimum, linear if linear is not None else _linear_solver(constraints, backend),
+        check_minimum, linear if linear is not None else linear_solver(constraints, backend),
     ).run(np.array(start, dtype=np.float64))  # fmt: skip
 
 
-def _linear_solver(
-    constraints: LinearConstraints | SparseConstraints | None, backend: str | None
-) -> ConstrainedSolver | SaddleSolver:
+def linear_solver(constraints: Constraints | None, backend: str | None) -> LinearSolver:
+    """The solver of KKT systems that suits the constraints."""
     if isinstance(constraints, SparseConstraints):
         return SaddleSolver(constraints)
+    if isinstance(constraints, ChainConstraints):
+        return NullSpaceSolver(constraints, backend)
     return ConstrainedSolver(constraints, backend)
 
 
 @dataclass
 class _Minimisation:
     objective: Objective
-    constraints: LinearConstraints | SparseConstraints | None
+    constraints: Constraints | None
     bound: Bound | None
     after_step: Callable[[Array], None] | None
     tolerance: float
@@ -166,7 +170,7 @@ class _Minimisation:
     rule: ShiftRule
     backtracks: int
     check_minimum: bool
-    linear: ConstrainedSolver | SaddleSolver
+    linear: LinearSolver
     shift: float = 0.0
     history: list[tuple[float, float]] = field(default_factory=list)
     escapes: int = 0
