@@ -192,7 +192,7 @@ def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None
     captions = ("Moments of the run, bodies where they are.", "At the end.")
     section = Section(
         "Cloth",
-        _unfulfilled(result),
+        [*(f"Note: {notice}." for notice in result.scene.notices), *_unfulfilled(result)],
         [Table(["", "value"], list(numbers.items())), *([Table(columns, off)] if off else [])],  # type: ignore[arg-type]
         [Picture(path, caption, True) for path, caption in zip(pictures, captions, strict=True)],
     )
@@ -200,7 +200,7 @@ def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None
         folder / "index.html",
         f"Cloth: {result.scene.name}",
         [section],
-        summary=f"Status: {result.status.value}.",
+        summary=f"Status: {result.status.value}{', motions not carried out' * bool(off)}.",
     )
 
 
