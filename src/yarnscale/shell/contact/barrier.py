@@ -22,8 +22,9 @@ class ContactSettings:
 
     thickness: distance [m] at which repulsion begins; pressure: [Pa] at half the thickness; self_contact:
     whether the cloth meets itself; friction: Coulomb coefficient; slip: slip over the length of a step [m/s] from which
-    friction is full; holding_force: with which each point of a moving obstacle is held in its place at most [N] (the centre of a
-    ball, a vertex of a mesh): where cloth is pinched harder than that, the obstacle gives way. Raises InputError.
+    friction is full; holding_force: with which each point of a moving obstacle is held in its place at most [N] (the
+    centre of a ball, a vertex of a mesh): where cloth is pinched harder than that, the obstacle gives way. Raises
+    InputError.
     """
 
     thickness: float = 1e-3
