@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface
 from yarnscale.files.curve_frames import CurveSet
+from yarnscale.files.tube_sweep import TubeSweep
 from yarnscale.shell.mesh import rectangle
 from yarnscale.show import theme
 from yarnscale.show.canvas import PicturesUnavailable, require_renderer
-from yarnscale.show.movie import Film, largest_stretch, playing_order, vertex_stretch
+from yarnscale.show.movie import Film, largest_stretch, playing_order, vertex_stretch, write_movie
+from yarnscale.show.seen_tubes import seen_tubes
 
 MESH = rectangle(0.1, 0.1, 0.02)
 SURFACE = Surface(MESH.triangles, MESH.material, MESH.corners)
@@ -100,6 +104,38 @@ def test_yarns_are_drawn_instead_of_the_cloth(drawing: None) -> None:
         picture = film.pixels(0).astype(int)
     assert _angle(picture[75, 100], 255 * theme.yarn_colour(0)) < 0.1
     assert (picture[75, 100] < 200).any() and (picture[130, 100] > 250).all()
+
+
+def test_an_interrupted_film_keeps_what_was_drawn(drawing: None, tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    animation = Animation(np.array([0, 0.1, 0.2]), flipping, SURFACE)
+
+    def stop(done: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    path = tmp_path / "film.mp4"
+    with pytest.raises(KeyboardInterrupt, match=r"film.mp4 holds 2 of 3 frames"):
+        write_movie(path, animation, fps=10, size=(200, 150), on_frame=stop)
+    with av.open(str(path)) as film:
+        assert sum(1 for _ in film.decode(video=0)) == 1
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_yarns_from_afar_take_few_vertices_and_keep_their_width(drawing: None) -> None:
+    angles = np.linspace(0, 60, 600)
+    points = np.column_stack([0.02 * angles / 60, 1e-3 * np.sin(angles), 1e-3 * np.cos(angles)])
+    curves = CurveSet([0, 600], 1e-3)
+    far, near = (seen_tubes(curves, points, scale)[0] for scale in (500.0, 50_000.0))
+    assert far.sides == 3 and near.sides == 20
+    assert 5 * far.curves.point_count < near.curves.point_count <= 600
+    straight = CurveSet([0, 2], 1e-3)
+    for sides in (3, 4, 8, 20):
+        ring = TubeSweep(straight, sides=sides).surface(np.array([[0.0, 0, 0], [0, 0, 1]]), straight.radii)
+        vertices = ring[0][:sides]
+        round_ = np.linspace(0, np.pi, 721)
+        widths = np.ptp(vertices[:, :2] @ np.stack([np.cos(round_), np.sin(round_)]), axis=0)
+        assert widths.mean() == pytest.approx(2e-3, rel=1e-3)
 
 
 def test_nothing_to_draw_is_an_error() -> None:

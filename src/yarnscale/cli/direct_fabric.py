@@ -26,6 +26,7 @@ from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
+from yarnscale.files.body_surface import ball
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
@@ -142,7 +143,9 @@ def simulate_direct(
     dynamics = FabricDynamics(*parts) if within is None else VolumeDynamics(*parts, volume=within)
     method = "explicit" if options.explicit else "implicit"
     with results:
-        run = _run(dynamics, MotionSchedule(options.duration, options.time_step, method=method), options)
+        run = _run(
+            dynamics, MotionSchedule(options.duration, options.time_step, method=method), scene, options
+        )
     done = run.status.name == "CONVERGED" and (options.may_give_way or not run.unfulfilled)
     return {**counts, **_summary(energy, scene, run, led=options.explicit)}, done
 
@@ -154,12 +157,18 @@ def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
     return drape(sheet) if options.scene == "drape" else hang(sheet)
 
 
-def _run(dynamics: FabricDynamics, schedule: MotionSchedule, options: argparse.Namespace) -> DirectRun:
+def _run(
+    dynamics: FabricDynamics, schedule: MotionSchedule, scene: SheetScene, options: argparse.Namespace
+) -> DirectRun:
     energy, sheet = dynamics.energy, dynamics.energy.sheet
     # A colour for every yarn of the sheet, in a knitted piece for every kind of yarn.
     colour = sheet.yarn_material if options.border == "knitted" else None
     curves = CurveSet(sheet.offsets, sheet.radius, closed=sheet.closed, yarn=colour)
-    folder = CurveFolder(options.out, curves)
+    bodies = None
+    if scene.ball is not None:
+        vertices, triangles = ball()
+        bodies = np.array(scene.ball[0]) + scene.ball[1] * vertices, triangles
+    folder = CurveFolder(options.out, curves, bodies=bodies)
 
     def frame(number: int, motion: FabricMotion) -> None:
         folder.write(number, energy.positions(motion.x) * sheet.radius, motion.time)

@@ -24,6 +24,7 @@ from scipy.spatial import KDTree
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogenize.plan import StrainGrid
+from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, STRAINS
 from yarnscale.yarn.pattern import YarnPattern
@@ -36,6 +37,8 @@ CURVATURE = 0.08
 """Sampled by default: s_x and s_y, s_a, and curvature times yarn radius, either way."""
 LARGEST_TABLE = 300_000_000
 """Bytes up to which a table that needs no solves is made fine."""
+_TABLED = [0, 1, 2, 3, 5]
+"""Components of strain that a table has axes for: all but the twist II12."""
 _BEND_SIZE = 0.2
 """Curvature times yarn radius that counts as much as a strain of one."""
 
@@ -112,9 +115,9 @@ class FluctuationTable:
 
 @dataclass(frozen=True, eq=False)
 class ScatteredFluctuations:
-    """û (m, 3n) [m] at scattered states (m, 5), interpolated by radial basis functions |Δ| and a linear polynomial.
+    """û (m, 3n) [m] at scattered strains (m, 6), interpolated by radial basis functions |Δ| and a linear polynomial.
 
-    size: (5,) by which distances of states are counted.
+    Components in the order of ``kinematics.COMPONENTS``. size: (6,) by which distances of states are counted.
     """
 
     states: Floats
@@ -129,9 +132,9 @@ class ScatteredFluctuations:
             raise InputError(
                 "samples for yarns on cloth", where=store.path, expected="a converged state", found="none"
             )
-        states, first = np.unique(store.states[good], axis=0, return_index=True)
+        states, first = np.unique(FabricStates.of(store).strains, axis=0, return_index=True)
         values = np.stack([store.read(int(i), "fluctuation").ravel() for i in good[first]])
-        return cls(states, values, np.array([1.0, 1.0, 1.0, _BEND_SIZE / radius, _BEND_SIZE / radius]))
+        return cls(states, values, np.array([1.0] * 3 + [_BEND_SIZE / radius] * 3))
 
     def axes(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Axes of a table: the usual ones in the range of the states, its ends, and what lies half-way.
@@ -140,7 +143,7 @@ class ScatteredFluctuations:
         """
         bend = CURVATURE * self.size[3] / _BEND_SIZE
         usual = (STRETCHES, SHEARS, STRETCHES, (-bend, 0.0, bend), (-bend, 0.0, bend))
-        low, high = self.states.min(axis=0), self.states.max(axis=0)
+        low, high = (limit[_TABLED] for limit in (self.states.min(axis=0), self.states.max(axis=0)))
 
         def within(axes: Sequence[Sequence[float] | Floats]) -> list[Floats]:
             clipped = (np.clip(u, lo, hi) for u, lo, hi in zip(axes, low, high, strict=True))
@@ -155,7 +158,7 @@ class ScatteredFluctuations:
 
     @cached_property
     def _varying(self) -> NDArray[np.bool_]:
-        """Which of the five differ among the states."""
+        """Which components differ among the states."""
         return np.ptp(self.states, axis=0) > 0.0
 
     @cached_property
@@ -168,7 +171,9 @@ class ScatteredFluctuations:
             return RBFInterpolator(known, self.values, kernel="linear", degree=0)
 
     def at(self, states: Floats) -> Floats:
-        """û at states (k, 5), (k, 3n) [m]."""
+        """û at states (k, 6), or (k, 5) without twist II12; (k, 3n) [m]."""
+        if states.shape[1] == len(_TABLED):
+            states = np.insert(states, 4, 0.0, axis=1)
         if not self._varying.any():
             return np.repeat(self.values[:1], len(states), axis=0)
         return self._interpolant((states / self.size)[:, self._varying])

@@ -113,11 +113,7 @@ def aim(
     camera: a name of ``CAMERAS`` or the direction from the object to the eye (3,).
     aspect: width by height of the picture; None takes that of the window.
     """
-    eye, up = _view(camera)
-    back = eye / np.linalg.norm(eye)
-    right = np.cross(up, back)
-    right /= np.linalg.norm(right)
-    frame = np.stack([right, np.cross(back, right), back])
+    frame = view_axes(camera)
     seen = np.asarray(points) @ frame.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent = np.maximum(high - low, 1e-9)
@@ -125,13 +121,22 @@ def aim(
     focus = frame.T @ (0.5 * (low + high))
     distance = float(np.linalg.norm(extent)) * 4
     view: Any = plotter.camera
-    view.position = tuple(focus + distance * back)
+    view.position = tuple(focus + distance * frame[2])
     view.focal_point = tuple(focus)
     view.up = tuple(frame[1])
     view.parallel_projection = True
     view.parallel_scale = 0.5 * margin * max(extent[1], extent[0] / ratio)
     plotter.reset_camera_clipping_range()
     return plotter.window_size[1] / (2.0 * view.parallel_scale)
+
+
+def view_axes(camera: Camera | Sequence[float]) -> NDArray[np.float64]:
+    """Unit vectors to the right, up and towards the eye, rows of (3, 3)."""
+    eye, up = _view(camera)
+    back = eye / np.linalg.norm(eye)
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back])
 
 
 def _view(camera: Camera | Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

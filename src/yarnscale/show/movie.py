@@ -18,7 +18,7 @@ from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.show import theme
-from yarnscale.show.canvas import Camera, aim, light, screen, write_png
+from yarnscale.show.canvas import Camera, aim, light, screen, view_axes, write_png
 from yarnscale.show.seen_tubes import seen_tubes, tube_colours
 
 Floats = NDArray[np.float64]
@@ -149,7 +149,7 @@ class Film:
             raise InputError("colour by stretch", expected="material coordinates", found="none")
         self._camera: Camera | tuple[float, float, float] = camera
         self._wires = wires
-        self._corners, self._limits = self._survey()
+        self._outermost, self._limits = self._survey()
         self._parts: list[tuple[pv.PolyData, Callable[[Moment], tuple[Floats, Floats]]]] = []
         self._open = ExitStack()
 
@@ -183,7 +183,7 @@ class Film:
         light(self._plotter)
         animation, first = self.animation, self.animation.moment(0)
         aspect = self.size[0] / self.size[1]
-        scale = aim(self._plotter, self._corners, camera=self._camera, aspect=aspect, margin=1.12)
+        scale = aim(self._plotter, self._outermost, camera=self._camera, aspect=aspect, margin=1.12)
         if self._cloth is not None:
             self._add_cloth(self._cloth, first, self._limits)
         if animation.bodies is not None:
@@ -196,27 +196,24 @@ class Film:
         self._plotter.reset_camera_clipping_range()
 
     def _survey(self) -> tuple[Floats, tuple[float, float] | None]:
-        """Corners of the box around everything in all frames, and the limits of the stretch."""
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        """Points of all frames that lie outermost in the view, and the limits of the stretch."""
+        axes, outermost = view_axes(self._camera), []
         limits = []
         for moment in self.animation:
             drawn = moment.yarns if self._cloth is None else moment.cloth
             for points in (drawn, moment.bodies):
                 if points is not None and len(points):
-                    low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+                    seen = points @ axes.T
+                    outermost.append(points[np.concatenate([seen.argmin(axis=0), seen.argmax(axis=0)])])
             if self._stretch is not None and moment.cloth is not None:
                 limits.append(np.percentile(vertex_stretch(self._stretch, moment.cloth), _LIMITS))
-        if not np.isfinite(low).all():
+        if not outermost:
             raise InputError("animation", expected="something to draw", found="nothing")
-        box = np.stack([low, high])
-        corners = np.array(
-            [[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-        )
         if not limits:
-            return corners, None
+            return np.concatenate(outermost), None
         # A range of a thousandth at least, or noise would be drawn as colour.
         least, most = float(np.min(limits)), float(np.max(limits))
-        return corners, (least, max(most, least + 1e-3))
+        return np.concatenate(outermost), (least, max(most, least + 1e-3))
 
     def _add_cloth(self, cloth: Surface, first: Moment, limits: tuple[float, float] | None) -> None:
         def shape(moment: Moment) -> tuple[Floats, Floats]:

@@ -121,7 +121,7 @@ def body_distance(points: Floats) -> Floats:
     head = (np.linalg.norm((points - centre) / axes, axis=1) - 1.0) * axes.min()
     whole = _union(torso, shoulders, 1.5 * _BLEND)
     whole = _union(whole, arm, _BLEND)
-    whole = _union(whole, neck, 0.6 * _BLEND)
+    whole = _union(whole, neck, 2.0 * _BLEND)
     return _union(whole, head, 0.6 * _BLEND)
 
 
