@@ -110,6 +110,9 @@ def test_a_body_that_is_held_firmly_goes_where_it_is_sent() -> None:
     result = run_scene(scene(ball, schedule=Schedule(0.06, 0.01, to_rest=False), force=100.0))
     assert result.succeeded and result.unfulfilled == ()
     assert result.summary()["unfulfilled"] == []
+    assert (
+        not replace(result, intersections=1).succeeded and not replace(result, body_intersections=1).succeeded
+    )
 
 
 def test_statics_tell_it_too() -> None:

@@ -92,8 +92,9 @@ class SceneResult:
 
     @property
     def succeeded(self) -> bool:
-        """Whether the whole schedule was reached, with every motion carried out that may not give way."""
-        return self.converged and (self.scene.may_give_way or not self.unfulfilled)
+        """Whether the schedule was reached, without crossings, with every motion carried out that may not give way."""
+        crossed = bool(self.intersections or self.body_intersections)
+        return self.converged and not crossed and (self.scene.may_give_way or not self.unfulfilled)
 
     def summary(self) -> dict[str, object]:
         """Everything but the shape, as plain values."""
