@@ -17,7 +17,7 @@ from yarnscale.shell.dynamics.simulate import Schedule, simulate
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.motion import STILL, Motion
+from yarnscale.shell.motion import STILL, Motion, rotation_matrix
 from yarnscale.shell.state import ClothState
 
 GRAVITY = 9.81
@@ -104,6 +104,30 @@ def test_what_sticks_on_a_slope_stays(kind: str, step: float) -> None:
     (_, _), (first, before), (last, after) = sorted(places.items())
     moved_by = after - before - (last - first) / 3.0 * np.array(motion.displacement)
     assert np.abs(moved_by).max() < 0.02e-3 * (last - first)
+
+
+def test_layers_that_stick_on_each_other_stay() -> None:
+    """Two sheets, turned against each other, lie on a slope: pairs of edges and of vertices and triangles hold them."""
+    slope, one = math.atan(0.4), rectangle(0.06, 0.06, 0.015)
+    turned = one.panel @ rotation_matrix(np.array([0.0, 0.0, 0.4]))[:2, :2].T
+    flat = [np.column_stack([xy, np.full(len(xy), z)]) for xy, z in ((one.panel, 6e-4), (turned, 1.3e-3))]
+    tilt = rotation_matrix(np.array([0.0, slope, 0.0]))
+    mesh = TriangleMesh(
+        np.concatenate([one.panel, turned + np.array([0.2, 0.0])]),
+        np.concatenate([one.triangles, one.triangles + one.vertex_count]),
+        assembled=np.concatenate(flat) @ tilt.T,
+    )
+    floor_below = Plane(normal=(math.sin(slope), 0.0, math.cos(slope)))
+    cloth = Cloth(mesh, JERSEY, contact=ContactSettings(friction=0.6), obstacles=(floor_below,), damping=2.0)
+    places: list[np.ndarray] = []
+    run = simulate(
+        ClothSolver(cloth),
+        ClothState.flat(mesh),
+        Schedule(1.5, 1.0 / 30.0, to_rest=False, frame_interval=0.5),
+        on_frame=lambda _, state: places.append(state.positions.reshape(2, -1, 3).mean(axis=1)),
+    )
+    assert run.converged and run.intersections == 0
+    assert np.abs(places[-1] - places[-2]).max() < 0.02e-3 * 0.5
 
 
 @pytest.mark.parametrize("integrator", ["euler", "bdf2"])
