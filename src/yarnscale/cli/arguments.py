@@ -49,6 +49,11 @@ def parser() -> argparse.ArgumentParser:
         add("fabric", "fabric", "Simulate a finite fabric, yarn by yarn or in a bounding volume.")
     )
     add_estimate_options(add("estimate", "estimate", "Estimate the yarn of a fabric from measured swatches."))
+    samples = add("samples", "guide", "Write small inputs to try: curves, charts, scenes, a mesh, materials.")
+    samples.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for them")
+    samples.add_argument("--overwrite", action="store_true", help="replace files of the same names")
+    help = add("help", "guide", "Print a page of the guide: formats, conventions, theory.")
+    help.add_argument("topic", nargs="?", metavar="TOPIC", help="name of a page (without: their list)")
     demo = add("demo", "demo", "Run the whole first job on a built-in pattern, with pictures and a page.")
     demo.add_argument(
         "--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)"

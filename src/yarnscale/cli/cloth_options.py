@@ -45,7 +45,7 @@ def add_cloth_commands(add: Add) -> None:
     command.add_argument(
         "scene",
         metavar="SCENE",
-        help="scene file (.toml, see docs/scene_format.md) or: stretch-course, stretch-wale, drape, drape-on-ball, "
+        help="scene file (.toml, see yarnscale help scene) or: stretch-course, stretch-wale, drape, drape-on-ball, "
         "hang, twist, ring, scarf, tshirt, sweater",
     )
     command.add_argument(
@@ -93,7 +93,7 @@ def add_cloth_commands(add: Add) -> None:
     )
     command.add_argument(
         "--to", choices=("obj", "gltf", "usd", "vtk", "bcc", "mp4", "png"), required=True,
-        help="format, see docs/output_formats.md",
+        help="format, see yarnscale help output_formats",
     )  # fmt: skip
     command.add_argument(
         "--out", type=Path, required=True, metavar="PATH",

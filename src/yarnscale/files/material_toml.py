@@ -80,7 +80,7 @@ def material_of_table(
 def write_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None:
     """Write a material as TOML with every digit; whole or not at all."""
     lines = [
-        "# yarnscale yarn material; SI units, see docs/material_format.md",
+        "# yarnscale yarn material; SI units, see yarnscale help material",
         f"name = {_string(material.name)}",
         *(f"{name} = {getattr(material, name)!r}" for name in NUMBERS),
     ]

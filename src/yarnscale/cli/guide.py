@@ -1,0 +1,51 @@
+"""Commands ``samples`` and ``help``: small inputs to try, and the pages of the guide, which every installation has."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import yarnscale
+from yarnscale.cli.console import writable_folder
+from yarnscale.errors import InputError
+from yarnscale.files.atomic import write_text
+
+PACKAGE = Path(yarnscale.__file__).parent
+SAMPLES = PACKAGE / "samples"
+
+
+def pages() -> dict[str, Path]:
+    """Pages of the guide by topic: in the package, or, in a checkout, in the folder ``docs`` beside it."""
+    inside, beside = PACKAGE / "guide", PACKAGE.parents[1] / "docs"
+    if inside.is_dir():
+        found = sorted(inside.glob("*.md"))
+    else:
+        found = [beside.parent / "README.md", *sorted(beside.glob("*.md"))]
+    names = {"README": "overview"}
+    return {names.get(path.stem, path.stem.removesuffix("_format")): path for path in found}
+
+
+def samples(options: argparse.Namespace) -> int:
+    """Copy the samples."""
+    folder = writable_folder(options.out)
+    files = sorted(path for path in SAMPLES.iterdir() if path.is_file())
+    if not options.overwrite and (there := [path.name for path in files if (folder / path.name).exists()]):
+        raise InputError(f"{there[0]} is there", where=folder, expected="a folder without it, or --overwrite")
+    for path in files:
+        write_text(folder / path.name, path.read_text(encoding="utf-8"))
+    print(f"{folder}: {', '.join(path.name for path in files)}")
+    return 0
+
+
+def help(options: argparse.Namespace) -> int:
+    """Print a page, or the topics."""
+    found = pages()
+    if options.topic is None:
+        for topic, path in found.items():
+            title = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+            print(f"{topic:<14} {title}")
+        return 0
+    if options.topic not in found:
+        raise InputError("unknown topic", expected=", ".join(found), found=repr(options.topic))
+    print(found[options.topic].read_text(encoding="utf-8"), end="")
+    return 0

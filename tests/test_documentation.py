@@ -1,0 +1,105 @@
+"""What README and docs say works: commands parse and run, Python runs, samples and pages are there."""
+
+from __future__ import annotations
+
+import importlib.util
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from yarnscale.cli import _joined, main
+from yarnscale.cli.arguments import parser
+from yarnscale.cli.guide import SAMPLES, pages
+from yarnscale.files.grid_toml import read_grid
+from yarnscale.files.material_toml import read_material
+from yarnscale.files.measurements import read_measurements
+from yarnscale.files.obj_garment import read_garment
+from yarnscale.files.patterns import read_pattern
+from yarnscale.files.scene_toml import read_scene
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+_spec = importlib.util.spec_from_file_location("run_commands", ROOT / "docs" / "run_commands.py")
+assert _spec is not None and _spec.loader is not None
+run_commands = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(run_commands)
+COMMANDS = [(page.name, line, text) for page in PAGES for line, text in run_commands.commands(page)]
+WITH_BLOCKS = [
+    page
+    for page in PAGES
+    if page.name != "README.md"
+    and (
+        run_commands.commands(page)
+        or any(language == "python" for _, language, _ in run_commands.blocks(page))
+    )
+]
+
+
+@pytest.mark.parametrize(("page", "line", "arguments"), COMMANDS, ids=[f"{p}-{n}" for p, n, _ in COMMANDS])
+def test_commands_parse_as_they_stand_and_made_small(page: str, line: int, arguments: list[str]) -> None:
+    parser().parse_args(_joined(arguments))
+    if (small := run_commands.small(arguments)) is not None:
+        parser().parse_args(_joined(small))
+
+
+def test_there_are_commands() -> None:
+    assert len(COMMANDS) > 25 and len(WITH_BLOCKS) >= 4
+
+
+def test_files_that_commands_name_are_samples_or_made_before() -> None:
+    there = {path.name for path in SAMPLES.iterdir()}
+    for page, line, arguments in COMMANDS:
+        if page != "README.md" and "samples" not in [text[0] for name, _, text in COMMANDS if name == page]:
+            continue
+        made = {
+            text[text.index("--out") + 1]
+            for name, n, text in COMMANDS
+            if name == page and n < line and "--out" in text
+        }
+        for word in arguments[1:]:
+            path = Path(word)
+            if (
+                path.suffix in (".csv", ".toml", ".chart", ".obj")
+                and arguments[arguments.index(word) - 1] != "--out"
+            ):
+                assert word in there or word in made, (page, line, word)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.stem)
+def test_pages_run(page: Path, tmp_path: Path) -> None:
+    """README's own commands are the last step of ``.ci/run``."""
+    assert run_commands.run(page, tmp_path) == []
+
+
+def test_samples_are_what_readers_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["samples", "--out", str(tmp_path)]) == 0
+    assert main(["samples", "--out", str(tmp_path)]) == 2
+    assert main(["samples", "--out", str(tmp_path), "--overwrite"]) == 0
+    assert "curves.csv" in capsys.readouterr().out
+    for name in ("flag.toml", "scene.toml"):
+        assert read_scene(tmp_path / name).name == Path(name).stem
+    for name in ("curves.csv", "fabric.toml"):
+        measured = read_measurements(tmp_path / name)
+        assert {test.direction.value for test in measured.stretch} == {"weft", "warp"}
+    for name in ("basket.chart", "overshot.chart"):
+        assert read_pattern(tmp_path / name).name == Path(name).stem
+    assert read_material(tmp_path / "yarn.toml").name == "soft wool"
+    assert read_grid(tmp_path / "grid.toml").s_x == (0.0, 0.1)
+    assert read_garment(tmp_path / "mesh.obj").vertex_count == 81
+
+
+def test_the_guide_is_in_every_installation(capsys: pytest.CaptureFixture[str]) -> None:
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    packed = wheel["force-include"]
+    assert set(packed) == {str(page.relative_to(ROOT)) for page in PAGES}
+    assert set(pages()) == {Path(name).stem.removesuffix("_format") for name in packed.values()}
+    assert main(["help"]) == 0 and "chart " in capsys.readouterr().out
+    assert main(["help", "chart"]) == 0 and "# Chart files" in capsys.readouterr().out
+    assert main(["help", "lace"]) == 2 and "unknown topic" in capsys.readouterr().err
+    source = "\n".join(path.read_text() for path in (ROOT / "src").rglob("*.py") if "_options" in path.name)
+    for line in source.splitlines():
+        if "yarnscale help " in line:
+            assert line.split("yarnscale help ")[1].split()[0].strip("',\").") in pages()
+        assert "docs/" not in line
