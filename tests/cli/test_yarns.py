@@ -26,6 +26,17 @@ def test_a_written_pattern_is_at_rest(tmp_path: Path, capsys: pytest.CaptureFixt
     assert rest_stress_ratio(PeriodicCell(written, YarnMaterial.preset("hylc2020-basket"))).largest < 0.01
 
 
+def test_a_chart_is_written_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chart, out = tmp_path / "plain.chart", tmp_path / "fabric.json"
+    chart.write_text("kind = weave\nradius = 0.5 mm\nrows:\nx.\n.x\n")
+    assert main(["pattern", str(chart), "--out", str(out)]) == 0
+    assert "at rest" in capsys.readouterr().out
+    assert (
+        rest_stress_ratio(PeriodicCell(read_pattern(out), YarnMaterial.preset("hylc2020-basket"))).largest
+        < 0.01
+    )
+
+
 def test_a_pattern_can_be_written_as_drawn(tmp_path: Path) -> None:
     out = tmp_path / "drawing.json"
     assert main(["pattern", "rib-2x2", "--out", str(out), "--as-drawn"]) == 0
@@ -33,8 +44,8 @@ def test_a_pattern_can_be_written_as_drawn(tmp_path: Path) -> None:
 
 
 def test_an_unsettled_pattern_is_status_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stalls(pattern, material):  # type: ignore[no-untyped-def]
-        return replace(rest.settled(pattern, material), status=rest.RestStatus.STALLED)
+    def stalls(pattern, material, **options):  # type: ignore[no-untyped-def]
+        return replace(rest.settled(pattern, material, **options), status=rest.RestStatus.STALLED)
 
     monkeypatch.setattr(yarns, "settled", stalls)
     assert main(["pattern", "plain", "--out", str(tmp_path / "fabric.pyp")]) == 1
@@ -48,7 +59,16 @@ def test_unknown_pattern_is_status_2(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_relax_reports_an_equilibrium_of_a_chart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     chart = tmp_path / "seed.chart"
     chart.write_text("kind = knit\nrows:\nkp\npk\n")
-    arguments = ["relax", str(chart), "--material", "wool", "--strain", "-0.02,0,0.1,0,0", "--json"]
+    arguments = [
+        "relax",
+        str(chart),
+        "--as-drawn",
+        "--material",
+        "wool",
+        "--strain",
+        "-0.02,0,0.1,0,0",
+        "--json",
+    ]
     assert main(arguments) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["status"] == "converged" and found["material"] == "wool"
@@ -64,5 +84,5 @@ def test_the_clock_of_relax_starts_when_all_is_compiled(monkeypatch: pytest.Monk
     monkeypatch.setattr(
         CellEnergy, "quadratic", lambda *given: (seen.append("quadratic"), quadratic(*given))[1]
     )
-    assert main(["relax", "plain"]) == 0
+    assert main(["relax", "plain", "--as-drawn"]) == 0
     assert seen[:2] == ["quadratic", "relax"]

@@ -18,7 +18,7 @@ from yarnscale.cell.topology import crossed, jump_is_safe, linked_differently, s
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.kinematics import COMPONENTS, ShellStrain
-from yarnscale.numerics.newton import Solution, Status, minimise
+from yarnscale.numerics.newton import Solution, Status, Watch, minimise
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
@@ -95,7 +95,8 @@ class PeriodicCell:
     material: one for all yarns, or a sequence that the pattern's ``yarn_material`` numbers; kept as a tuple then.
     sliding: whether each yarn may slide along itself as a whole; fixed by default, as published (EST22 §7.1).
     tolerance, max_iterations: of the equilibrium solves. starts: how many starts compete for the lowest energy, the
-    others being random perturbations of the first equilibrium, drawn with ``seed``.
+    others being random perturbations of the first equilibrium, drawn with ``seed``. watch: called at every iteration of
+    every solve with its number and the residual.
     """
 
     pattern: YarnPattern
@@ -106,6 +107,7 @@ class PeriodicCell:
     backend: str | None = field(default=None, kw_only=True)
     starts: int = field(default=1, kw_only=True)
     seed: int = field(default=0, kw_only=True)
+    watch: Watch | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         if self.starts < 1:
@@ -274,6 +276,7 @@ class PeriodicCell:
             start,
             constraints=energy.constraints,
             bound=energy.bound,
+            watch=self.watch,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
             backend=self.backend,

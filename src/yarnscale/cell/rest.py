@@ -32,6 +32,7 @@ from yarnscale.cell.rest_shape import rebased, set_as_drawn
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.newton import Watch
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
 
@@ -64,6 +65,7 @@ def settled(
     setting: float = 0.8,
     shortening: float = 0.05,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> RestShape:
     """A drawn pattern as relaxed fabric at rest; the same result every time.
 
@@ -75,19 +77,22 @@ def settled(
 
     setting: share of the drawn curvature and twist that the yarns have at rest. 0 leaves straight yarns as they
     are: ribs then draw in to half their width, and loose fabrics are as stiff as their yarns bend.
-    shortening: share of the rest lengths taken away; more makes a tighter fabric.
+    shortening: share of the rest lengths taken away; more makes a tighter fabric. progress: called after every round;
+    watch: of ``PeriodicCell``.
     Raises InputError for a setting outside [0, 1] or a shortening outside [0, 0.5].
     """
     if not 0.0 <= setting <= 1.0:
         raise InputError("setting is out of range", expected="0 to 1", found=setting)
     start = set_as_drawn(pattern, share=setting, lengths=False)
-    shape = shrunk_to_rest(PeriodicCell(start, material), shortening=shortening, progress=progress)
+    shape = shrunk_to_rest(
+        PeriodicCell(start, material, watch=watch), shortening=shortening, progress=progress
+    )
     if shape.status is not RestStatus.SKEWED:
         return shape
     attempts = [shape]
     # At the periods that shrinking found; where that is too tight to lose its shear stress, at those of the drawing.
     for source, share, rounds in ((shape.pattern, 0.0, 60), (start, 0.1, 200)):
-        cell = PeriodicCell(source, material)
+        cell = PeriodicCell(source, material, watch=watch)
         attempts.append(estimated_rest(cell, shortening=share, max_rounds=rounds, progress=progress))
         if attempts[-1].converged:
             break

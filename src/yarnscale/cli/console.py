@@ -93,10 +93,24 @@ class ProgressLine:
         left = max(left, now - self._changed, 1.0) if np.isfinite(left) else left
         if done < total and now - self._last < (0.1 if self._terminal else 5.0):
             return
-        self._last = now
         remaining = f", about {left:.0f} s left" if np.isfinite(left) and done < total else ""
         line = f"{self.label}: {done}/{total} in {seconds:.0f} s{remaining}{', ' + note if note else ''}"
+        self._print(line, last=done >= total)
+
+    def note(self, text: str) -> None:
+        """Say where work of unknown length stands."""
+        now = time.monotonic()
+        if now - max(self._last, self._began) >= (0.1 if self._terminal else 5.0):
+            self._print(f"{self.label}: {text}, {now - self._began:.0f} s")
+
+    def end(self) -> None:
+        """Leave the line of work of unknown length."""
+        if self._terminal and self._last > 0.0:
+            print(file=sys.stderr, flush=True)
+
+    def _print(self, line: str, *, last: bool = False) -> None:
+        self._last = time.monotonic()
         if self._terminal:
-            print(f"\r\033[K{line}", end="\n" if done >= total else "", file=sys.stderr, flush=True)
+            print(f"\r\033[K{line}", end="\n" if last else "", file=sys.stderr, flush=True)
         else:
             print(line, file=sys.stderr, flush=True)

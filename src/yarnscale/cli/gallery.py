@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, print_json
 from yarnscale.files.run_folder import RunFolder
@@ -13,10 +14,11 @@ from yarnscale.yarn import library
 
 def gallery(options: argparse.Namespace) -> int:
     """Relax, draw, write the page."""
-    names = checked_names(options.names) or None
+    names = checked_names(options.patterns) or None
     require_renderer()
     line = ProgressLine("gallery")
-    makes = ["index.html", *(f"{name}-[0-9].png" for name in library.names())]
+    drawn = (*library.names(), *(Path(name).stem for name in names or ()))
+    makes = ["index.html", *(f"{name}-[0-9].png" for name in drawn)]
     with RunFolder(options.out, "gallery", makes, overwrite=options.overwrite) as folder:
         exhibits = write_gallery(
             folder, names=names, at_rest=not options.as_drawn,

@@ -9,6 +9,7 @@ from yarnscale.cli.shared_options import (
     PATTERN,
     YARN_MATERIAL,
     Add,
+    add_as_drawn,
     add_free_sliding,
     add_json,
     add_overwrite,
@@ -27,10 +28,7 @@ def add_material_commands(add: Add) -> None:
     command.add_argument("pattern", metavar="PATTERN", help=PATTERN)
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     command.add_argument("--material", action="append", help=YARN_MATERIAL)
-    command.add_argument(
-        "--as-drawn", action="store_true",
-        help="sample a built-in pattern or chart as it is drawn, not as fabric at rest",
-    )  # fmt: skip
+    add_as_drawn(command)
     command.add_argument(
         "--solves", type=positive_integer, default=400, metavar="N", help="states to sample (400)"
     )
@@ -60,6 +58,7 @@ def add_material_commands(add: Add) -> None:
         "Relax a pattern along rays of loads, or under all states of a strain grid, into a store.",
     )
     add_yarns(command)
+    add_as_drawn(command)
     command.add_argument(
         "--grid", type=Path, metavar="GRID.toml",
         help="strains instead of loads: arrays s_x, s_a, s_y, lambda_x, lambda_y",
@@ -134,9 +133,7 @@ def add_material_commands(add: Add) -> None:
     command.add_argument(
         "--drape", action="store_true", help="simulate the Cusick drape test (shell materials)"
     )
-    command.add_argument(
-        "--as-drawn", action="store_true", help="test a drawing as it is, not fabric at rest"
-    )
+    add_as_drawn(command)
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for page and numbers")
     add_json(command)
 

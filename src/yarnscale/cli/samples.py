@@ -5,15 +5,18 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+from collections.abc import Iterable
+from typing import Any
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import check_size, supercell
 from yarnscale.cli.console import ProgressLine, print_json, writable_file
-from yarnscale.cli.materials import worker_count
+from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.cli.yarn_choice import yarn_for
+from yarnscale.cli.yarns import at_rest
 from yarnscale.errors import InputError
 from yarnscale.files.grid_toml import read_grid
-from yarnscale.files.patterns import read_pattern
+from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
 from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import load_rays
@@ -31,18 +34,27 @@ def sample(options: argparse.Namespace) -> int:
     """Sample rays of loads, or a grid."""
     grid = None if options.grid is None else read_grid(options.grid)
     _check_options(options)
-    pattern = read_pattern(options.pattern)
-    yarn = yarn_for(options.pattern, pattern, options.material)
-    tile = PeriodicCell(pattern, yarn.materials, options.free_sliding, starts=options.starts)
-    check_size(tile, options.size)
-    cell = supercell(tile, options.size)
+    pattern, kept = read_pattern(options.pattern), options.out / PATTERN
+    begun = options.resume and kept.is_file()
+    yarn = yarn_for(options.pattern, pattern, options.material, kept=read_yarns(kept) if begun else None)
+    drawn = PeriodicCell(pattern, yarn.materials)
+    check_size(drawn, options.size)
+    if grid is None:
+        load_rays(drawn, **_asked(options, _LOADS))  # refuses loads that are none before anything is settled
     if options.dask is not None:
         reach_workers(
             options.dask, tell=lambda said: print(f"yarnscale: {said}", file=sys.stderr, flush=True)
         )
-    if options.overwrite and not options.resume and options.out.exists():
-        shutil.rmtree(SampleStore(options.out).path)
+    if options.out.exists() and (options.overwrite or options.resume):
+        store = SampleStore(options.out)  # refuses what is no store before anything is settled
+        if not options.resume:
+            shutil.rmtree(store.path)
+    tile = read_pattern(kept) if begun else at_rest(options, pattern, yarn.materials)
+    cell = PeriodicCell(tile, yarn.materials, options.free_sliding, starts=options.starts)
+    cell = supercell(cell, options.size)
     store = _load_store(options, cell) if grid is None else _grid_store(options, cell, grid)
+    if not begun:
+        write_pattern(tile, kept, yarns=yarn.materials)
     yarn.say()
     line = ProgressLine(f"sampling {pattern.name}")
     summary = run_sample(
@@ -78,9 +90,12 @@ def _check_options(options: argparse.Namespace) -> None:
             raise InputError(f"--{name}", expected=wanted)
 
 
+def _asked(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+
+
 def _load_store(options: argparse.Namespace, cell: PeriodicCell) -> SampleStore:
-    given = {name: getattr(options, name) for name in _LOADS if getattr(options, name) is not None}
-    rays = load_rays(cell, **given)
+    rays = load_rays(cell, **_asked(options, _LOADS))
     if not (options.resume and options.out.exists()):
         return create_ray_store(options.out, cell, rays)
     return resumed_ray_store(SampleStore(options.out), cell, rays)

@@ -28,6 +28,14 @@ def add_yarns(command: argparse.ArgumentParser) -> None:
     command.add_argument("--material", action="append", help=YARN_MATERIAL)
 
 
+def add_as_drawn(command: argparse.ArgumentParser) -> None:
+    """``--as-drawn``."""
+    command.add_argument(
+        "--as-drawn", action="store_true",
+        help="take a built-in pattern or chart as it is drawn, instead of bringing it to rest first",
+    )  # fmt: skip
+
+
 def add_cell_strain(command: argparse.ArgumentParser) -> None:
     """The macroscopic strain of one cell."""
     command.add_argument(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cell.supercell import SizeResult
+from yarnscale.cell.supercell import SizeResult, check_size
 from yarnscale.cell.supercell import study as run_study
 from yarnscale.cli.console import print_json
 from yarnscale.cli.yarn_choice import yarn_for
+from yarnscale.cli.yarns import at_rest
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
 
@@ -18,8 +19,11 @@ def study(options: argparse.Namespace) -> int:
     pattern = read_pattern(options.pattern)
     sx, sa, sy, lx, ly = options.strain
     yarn = yarn_for(options.pattern, pattern, options.material)
-    cell = PeriodicCell(pattern, yarn.materials, options.free_sliding)
+    for size in options.sizes:
+        check_size(PeriodicCell(pattern, yarn.materials), size)
     yarn.say()
+    pattern = at_rest(options, pattern, yarn.materials)
+    cell = PeriodicCell(pattern, yarn.materials, options.free_sliding)
     results = run_study(cell, ShellStrain(sx, sa, sy, lx, 0.0, ly), options.sizes, starts=options.starts)
     if options.json:
         print_json(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from yarnscale.cli.shared_options import (
+    PATTERN,
     YARN_MATERIAL,
     Add,
+    add_as_drawn,
     add_cell_strain,
     add_free_sliding,
     add_json,
@@ -22,35 +24,33 @@ def add_yarn_commands(add: Add) -> None:
     command = add("patterns", "yarns", "List the built-in patterns and yarn materials.")
     add_json(command)
 
-    command = add("pattern", "yarns", "Write a built-in pattern, relaxed to its rest shape, to a file.")
-    command.add_argument("name", metavar="NAME", help="name of a built-in pattern")
+    command = add("pattern", "yarns", "Write a built-in pattern or a chart, brought to rest, to a file.")
+    command.add_argument("pattern", metavar="PATTERN", help=PATTERN)
     command.add_argument(
         "--out", type=Path, required=True, metavar="FILE.pyp", help=".pyp or .json file to write"
     )
     command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw it too")
     command.add_argument(
-        "--material", action="append", help=f"{YARN_MATERIAL}; the pattern is relaxed with it"
+        "--material", action="append", help=f"{YARN_MATERIAL}; the pattern is brought to rest with it"
     )
-    command.add_argument("--as-drawn", action="store_true", help="write the drawing as it is, not relaxed")
+    add_as_drawn(command)
     command.add_argument("--radius", type=number, help="yarn radius [m]")
 
-    command = add(
-        "gallery", "gallery", "Write a page of built-in patterns, each drawn, at rest and stretched."
-    )
-    command.add_argument("names", nargs="*", metavar="NAME", help="names of built-in patterns (default: all)")
+    command = add("gallery", "gallery", "Write a page of patterns, each drawn, at rest and stretched.")
+    command.add_argument(
+        "patterns", nargs="*", metavar="PATTERN",
+        help="names of built-in patterns and .chart files (default: all built-in ones)",
+    )  # fmt: skip
     command.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the page and its pictures"
     )
-    command.add_argument(
-        "--as-drawn",
-        action="store_true",
-        help="stretch the drawings as they are; faster than bringing them to rest",
-    )
+    add_as_drawn(command)
     add_overwrite(command)
     add_json(command)
 
     command = add("relax", "yarns", "Relax a periodic cell under a macroscopic strain.")
     add_yarns(command)
+    add_as_drawn(command)
     add_cell_strain(command)
     command.add_argument("--out", type=Path, metavar="STATE.npz", help="write positions, twist and edges")
     command.add_argument(
@@ -67,6 +67,7 @@ def add_yarn_commands(add: Add) -> None:
         "study", "study", "Compare cells of several sizes under one strain: energy, buckling, cost."
     )
     add_yarns(command)
+    add_as_drawn(command)
     add_cell_strain(command)
     command.add_argument(
         "--sizes", type=sizes, default=[(1, 1), (2, 1), (1, 2), (2, 2)], metavar="1x1,2x1,2x2",

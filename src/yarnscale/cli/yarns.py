@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import Equilibrium, PeriodicCell
-from yarnscale.cell.rest import settled
-from yarnscale.cli.console import print_json, writable_file
+from yarnscale.cell.rest import RestRound, RestShape, settled
+from yarnscale.cli.console import ProgressLine, print_json, writable_file
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
-from yarnscale.files.patterns import read_pattern, write_pattern
+from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
@@ -45,24 +45,47 @@ def pattern_of(source: str, radius: float | None) -> YarnPattern:
 def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
     """Fabric at rest of a drawing, told on the console, also where it is not quite at rest."""
     print(f"settling {drawn.name} to its rest shape", file=sys.stderr, flush=True)
-    shape = settled(drawn, material)
+    shape = watched_rest(drawn, material)
     if not shape.converged:
         print(f"{drawn.name} is not quite at rest: {shape.status.value}", file=sys.stderr, flush=True)
     return shape.pattern
 
 
+def watched_rest(drawn: YarnPattern, material: Materials) -> RestShape:
+    """``settled`` with a line on the console that says how far it is."""
+    line, rounds, note = ProgressLine(f"settling {drawn.name}"), 0, ""
+
+    def progress(reached: RestRound) -> None:
+        nonlocal rounds, note
+        rounds += 1
+        stretch = " × ".join(f"{share:.3f}" for share in reached.stretch)
+        note = f"round {rounds}, period {stretch} of the drawn one"
+
+    def watch(iteration: int, residual: float) -> None:
+        line.note(f"{note or 'first equilibrium'}, iteration {iteration}, residual {residual:.1e}")
+
+    shape = settled(drawn, material, progress=progress, watch=watch)
+    line.end()
+    return shape
+
+
+def at_rest(options: argparse.Namespace, drawn: YarnPattern, material: Materials) -> YarnPattern:
+    """A pattern read, brought to rest where it is a drawing that shall not stay as it is drawn."""
+    if options.as_drawn or not is_drawing(options.pattern):
+        return drawn
+    return settled_drawing(drawn, material)
+
+
 def pattern(options: argparse.Namespace) -> int:
-    """Write a built-in pattern, as relaxed fabric at rest or as drawn."""
+    """Write a pattern, a drawing as fabric at rest or as drawn."""
     writable_file(options.out, ".pyp", ".json")
     writable_file(options.picture, ".png")
-    if options.name not in library.names():
-        raise InputError("unknown pattern", expected=", ".join(library.names()), found=repr(options.name))
-    built = library.build(options.name, **({} if options.radius is None else {"radius": options.radius}))
-    yarn, at_rest, note = yarn_for(options.name, built, options.material), True, "as drawn"
+    built = pattern_of(options.pattern, options.radius)
+    yarn, good, note = yarn_for(options.pattern, built, options.material), True, "as it is"
     yarn.say()
-    if not options.as_drawn:
-        shape = settled(built, yarn.materials)
-        built, at_rest, note = shape.pattern, shape.converged, shape.status.value
+    if is_drawing(options.pattern) and not options.as_drawn:
+        shape = watched_rest(built, yarn.materials)
+        built, good, note = shape.pattern, shape.converged, shape.status.value
     # What was reached is written in any case: it is the place to look for what went wrong.
     write_pattern(built, options.out, yarns=yarn.materials)
     if options.out.suffix.lower() == ".pyp":
@@ -71,9 +94,9 @@ def pattern(options: argparse.Namespace) -> int:
         draw_cell(options.picture, PeriodicCell(built, yarn.materials), None)
     width, height = 1e3 * built.period
     print(
-        f"{options.out}: {options.name}, {len(built.edges)} vertices, period {width:.4g} × {height:.4g} mm, {note}"
+        f"{options.out}: {built.name}, {len(built.edges)} vertices, period {width:.4g} × {height:.4g} mm, {note}"
     )
-    return 0 if at_rest else 1
+    return 0 if good else 1
 
 
 def relax(options: argparse.Namespace) -> int:
@@ -83,11 +106,16 @@ def relax(options: argparse.Namespace) -> int:
     tile = read_pattern(options.pattern)
     sx, sa, sy, lx, ly = options.strain
     strain = ShellStrain(sx, sa, sy, lx, 0.0, ly)
-    yarn, source = yarn_for(options.pattern, tile, options.material), tile.repeated(*options.size)
-    cell = PeriodicCell(source, yarn.materials, options.free_sliding, starts=options.starts)
+    yarn, line = yarn_for(options.pattern, tile, options.material), ProgressLine(f"relaxing {tile.name}")
     yarn.say()
-    cell.warm_up(strain)
+    PeriodicCell(tile, yarn.materials).warm_up(strain)
+    source = at_rest(options, tile, yarn.materials).repeated(*options.size)
+    cell = PeriodicCell(
+        source, yarn.materials, options.free_sliding, starts=options.starts,
+        watch=lambda iteration, residual: line.note(f"iteration {iteration}, residual {residual:.1e}"),
+    )  # fmt: skip
     state = cell.relax(strain)
+    line.end()
     if options.out is not None:
         content = io.BytesIO()
         np.savez(content, positions=state.positions, twist=state.twist, edges=source.edges)

@@ -115,6 +115,8 @@ _MOST_ESCAPES = 5
 """Saddles that one minimisation may leave."""
 
 Bound = Callable[[Array, Array], float]
+Watch = Callable[[int, float], None]
+"""Gets the number of an iteration and its residual, which ends at the tolerance."""
 
 
 def minimise(
@@ -124,6 +126,7 @@ def minimise(
     constraints: Constraints | None = None,
     bound: Bound | None = None,
     after_step: Callable[[Array], None] | None = None,
+    watch: Watch | None = None,
     tolerance: float = 1e-6,
     enough: float = 0.0,
     max_iterations: int = 300,
@@ -136,6 +139,7 @@ def minimise(
     """Minimise ``objective`` from ``start`` (n,) under linear constraints.
 
     bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted step.
+    watch(iteration, residual): called at every iterate.
     tolerance: on |P g| / residual_scale, P the projection on the constraints. enough: a step that foretells a smaller
     decrease of the energy than this, by the Hessian without shift, is the last, and the point it leads to counts as
     converged. check_minimum: accept a point below the tolerance only where the Hessian, restricted by the constraints,
@@ -144,8 +148,8 @@ def minimise(
     while the pattern is the same.
     """
     return _Minimisation(
-        objective, constraints, bound, after_step, tolerance, enough, max_iterations, shift or ShiftRule(), backtracks,
-        check_minimum, linear if linear is not None else linear_solver(constraints, backend),
+        objective, constraints, bound, after_step, watch, tolerance, enough, max_iterations, shift or ShiftRule(),
+        backtracks, check_minimum, linear if linear is not None else linear_solver(constraints, backend),
     ).run(np.array(start, dtype=np.float64))  # fmt: skip
 
 
@@ -164,6 +168,7 @@ class _Minimisation:
     constraints: Constraints | None
     bound: Bound | None
     after_step: Callable[[Array], None] | None
+    watch: Watch | None
     tolerance: float
     enough: float
     max_iterations: int
@@ -185,6 +190,8 @@ class _Minimisation:
         while True:
             residual = self._residual(gradient)
             self.history.append((value, residual))
+            if self.watch is not None:
+                self.watch(iteration, residual)
             if residual <= self.tolerance and self._feasible(x):
                 minimum, moved = self._leave_saddle(x, value, model) if self.check_minimum else (True, None)
                 if moved is None:

@@ -12,6 +12,7 @@ import numpy as np
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import RestShape, settled
 from yarnscale.errors import InputError
+from yarnscale.files.patterns import is_drawing, read_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show.curves import periodic_curves, rings_for
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
@@ -72,7 +73,9 @@ def write_gallery(
     size: tuple[int, int] = SIZE,
     progress: Callable[[Progress], None] | None = None,
 ) -> list[Exhibit]:
-    """Build, relax and draw library patterns (all by default); ``index.html`` and pictures in ``folder``.
+    """Build, relax and draw patterns; ``index.html`` and pictures in ``folder``.
+
+    names: of library patterns (all by default), and chart files.
 
     Every state is relaxed from the one before it. at_rest: first give every pattern the rest shape and periods at
     which it is free of stress (`cell.rest.settled`); takes longer. Raises InputError for an unknown name or a
@@ -82,12 +85,11 @@ def write_gallery(
     names = checked_names(library.names() if names is None else names)
     exhibits, sections = [], []
     for number, name in enumerate(names, start=1):
-        structure = library.structure(name)
-        drawn, material = structure.build(name=name), YarnMaterial.preset(structure.material)
+        drawn, material, definition = _drawn(name)
         rest = settled(drawn, material) if at_rest else None
         exhibit = relaxed(drawn if rest is None else rest.pattern, material, states=states, rest=rest)
         exhibits.append(exhibit)
-        sections.append(_section(folder, name, structure, drawn, exhibit, size))
+        sections.append(_section(folder / Path(name).stem, drawn, definition, exhibit, size))
         if progress is not None:
             seconds = time.perf_counter() - began
             progress(Progress(number, len(names), name, seconds, seconds / number * (len(names) - number)))
@@ -103,11 +105,28 @@ def write_gallery(
 
 
 def checked_names(names: Sequence[str]) -> list[str]:
-    """Names of library patterns, each once; InputError for one that there is not."""
+    """Names of library patterns and chart files, each once; InputError for anything else."""
     for name in names:
-        if name not in library.names():
-            raise InputError("unknown pattern", expected=", ".join(library.names()), found=repr(name))
+        if not is_drawing(name):
+            raise InputError("the gallery draws", expected="built-in patterns and charts", found=repr(name))
     return list(dict.fromkeys(names))
+
+
+def _drawn(source: str) -> tuple[YarnPattern, YarnMaterial, list[str]]:
+    """A pattern, its yarn, and sentences on what it is; rows from the top one down, as charts are read."""
+    if source not in library.names():
+        drawn = read_pattern(source)
+        preset = "hylc2020-basket" if drawn.woven else "hylc2020-stockinette"
+        return drawn, YarnMaterial.preset(preset), [f"Chart file {Path(source).name}"]
+    structure = library.structure(source)
+    if structure.draft is None:
+        rows = "Chart " + " / ".join(reversed(structure.chart))
+    else:
+        rows = "Draft " + " / ".join(
+            "".join("x" if over else "." for over in row) for row in structure.draft[::-1]
+        )
+    material = YarnMaterial.preset(structure.material)
+    return structure.build(name=source), material, [structure.definition, rows]
 
 
 def relaxed(
@@ -127,10 +146,9 @@ def relaxed(
 
 
 def _section(
-    folder: Path,
-    name: str,
-    structure: library.Structure,
+    stem: Path,
     drawn: YarnPattern,
+    definition: list[str],
     exhibit: Exhibit,
     size: tuple[int, int],
 ) -> Section:
@@ -145,13 +163,12 @@ def _section(
         [np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for _, piece in pieces], axis=0
     )
     for number, (caption, piece) in enumerate(pieces):
-        path = folder / f"{name}-{number}.png"
+        path = stem.with_name(f"{stem.name}-{number}.png")
         yarn_picture(path, piece, drawn.radius, camera="top", size=size, room=room + 2 * drawn.radius)
         pictures.append(Picture(path, caption))
     rows = [_row(caption, state) for caption, state in exhibit.states.items()]
-    return Section(
-        name, [structure.definition, *_facts(structure, exhibit)], [Table(COLUMNS, rows)], pictures
-    )
+    *sentences, source = definition
+    return Section(drawn.name, [*sentences, *_facts(source, exhibit)], [Table(COLUMNS, rows)], pictures)
 
 
 def _row(caption: str, state: Equilibrium) -> list[Cell]:
@@ -161,15 +178,9 @@ def _row(caption: str, state: Equilibrium) -> list[Cell]:
     return [*solved, state.energy_density, state.min_distance_over_diameter]
 
 
-def _facts(structure: library.Structure, exhibit: Exhibit) -> list[str]:
-    """Chart or draft and size in a sentence; rows from the top one down, as charts are read."""
+def _facts(source: str, exhibit: Exhibit) -> list[str]:
+    """Chart or draft, size, and how the pattern came to rest."""
     pattern = exhibit.pattern
-    if structure.draft is None:
-        source = "Chart " + " / ".join(reversed(structure.chart))
-    else:
-        source = "Draft " + " / ".join(
-            "".join("x" if over else "." for over in row) for row in structure.draft[::-1]
-        )
     px, py = pattern.period * 1e3
     how = "drawn" if exhibit.rest is None else "lying"
     sentences = [
