@@ -90,6 +90,22 @@ def test_force_alone_is_fitted_too():
     )
     assert fit.contraction_error is None
     assert fit.load_error < 0.01
+    assert not fit.assumed_contraction
+
+
+def test_a_force_that_stiffens_much_does_not_lead_to_an_impossible_contraction():
+    """No shell stiffens like that; without measured widths, clamps were blamed for half of the force."""
+    stretch = np.linspace(0.0, 0.8, 17)
+    tests = []
+    for direction, factor in ((Direction.WEFT, 1.0), (Direction.WARP, 2.2)):
+        force = 0.35 * (np.exp(4.0 * stretch) - 1.0)
+        runs = tuple(StretchRun(name, force, 0.1 * (1 + stretch / factor)) for name in "12")
+        tests.append(StretchTest(direction, 0.05, runs))
+    fabric = SwatchMeasurements("jersey", tuple(tests))
+    shell = fit_shell(fabric)
+    assert shell.membrane.assumed_contraction
+    for curve, test in zip(shell.uniform_data(follow="measured").curves, tests, strict=True):
+        assert (curve.stress > 0.85 * test.curve.load_at(curve.stretch)).all()
 
 
 def test_loops_give_back_the_known_bending():

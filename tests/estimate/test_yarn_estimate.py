@@ -30,7 +30,9 @@ def yarn(direction: Direction, factor: float, *, resting: int = 10) -> YarnCurve
     return YarnCurve(direction, STRETCH, factor * STRESS, 0.4 * STRETCH, converged, (), none, 0)
 
 
-def estimate(*, shell: float, weft: float, warp: float, follow: str, clamps: float = 1.0) -> FabricEstimate:
+def estimate(
+    *, shell: float, weft: float, warp: float, follow: str, clamps: float = 1.0, assumed: bool = False
+) -> FabricEstimate:
     """An estimate whose shell and yarn are stiffer than the measurement by factors."""
     load = clamps * np.append(0.0, STRESS)
     run = StretchRun("1", 0.06 * load, 0.1 * (1 + np.append(0.0, STRETCH)))
@@ -38,7 +40,8 @@ def estimate(*, shell: float, weft: float, warp: float, follow: str, clamps: flo
     curves = (yarn(Direction.WEFT, weft), yarn(Direction.WARP, warp))
     followed = data(shell if follow == "shell" else 1.0)
     evaluation = SimpleNamespace(curves=curves, errors=errors_of(curves, followed), failed=0)
-    fitted = SimpleNamespace(uniform_data=lambda follow: data(shell))
+    membrane = SimpleNamespace(assumed_contraction=assumed)
+    fitted = SimpleNamespace(uniform_data=lambda follow: data(shell), membrane=membrane)
     fit = SimpleNamespace(evaluation=evaluation)
     measurements = SwatchMeasurements("fabric", tests)
     return FabricEstimate(measurements, follow, fitted, fit, data(1.0), None, None, {})  # type: ignore
@@ -71,6 +74,8 @@ def test_a_shell_that_is_the_culprit_is_warned_of():
     assert not estimate(shell=1.4, weft=1.0, warp=1.0, follow="measured").warnings
     (warning,) = estimate(shell=1.4, weft=1.0, warp=1.0, follow="measured", clamps=1.25).warnings
     assert "clamps change the force by up to 20 %" in warning
+    (warning,) = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured", assumed=True).warnings
+    assert "contraction was not measured" in warning
 
 
 def test_states_that_are_not_at_rest_are_left_out_of_errors():

@@ -118,6 +118,10 @@ class FabricEstimate:
                 f"clamps change the force by up to {100 * self.clamp_effect:.0f} %, as a shell says that is itself "
                 f"{100 * shell:.0f} % off the measurement in the comfort range: longer swatches depend less on clamps"
             )
+        if self.shell.membrane.assumed_contraction:
+            found.append(
+                "contraction was not measured: the usual one of knits is assumed to take out the effect of the clamps"
+            )
         return tuple(found)
 
     def summary(self) -> dict[str, object]:
