@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 
 class InputError(ValueError):
     """Input that yarnscale cannot accept; ``str()`` is one line: where, what, expected, found.
@@ -28,3 +30,12 @@ class InputError(ValueError):
         if found is not None:
             parts.append(f"found {found}")
         super().__init__(" ".join("; ".join(parts).split()))
+
+
+class InputNotice(UserWarning):
+    """Input that yarnscale accepts but that is likely not meant; one sentence, with file and sizes."""
+
+
+def notify(text: str) -> None:
+    """Warn of such input; the command line prints it and puts it into JSON output."""
+    warnings.warn(text, InputNotice, stacklevel=3)

@@ -75,7 +75,7 @@ def test_a_knitted_piece_is_one_yarn(capsys: pytest.CaptureFixture[str], tmp_pat
         "stretch",
         "--direction",
         "wale",
-        "--stretch",
+        "--amount",
         "0.05",
         "--json",
         "--out",
@@ -126,7 +126,7 @@ def test_yarns_on_a_mesh_and_in_a_tube(capsys: pytest.CaptureFixture[str], tmp_p
 def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main([*SMALL, "--scene", "hang"]) == 2
     assert "--out" in capsys.readouterr().err
-    assert main([*SMALL, "--scene", "stretch", "--stretch", "9", "--out", str(tmp_path)]) == 2
+    assert main([*SMALL, "--scene", "stretch", "--amount", "9", "--out", str(tmp_path)]) == 2
     assert "stretch" in capsys.readouterr().err
     assert main(["fabric", "jersey", "--rows", "4", "--columns", "4", "--scene", "drape", "--count"]) == 2
     assert "--scene" in capsys.readouterr().err
@@ -143,7 +143,7 @@ def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[s
         ("--duration", "nan"),
         ("--time-step", "0"),
         ("--damping", "inf"),
-        ("--stretch", "much"),
+        ("--amount", "much"),
     ],
 )
 def test_numbers_out_of_range_are_told_before_anything_runs(
@@ -157,7 +157,7 @@ def test_numbers_out_of_range_are_told_before_anything_runs(
 
 def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """The same scene with few unknowns; yarns stay between the control points' hulls, and grips pull harder."""
-    run = ("--scene", "stretch", "--stretch", "0.1", "--duration", "0.0666", "--time-step", "0.0333")
+    run = ("--scene", "stretch", "--amount", "0.1", "--duration", "0.0666", "--time-step", "0.0333")
     whole = _numbers(capsys, *run, "--out", str(tmp_path / "whole"))
     within = ("--method", "volume", "--volume", "4,4,2")
     assert _numbers(capsys, *within, "--count")["reduced_unknowns"] == 96
@@ -170,7 +170,7 @@ def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Pat
 
 
 def test_explicit_steps_take_friction(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    run = ("--scene", "stretch", "--stretch", "0.3", "--duration", "0.004", "--explicit")
+    run = ("--scene", "stretch", "--amount", "0.3", "--duration", "0.004", "--explicit")
     runs = [_numbers(capsys, *run, "--friction", mu, "--out", str(tmp_path / mu)) for mu in ("0", "0.5")]
     assert all(numbers["status"] == "converged" and numbers["passages"] == 0 for numbers in runs)
     assert runs[0]["extension"] != runs[1]["extension"]

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from yarnscale.cli.arguments import parser
+from yarnscale.cli.notices import collected
 from yarnscale.errors import InputError
 
 _LISTS = ("--strain", "--stretch", "--directions", "--curvatures", "--frames")
@@ -33,7 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     try:
-        return options.run(options)
+        with collected():
+            return options.run(options)
     except InputError as error:
         print(f"yarnscale: error: {error}", file=sys.stderr)
         return 2

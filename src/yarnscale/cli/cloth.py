@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from yarnscale.cli.console import ProgressLine, print_json, tell
+from yarnscale.cli.console import ProgressLine, print_json
+from yarnscale.cli.notices import tell
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
@@ -101,7 +102,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     digest = hashlib.sha256((folder / MATERIAL).read_bytes()).hexdigest()
     summary = result.summary() | {"material_hash": digest}
     if options.json:
-        print_json({**summary, "notices": scene.notices})
+        print_json(summary)
     else:
         for name, value in summary.items():
             if name != "unfulfilled":

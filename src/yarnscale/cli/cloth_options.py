@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import PATTERN, YARN_MATERIAL, Add, add_json, add_overwrite, add_workers
+from yarnscale.cli.shared_options import (
+    PATTERN,
+    YARN_MATERIAL,
+    Add,
+    add_dask,
+    add_json,
+    add_overwrite,
+    add_radius,
+    add_workers,
+)
 from yarnscale.cli.values import frames, number, positive
 
 _FRAMES = "frames to take, both ends included, e.g. 10:40:2, 30 or -1 (default: all)"
@@ -83,6 +92,8 @@ def add_cloth_commands(add: Add) -> None:
         "--out", type=Path, metavar="DIR", help="folder for frames of curves (default: DIR/yarns)"
     )
     command.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the last frame's yarns")
+    add_radius(command)
+    add_dask(command)
     add_json(command)
     add_overwrite(command)
     add_workers(command)
@@ -110,6 +121,7 @@ def add_cloth_commands(add: Add) -> None:
         "--size", type=positive, default=50.0, metavar="MB",
         help="of a frame of tubes in glTF, which get fewer sides and points until they fit (50)",
     )  # fmt: skip
+    add_json(command)
     command.add_argument("--fps", type=positive, default=30.0, help="frames a second of USD and MP4 (30)")
     command.add_argument("--speed", type=positive, default=1.0, help="of an MP4, 1 is real time (1)")
     command.add_argument(

@@ -7,28 +7,23 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from yarnscale.cli.notices import given
 from yarnscale.errors import InputError
 
 
 def print_json(values: Mapping[str, object]) -> None:
     """One JSON object on one line; numbers that are not finite become null."""
-    print(plain_json(values))
+    print(plain_json({**values, "notices": [*values.get("notices", ()), *given]} if given else values))
 
 
 def plain_json(values: Mapping[str, object], *, indent: int | None = None) -> str:
     """A JSON object; numbers that are not finite become null."""
     return json.dumps(_plain(values), allow_nan=False, indent=indent)
-
-
-def tell(notices: Iterable[str]) -> None:
-    """Sentences that a user should see before the work begins, on the standard error."""
-    for notice in notices:
-        print(f"yarnscale: note: {notice}", file=sys.stderr, flush=True)
 
 
 def _plain(value: object) -> object:

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from yarnscale.cli.console import ProgressLine, writable_file, writable_folder
+from yarnscale.cli.console import ProgressLine, print_json, writable_file, writable_folder
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, read_animation
 from yarnscale.files.run_folder import RunFolder, note_result
@@ -57,7 +57,17 @@ def convert(options: argparse.Namespace) -> int:
             note_result(out, options.frames)
             write(animation, kind, out, options)
     size = f", {options.out.stat().st_size / 1e6:.3g} MB" if options.out.is_file() else ""
-    print(f"{options.out}: {len(animation)} frame{'s' if len(animation) > 1 else ''}{size}")
+    if options.json:
+        print_json(
+            {
+                "out": str(out),
+                "format": kind,
+                "frames": len(animation),
+                "bytes": out.stat().st_size if size else None,
+            }
+        )
+    else:
+        print(f"{out}: {len(animation)} frame{'s' if len(animation) > 1 else ''}{size}")
     return 0
 
 

@@ -15,8 +15,9 @@ import numpy as np
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
 from yarnscale.cli.console import ProgressLine, print_json, writable_file, writable_folder
-from yarnscale.cli.materials import worker_count
+from yarnscale.cli.materials import reach_dask, worker_count
 from yarnscale.cli.yarn_choice import YarnChoice, names, same_yarns, yarn_for
+from yarnscale.cli.yarns import pattern_of
 from yarnscale.detail.fluctuations import FluctuationTable, ScatteredFluctuations, detail_grid
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.errors import InputError
@@ -24,7 +25,6 @@ from yarnscale.files.atomic import write_text
 from yarnscale.files.cell_origin import CellOrigin
 from yarnscale.files.cloth_frames import MESH, ClothFrames, frame_paths, read_cloth_frames
 from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
-from yarnscale.files.patterns import read_pattern
 from yarnscale.files.run_folder import RunFolder, note_result
 from yarnscale.homogenize.sample import check_resumable, create_store
 from yarnscale.homogenize.sample import sample as run_sample
@@ -84,7 +84,7 @@ def _frame_folder(folder: Path) -> Path:
 
 def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, dict[str, object]]:
     """The table from the store given, or from one of the command's own, which is made or finished."""
-    pattern = read_pattern(options.pattern)
+    pattern = pattern_of(options.pattern, options.radius)
     cloth = _cloth_origin(options.frames)
     if cloth is not None:
         cloth.cell_pattern(pattern, options.pattern)
@@ -99,6 +99,7 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
         yarn.say()
         print(f"states of the yarns: {store.path}, {store.count} samples", file=sys.stderr, flush=True)
         return table, summary | {"samples": str(store.path)} | _unseen_error(store, pattern)
+    reach_dask(options)
     yarn.say()
     cell = PeriodicCell(pattern, yarn.materials)
     axes, path = detail_grid(cell).axes, writable_folder(out) / SAMPLES
@@ -107,7 +108,7 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
         store = create_store(path, cell, axes, scattered=False)
     line = ProgressLine(f"sampling {pattern.name}")
     run_sample(
-        cell, store, workers=worker_count(options),
+        cell, store, workers=worker_count(options), dask=options.dask,
         progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
     )  # fmt: skip
     table = FluctuationTable.from_store(store, pattern)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, tell
+from yarnscale.cli.console import ProgressLine
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
@@ -83,7 +83,7 @@ def _at_ease(options: argparse.Namespace, drawn: YarnSheet, material: Materials,
 
 
 def _on_mesh(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
-    mesh = read_garment(options.on, unit=options.unit, weld=options.weld, on_notice=lambda text: tell([text]))
+    mesh = read_garment(options.on, unit=options.unit, weld=options.weld)
     state = None if options.count else PeriodicCell(pattern, material).relax()
     laid = sheet_on_mesh(pattern, mesh, state=state)
     first = materials_of(pattern, material)[0]
@@ -153,7 +153,7 @@ def simulate_direct(
 def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
     if options.scene == "stretch":
         axis = 0 if options.direction == "course" else 1
-        return stretch(sheet, amount=options.stretch, axis=axis, duration=options.duration)
+        return stretch(sheet, amount=options.amount, axis=axis, duration=options.duration)
     return drape(sheet) if options.scene == "drape" else hang(sheet)
 
 

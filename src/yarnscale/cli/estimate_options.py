@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from yarnscale.cli.shared_options import add_json, add_overwrite
+from yarnscale.cli.shared_options import add_dask, add_json, add_overwrite
 from yarnscale.cli.values import not_negative, positive, positive_integer
 
 SOLVERS = ("sobol", "local", "paper")
@@ -100,7 +100,7 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
     )
-    command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
+    add_dask(command)
     command.add_argument(
         "--resume", action="store_true", help="go on with the evaluations in DIR that the same code made"
     )

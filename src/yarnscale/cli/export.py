@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 
-from yarnscale.cli.console import writable_file
+from yarnscale.cli.console import print_json, writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material
 from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -17,15 +18,20 @@ def export(options: argparse.Namespace) -> int:
     material = read_material(options.material)
     if not isinstance(material, SplineMaterial):
         raise InputError("material cannot be exported", where=options.material, expected="kind 'spline'")
+    lost: Sequence[str] = ()
     if options.format == "hylc":
         from yarnscale.files.hylc_export import lost_in_hylc, write_hylc_json
 
         write_hylc_json(options.out, material)
-        for phrase in lost_in_hylc(material):
+        lost = lost_in_hylc(material)
+        for phrase in lost:
             print(f"yarnscale: note: not in HYLC JSON: {phrase}", file=sys.stderr)
     else:
         from yarnscale.files.c_export import write_c_source
 
         write_c_source(options.out, material)
-    print(f"{options.out}: exported from {options.material}")
+    if options.json:
+        print_json({"out": str(options.out), "format": options.format, "lost": list(lost)})
+    else:
+        print(f"{options.out}: exported from {options.material}")
     return 0

@@ -106,8 +106,7 @@ def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
 
 def _rods_in_a_volume(options: argparse.Namespace) -> bool:
     """Whether what the volume holds are elastic rods: anything but hanging jersey, which has yarns of splines."""
-    # jersey is the name of spline yarns alone, the others name patterns too.
-    splines = options.pattern == JERSEYS[0] or (options.pattern in JERSEYS and options.scene == "hang")
+    splines = options.pattern in JERSEYS and options.scene == "hang"
     if options.method != "volume" or splines:
         return False
     for name in ("adaptive", "explicit"):

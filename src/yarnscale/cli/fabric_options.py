@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import add_json, add_overwrite
+from yarnscale.cli.shared_options import add_json, add_overwrite, add_radius
 from yarnscale.cli.values import not_negative, number, positive
 
 METHODS = ("splines", "volume", "direct")
@@ -93,11 +93,9 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--material", metavar="MATERIAL", help="preset or TOML file (wool; direct: what suits the pattern)"
     )
+    add_radius(command)
     command.add_argument(
-        "--radius", type=positive, metavar="METRES", help="of the yarn (0.001, or the pattern's)"
-    )
-    command.add_argument(
-        "--stretch", type=number, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)"
+        "--amount", type=number, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)"
     )
     command.add_argument(
         "--direction", choices=("course", "wale"), default="course", help="of the scene stretch (course)"

@@ -8,13 +8,14 @@ import time
 from dataclasses import asdict, replace
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, plain_json, print_json, writable_folder
+from yarnscale.cli.console import ProgressLine, plain_json, print_json
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import settled_drawing
+from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material
-from yarnscale.files.patterns import is_drawing, read_pattern
+from yarnscale.files.patterns import is_drawing
+from yarnscale.files.run_folder import RunFolder
 from yarnscale.laboratory.drape import drape_test
 from yarnscale.laboratory.homogeneous_tests import LOADS
 from yarnscale.laboratory.programme import Difference, FabricTests, Programme, difference, run_tests
@@ -33,7 +34,7 @@ def test(options: argparse.Namespace) -> int:
     )
     subjects = [options.subject] if options.against is None else [options.subject, options.against]
     shells = {name: read_material(name) for name in subjects if is_material(name)}
-    drawn = {name: read_pattern(name) for name in subjects if name not in shells}
+    drawn = {name: pattern_of(name, options.radius) for name in subjects if name not in shells}
     yarns = {name: yarn_for(name, pattern, options.material) for name, pattern in drawn.items()}
     if options.material and not drawn:
         raise InputError("--material", expected="a pattern to test", found="shell materials alone")
@@ -41,7 +42,10 @@ def test(options: argparse.Namespace) -> int:
         raise InputError(
             "--drape", expected="a shell material ('yarnscale homogenize' makes one)", found="a cell"
         )
-    folder = writable_folder(options.out)
+    if options.radius is not None and not drawn:
+        raise InputError("--radius", expected="a pattern to test", found="shell materials alone")
+    makes = ("tests.json", "index.html", "tension.png", "bending.png", "drape.png")
+    results = RunFolder(options.out, "test", makes, overwrite=options.overwrite)
     found = []
     for name in subjects:
         if name in shells:
@@ -58,8 +62,9 @@ def test(options: argparse.Namespace) -> int:
     content = found[0].plain() | (yarns[subjects[0]].summary if subjects[0] in yarns else {})
     if compared is not None:
         content |= {"against": found[1].plain(), "difference": asdict(compared)}
-    write_text(folder / "tests.json", plain_json(content, indent=1) + "\n")
-    write_page(folder, found, compared)
+    with results as folder:
+        write_text(folder / "tests.json", plain_json(content, indent=1) + "\n")
+        write_page(folder, found, compared)
     failed = sum(tests.failed for tests in found)
     if options.json:
         print_json(content)

@@ -10,9 +10,11 @@ from yarnscale.cli.shared_options import (
     YARN_MATERIAL,
     Add,
     add_as_drawn,
+    add_dask,
     add_free_sliding,
     add_json,
     add_overwrite,
+    add_radius,
     add_starts,
     add_workers,
     add_yarns,
@@ -49,6 +51,9 @@ def add_material_commands(add: Add) -> None:
         "--curvature", type=number, metavar="C", help="largest curvature times yarn radius (0.1)"
     )
     _add_in_plane(command)
+    add_radius(command)
+    add_dask(command)
+    add_json(command)
     add_workers(command)
     add_overwrite(command)
 
@@ -77,7 +82,7 @@ def add_material_commands(add: Add) -> None:
         "--size", type=size, default=(1, 1), metavar="NxM", help="sample N by M tiles as one cell (1x1)"
     )
     add_starts(command, default=1)
-    command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
+    add_dask(command)
     add_json(command)
     add_workers(command)
     add_overwrite(command)
@@ -90,6 +95,7 @@ def add_material_commands(add: Add) -> None:
         "--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write"
     )
     _add_in_plane(command)
+    add_json(command)
 
     command = add("export", "export", "Write a shell material for other programs: HYLC JSON or C source.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
@@ -97,6 +103,7 @@ def add_material_commands(add: Add) -> None:
         "--format", choices=("hylc", "c"), required=True, help="published layout, or one C file"
     )
     command.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write, .json or .c")
+    add_json(command)
 
     command = add("evaluate", "materials", "Energy density and stress of a shell material at a strain.")
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
@@ -135,6 +142,8 @@ def add_material_commands(add: Add) -> None:
     )
     add_as_drawn(command)
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for page and numbers")
+    add_radius(command)
+    add_overwrite(command)
     add_json(command)
 
 

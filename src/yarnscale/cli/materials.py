@@ -13,11 +13,12 @@ import numpy as np
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, print_json, writable_folder
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import settled_drawing
+from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
 from yarnscale.files.run_folder import RunFolder
+from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.observations import InPlane, strains_of
@@ -41,6 +42,14 @@ def worker_count(options: argparse.Namespace) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def reach_dask(options: argparse.Namespace) -> None:
+    """Wait for the workers of ``--dask``, if it is given; InputError where they cannot be reached."""
+    if options.dask is not None:
+        reach_workers(
+            options.dask, tell=lambda text: print(f"yarnscale: {text}", file=sys.stderr, flush=True)
+        )
+
+
 def evaluate(options: argparse.Namespace) -> int:
     """Energy density and stress at one strain."""
     strain = ShellStrain.from_vector(list(options.strain)).vector[None]
@@ -51,7 +60,7 @@ def evaluate(options: argparse.Namespace) -> int:
         return 0
     print(f"energy density {energy:.9g} J/m²")
     for name, value in zip(COMPONENTS, stress, strict=True):
-        print(f"d/d{name:<5} {value:.9g} {'J/m²' if name.startswith('s') else 'J/m'}")
+        print(f"d/d{name:<5} {value:.9g} {'N/m' if name.startswith('s') else 'N'}")
     return 0
 
 
@@ -63,7 +72,7 @@ def _range(options: argparse.Namespace) -> StrainRange:
 def homogenize(options: argparse.Namespace) -> int:
     """Sample, fit, draw, report."""
     box = _range(options)
-    drawn = read_pattern(options.pattern)
+    drawn = pattern_of(options.pattern, options.radius)
     kept = options.out / PATTERN
     begun = options.resume and kept.is_file()
     yarn = yarn_for(options.pattern, drawn, options.material, kept=read_yarns(kept) if begun else None)
@@ -74,6 +83,7 @@ def homogenize(options: argparse.Namespace) -> int:
         raise InputError(
             "cannot resume: another pattern", where=kept, expected=drawn.name, found=read_pattern(kept).name
         )
+    reach_dask(options)
     yarn.say()
     with results as folder:
         if not begun:
@@ -84,8 +94,20 @@ def homogenize(options: argparse.Namespace) -> int:
         outcome = homogenize_into(
             cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
             in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
+            dask=options.dask,
         )  # fmt: skip
     failed = outcome.summary.states - outcome.summary.converged
+    if options.json:
+        report = outcome.report
+        print_json(
+            {
+                **yarn.summary, "states": outcome.summary.states, "converged": outcome.summary.converged,
+                "seconds": outcome.summary.seconds, "density": outcome.material.density,
+                "energy_error_median": report.energy_median, "energy_error_95": report.energy_95,
+                "material_file": str(folder / "material.json"),
+            }
+        )  # fmt: skip
+        return 1 if failed else 0
     print(
         f"{folder / 'material.json'}: {outcome.summary.converged} of {outcome.summary.states} states converged"
     )
@@ -106,12 +128,13 @@ def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool =
 def homogenize_into(
     cell: PeriodicCell, folder: Path, *, solves: int, box: StrainRange, workers: int, resume: bool,
     in_plane: InPlane = "full", budget: int | None = None, target_error: float | None = None,
+    dask: str | None = None,
 ) -> Homogenization:  # fmt: skip
     """Run the job; write ``material.json``, pictures and ``index.html`` into the folder."""
     line = ProgressLine(f"sampling {cell.pattern.name}")
     outcome = run_homogenize(
         cell, folder, solves=solves, range=box, workers=workers, resume=resume, in_plane=in_plane,
-        budget=budget, target_error=target_error, judged=_tell_round,
+        budget=budget, target_error=target_error, judged=_tell_round, dask=dask,
         progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
     )  # fmt: skip
     write_material(folder / "material.json", outcome.material)

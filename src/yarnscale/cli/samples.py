@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
 from collections.abc import Iterable
 from typing import Any
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import check_size, supercell
 from yarnscale.cli.console import ProgressLine, print_json, writable_file
-from yarnscale.cli.materials import PATTERN, worker_count
+from yarnscale.cli.materials import PATTERN, reach_dask, worker_count
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import at_rest
+from yarnscale.cli.yarns import at_rest, pattern_of
 from yarnscale.errors import InputError
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
-from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.sample import (
@@ -34,17 +32,14 @@ def sample(options: argparse.Namespace) -> int:
     """Sample rays of loads, or a grid."""
     grid = None if options.grid is None else read_grid(options.grid)
     _check_options(options)
-    pattern, kept = read_pattern(options.pattern), options.out / PATTERN
+    pattern, kept = pattern_of(options.pattern, options.radius), options.out / PATTERN
     begun = options.resume and kept.is_file()
     yarn = yarn_for(options.pattern, pattern, options.material, kept=read_yarns(kept) if begun else None)
     drawn = PeriodicCell(pattern, yarn.materials)
     check_size(drawn, options.size)
     if grid is None:
         load_rays(drawn, **_asked(options, _LOADS))  # refuses loads that are none before anything is settled
-    if options.dask is not None:
-        reach_workers(
-            options.dask, tell=lambda said: print(f"yarnscale: {said}", file=sys.stderr, flush=True)
-        )
+    reach_dask(options)
     if options.out.exists() and (options.overwrite or options.resume):
         store = SampleStore(options.out)  # refuses what is no store before anything is settled
         if not options.resume:
@@ -119,5 +114,8 @@ def fit(options: argparse.Namespace) -> int:
     writable_file(options.out, ".json")
     material = fit_store(SampleStore(options.store), options=FitOptions(in_plane=options.in_plane))
     write_material(options.out, material)
-    print(f"{options.out}: fitted to {options.store}")
+    if options.json:
+        print_json({"out": str(options.out), "store": str(options.store), "density": material.density})
+    else:
+        print(f"{options.out}: fitted to {options.store}")
     return 0

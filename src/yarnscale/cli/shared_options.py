@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from yarnscale.cli.values import numbers, positive_integer
+from yarnscale.cli.values import numbers, positive, positive_integer
 
 Add = Callable[[str, str, str], argparse.ArgumentParser]
 """Adds a command: its name, the module of its function, what it does."""
@@ -22,10 +22,24 @@ def add_json(command: argparse.ArgumentParser) -> None:
     command.add_argument("--json", action="store_true", help="print one JSON object")
 
 
+def add_radius(command: argparse.ArgumentParser) -> None:
+    """``--radius``."""
+    command.add_argument(
+        "--radius", type=positive, metavar="METRES",
+        help="of the yarn of a built-in pattern or a chart, which is drawn in its proportion (the pattern's own)",
+    )  # fmt: skip
+
+
+def add_dask(command: argparse.ArgumentParser) -> None:
+    """``--dask``."""
+    command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
+
+
 def add_yarns(command: argparse.ArgumentParser) -> None:
     """A pattern and its yarn materials."""
     command.add_argument("pattern", metavar="PATTERN", help=PATTERN)
     command.add_argument("--material", action="append", help=YARN_MATERIAL)
+    add_radius(command)
 
 
 def add_as_drawn(command: argparse.ArgumentParser) -> None:

@@ -9,14 +9,13 @@ from yarnscale.cell.supercell import SizeResult, check_size
 from yarnscale.cell.supercell import study as run_study
 from yarnscale.cli.console import print_json
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import at_rest
-from yarnscale.files.patterns import read_pattern
+from yarnscale.cli.yarns import at_rest, pattern_of
 from yarnscale.kinematics import ShellStrain
 
 
 def study(options: argparse.Namespace) -> int:
     """Relax cells of several sizes and compare."""
-    pattern = read_pattern(options.pattern)
+    pattern = pattern_of(options.pattern, options.radius)
     sx, sa, sy, lx, ly = options.strain
     yarn = yarn_for(options.pattern, pattern, options.material)
     for size in options.sizes:

@@ -13,10 +13,11 @@ from yarnscale.cli.shared_options import (
     add_free_sliding,
     add_json,
     add_overwrite,
+    add_radius,
     add_starts,
     add_yarns,
 )
-from yarnscale.cli.values import number, size, sizes
+from yarnscale.cli.values import size, sizes
 
 
 def add_yarn_commands(add: Add) -> None:
@@ -34,7 +35,8 @@ def add_yarn_commands(add: Add) -> None:
         "--material", action="append", help=f"{YARN_MATERIAL}; the pattern is brought to rest with it"
     )
     add_as_drawn(command)
-    command.add_argument("--radius", type=number, help="yarn radius [m]")
+    add_radius(command)
+    add_json(command)
 
     command = add("gallery", "gallery", "Write a page of patterns, each drawn, at rest and stretched.")
     command.add_argument(

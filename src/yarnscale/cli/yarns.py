@@ -34,12 +34,15 @@ def patterns(options: argparse.Namespace) -> int:
 
 
 def pattern_of(source: str, radius: float | None) -> YarnPattern:
-    """A pattern by name or file, of yarn of a radius [m] where that is given; InputError for a file and a radius."""
+    """A pattern by name or file; a drawing has yarn of ``radius`` [m] if given, other files then raise InputError."""
+    pattern = read_pattern(source)
     if radius is None:
-        return read_pattern(source)
-    if source not in library.names():
-        raise InputError("--radius", expected="a built-in pattern; files say how thick their yarns are")
-    return library.build(source, radius=radius)
+        return pattern
+    if not is_drawing(source):
+        raise InputError(
+            "--radius", expected="a built-in pattern or a chart, which are drawings", found=source
+        )
+    return pattern.scaled(radius / pattern.radius)
 
 
 def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
@@ -93,6 +96,14 @@ def pattern(options: argparse.Namespace) -> int:
     if options.picture is not None:
         draw_cell(options.picture, PeriodicCell(built, yarn.materials), None)
     width, height = 1e3 * built.period
+    if options.json:
+        print_json(
+            {
+                "out": str(options.out), "pattern": built.name, "vertices": len(built.edges),
+                "period": built.period, "radius": built.radius, "state": note, **yarn.summary,
+            }
+        )  # fmt: skip
+        return 0 if good else 1
     print(
         f"{options.out}: {built.name}, {len(built.edges)} vertices, period {width:.4g} × {height:.4g} mm, {note}"
     )
@@ -103,7 +114,7 @@ def relax(options: argparse.Namespace) -> int:
     """Relax a cell and report."""
     writable_file(options.out, ".npz")
     writable_file(options.picture, ".png")
-    tile = read_pattern(options.pattern)
+    tile = pattern_of(options.pattern, options.radius)
     sx, sa, sy, lx, ly = options.strain
     strain = ShellStrain(sx, sa, sy, lx, 0.0, ly)
     yarn, line = yarn_for(options.pattern, tile, options.material), ProgressLine(f"relaxing {tile.name}")
@@ -148,7 +159,7 @@ def _report(state: Equilibrium, cell: PeriodicCell, yarn: YarnChoice, *, as_json
     print(f"{cell.pattern.name} of {cell.material_name}: {ended}")
     print(f"  energy density   {state.energy_density:.6g} J/m²")
     for name, value in zip(COMPONENTS, state.stress, strict=True):
-        print(f"  d/d{name:<5}         {value:.6g} {'J/m²' if name.startswith('s') else 'J/m'}")
+        print(f"  d/d{name:<5}         {value:.6g} {'N/m' if name.startswith('s') else 'N'}")
     print(f"  contacts         {state.contacts}, closest {state.min_distance_over_diameter:.3f} diameters")
     print(f"  {state.iterations} iterations, {state.seconds:.2f} s")
 

@@ -14,6 +14,7 @@ from yarnscale.files.source_text import read_source
 from yarnscale.yarn.chart_error import ChartError
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.proportions import check_proportions
 from yarnscale.yarn.stitches import LARGEST_CHART, StitchChart
 from yarnscale.yarn.units import FACTORS, to_si
 from yarnscale.yarn.weave import weave
@@ -61,7 +62,12 @@ def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
     Raises InputError with file, line, column and reason for anything that cannot be knitted or woven.
     """
     path = Path(path)
-    chart = _read(path)
+    pattern = _drawn(path, _read(path))
+    check_proportions(pattern, where=path)
+    return pattern
+
+
+def _drawn(path: Path, chart: _Chart) -> YarnPattern:
     kind = _kind(path, chart)
     options = _options(path, chart, kind)
     rows = chart.rows[::-1]

@@ -7,7 +7,6 @@ of the same faces whose vertices are the flat panels (names ending in ``-w`` and
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
@@ -15,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, notify
 from yarnscale.files.garment_units import Areas, Notice, check_ratio, scales
 from yarnscale.files.obj_surface import ObjSurface, read_obj
 from yarnscale.shell.garments.polygons import FLAT, areas_of, flatness, in_own_plane, polygon_areas
@@ -37,7 +36,7 @@ def read_garment(
     material_scale: float | None = None,
     grain: float = 0.0,
     weld: bool | float | None = None,
-    on_notice: Notice = warnings.warn,
+    on_notice: Notice = notify,
 ) -> TriangleMesh:
     """A mesh with material points from one OBJ file with texture coordinates, or from two.
 

@@ -19,6 +19,7 @@ from yarnscale.files.source_text import read_source
 from yarnscale.yarn.clearance import check_clearance
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.proportions import check_proportions
 from yarnscale.yarn.stiffness import Materials, materials_of
 
 FORMAT = "yarnscale-pattern"
@@ -56,6 +57,7 @@ def read_pattern_json(path: str | os.PathLike[str], *, check_crossings: bool = T
         where = path if line is None else f"{path}:{line}"
         raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
     if check_crossings:
+        check_proportions(pattern, where=path)
         check_clearance(pattern, where=path)
     return pattern
 

@@ -15,6 +15,7 @@ from yarnscale.files.source_text import read_source
 from yarnscale.yarn.clearance import check_clearance
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.pattern_fields import LARGEST_LENGTH
+from yarnscale.yarn.proportions import check_proportions
 
 COLUMNS = {
     "pattern": ("px", "py", "radius", "n"),
@@ -55,6 +56,7 @@ def read_pyp(path: str | os.PathLike[str], *, check_crossings: bool = True) -> Y
         _check_rows(path, block, n if name != "pattern" else 1)
     pattern = _assemble(path, blocks)
     if check_crossings:
+        check_proportions(pattern, where=path)
         check_clearance(pattern, where=path)
     return pattern
 

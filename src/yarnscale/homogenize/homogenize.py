@@ -76,6 +76,7 @@ def homogenize(
     budget: int | None = None,
     target_error: float | None = None,
     workers: int = 2,
+    dask: str | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
     judged: Callable[[Round], None] | None = None,
@@ -86,7 +87,8 @@ def homogenize(
     range and terms of all three in-plane strains. budget: after ``solves`` planned states, solve more where the fit
     errs most, up to so many in all or until the estimated error is below ``target_error`` (see ``refine``);
     ``judged`` is called before every batch. folder: gets the stores ``samples`` and ``unseen``. resume: go on with the
-    stores that are there. Raises InputError for a refinement of pairwise samples, or a store of another run.
+    stores that are there. dask: address of a scheduler, whose workers take the place of processes.
+    Raises InputError for a refinement of pairwise samples, or a store of another run.
     """
     if target_error is not None and budget is None:
         raise InputError("target of the error", expected="a budget of solves with it")
@@ -113,13 +115,13 @@ def homogenize(
             stores[name] = create_store(path, cell, axes, scattered=True, moduli=name == "samples")
         if name == "samples" and budget is not None:
             refined = refine(
-                cell, stores[name], budget=budget, target_error=target_error, workers=workers,
+                cell, stores[name], budget=budget, target_error=target_error, workers=workers, dask=dask,
                 progress=progress, judged=judged,
             )  # fmt: skip
             stores[name] = refined.store
             summaries.append(refined.summary)
         else:
-            summaries.append(sample(cell, stores[name], workers=workers, progress=progress))
+            summaries.append(sample(cell, stores[name], workers=workers, dask=dask, progress=progress))
     samples, unseen = SampledStates.of(stores["samples"]), SampledStates.of(stores["unseen"])
     material = fit(stores["samples"], options=FitOptions(in_plane=in_plane))
     report = validate(material, unseen.strains, unseen.energies, unseen.stresses, valid=unseen.converged)

@@ -79,6 +79,11 @@ STRUCTURES: dict[str, Structure] = {
         ("k",),
         sizes=_sizes(8.0, 5.5, loop_height=9.0, overhang=2.0, half_thickness=1.2),
     ),
+    "jersey": Structure(
+        "Stockinette in the open proportions of hand-knit jersey, as bounding volumes were published with.",
+        ("k",),
+        sizes=_sizes(9.0, 6.0, half_thickness=1.1),
+    ),
     "garter": Structure("Courses of knit and of purl stitches in turn.", ("k", "p"), sizes=_GARTER),
     "links": Structure(
         "1×1 links-links (purl) fabric: in every wale face and reverse loops alternate, whole courses at a time. "
