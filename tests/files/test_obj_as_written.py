@@ -64,6 +64,23 @@ def test_concave_faces_and_corners_on_straight_sides_make_cloth(obj: Callable[[s
     assert (~mesh.has_neighbour).sum() == 7
 
 
+@pytest.mark.parametrize("first", range(4))
+def test_three_quadrilaterals_may_meet_at_a_vertex(obj: Callable[[str], Path], first: int) -> None:
+    """Whichever corner a face begins with, four triangles meet there; the sheet keeps its area and its edge."""
+    ways = [0.05 * np.array([np.cos(a), np.sin(a)]) for a in np.deg2rad([90, 210, 330])]
+    faces: Faces = []
+    for a, b in zip(ways, ways[1:] + ways[:1], strict=True):
+        for i, j in np.ndindex(3, 3):
+            face = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+            places = [tuple((i * a + j * b).round(9)) for i, j in face[first:] + face[:first]]
+            faces.append(places)  # type: ignore[arg-type]
+    mesh = read_garment(obj(text_of(faces, split=False)), on_notice=[].append)
+    middle = int(np.argmin(np.linalg.norm(mesh.assembled, axis=1)))
+    assert (mesh.triangles == middle).sum() >= 4
+    assert (~mesh.has_neighbour).sum() == 18
+    np.testing.assert_allclose(mesh.areas.sum(), 27 * 0.05**2 * np.sin(np.pi / 3), rtol=1e-6)
+
+
 def test_continued_lines_other_encodings_and_counting_back(tmp_path: Path) -> None:
     text = (
         "mtllib Größe.mtl\r\no Ärmel\r\nv 0 0 0\r\nv 1 0 \\\r\n0\r\nv 1 1 0 0.5 0.5 0.5\r\nv 0 1 0\r\nvt 0 0\r\n"

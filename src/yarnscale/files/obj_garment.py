@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError, notify
 from yarnscale.files.garment_units import Areas, Notice, check_ratio, scales
 from yarnscale.files.obj_surface import ObjSurface, read_obj
+from yarnscale.shell.garments.flips import turned_edges
 from yarnscale.shell.garments.polygons import FLAT, areas_of, flatness, in_own_plane, polygon_areas
 from yarnscale.shell.garments.weld import Polygons, Weld, continuous, joined, weld
 from yarnscale.shell.mesh import TriangleMesh
@@ -67,7 +68,7 @@ def read_garment(
     stated = scale is not None and material_scale is not None
     _named(lambda: check_ratio(areas, in_space, in_fabric, sizes, on_notice, stated=stated), path)
     cloth = _sewn(continuous(_one_vertex_each(cloth)), weld, world, on_notice)
-    mesh = _mesh(cloth, world, source)
+    mesh = _mesh(cloth, world, source, on_notice)
     return mesh.with_grain(grain) if grain else mesh
 
 
@@ -120,10 +121,13 @@ def _described(cloth: Polygons, left: Weld) -> str:
     )
 
 
-def _mesh(cloth: Polygons, world: ObjSurface, source: ObjSurface) -> TriangleMesh:
+def _mesh(cloth: Polygons, world: ObjSurface, source: ObjSurface, on_notice: Notice) -> TriangleMesh:
     """The polygons cut into triangles, in the fabric, where they are what they are."""
     chosen, faces = source.triangulated(cloth.material[cloth.points], cloth.starts)
     corners, triangles = cloth.points[chosen], cloth.vertices[chosen]
+    triangles, corners, turned = turned_edges(triangles, corners, cloth.material)
+    if turned:
+        on_notice(f"{world.path}: {turned} edges were turned where only three triangles met")
     points = _face_up(cloth.material, corners, faces, source)
     try:
         return TriangleMesh(points, triangles, 0.0, corners, cloth.positions)
