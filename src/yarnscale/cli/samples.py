@@ -16,6 +16,7 @@ from yarnscale.cli.yarns import at_rest, pattern_of
 from yarnscale.errors import InputError
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
+from yarnscale.files.run_folder import check_place
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.sample import (
@@ -40,7 +41,11 @@ def sample(options: argparse.Namespace) -> int:
     if grid is None:
         load_rays(drawn, **_asked(options, _LOADS))  # refuses loads that are none before anything is settled
     reach_dask(options)
-    if options.out.exists() and (options.overwrite or options.resume):
+    check_place(options.out)
+    if options.out.exists() and any(options.out.iterdir()):
+        if not (options.overwrite or options.resume):
+            expected = "a new folder, --overwrite or --resume"
+            raise InputError("output exists", where=options.out, expected=expected, found="files in it")
         store = SampleStore(options.out)  # refuses what is no store before anything is settled
         if not options.resume:
             shutil.rmtree(store.path)

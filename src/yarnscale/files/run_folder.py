@@ -42,7 +42,7 @@ class RunFolder:
         valued: Sequence[str] | None = None,
     ) -> None:
         self.path, self._command, self._makes, self._needs = path, command, makes, goes_on_from
-        _check_place(path)
+        check_place(path)
         self._made = _made(path, command)
         there = [*_matching(path, [*self._made, *makes] if valued is None else valued)]
         if there and not (overwrite or resume):
@@ -143,7 +143,7 @@ def _remove(folder: Path, paths: Sequence[Path]) -> None:
         raise InputError("output cannot be removed", where=folder, found=error.strerror) from None
 
 
-def _check_place(folder: Path) -> None:
+def check_place(folder: Path) -> None:
     """InputError where a folder could not be made or written, as far as can be seen without making it."""
     place = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not place.is_dir() or not os.access(place, os.W_OK):
