@@ -90,6 +90,8 @@ def test_encodings(tmp_path, encoding):
         ("Tensile strain (Extension) (%),Load (kgf)", lambda s, f: f"{100 * s:.4f},{f / 9.80665:.7f}"),
         ("Strain [mm/mm]\tForce [kN]", lambda s, f: f"{s:.6f}\t{f / 1000:.8f}"),
         ("Force per width [N/m],Strain [%]", lambda s, f: f"{f / 0.05:.4f},{100 * s:.4f}"),
+        ("Load 1 (N),Extension 1 (mm)", lambda s, f: f"{f:.4f},{100 * s:.4f}"),
+        ("試験力(N),ストローク(mm)", lambda s, f: f"{f:.4f},{100 * s:.4f}"),
         ("Extension(mm)   Load(N)", lambda s, f: f"{100 * s:10.4f}   {f:10.4f}"),
         ("Grip separation / mm,Force / N", lambda s, f: f"{100 * (1 + s):.4f},{f:.4f}"),
         ("Crosshead displacement (mm);Last (N)", lambda s, f: f'"{comma(100 * s)}";"{comma(f)}"'),
@@ -204,6 +206,20 @@ def test_refusals_say_what_to_do(tmp_path, content, settings, words):
     assert "weft-1.csv" in said and "\n" not in said
     for word in words:
         assert word in said
+
+
+@pytest.mark.parametrize("name", ["warp", "Wales", "walewise", "90°", "Kette", "length-wise"])
+def test_names_of_directions(tmp_path, name):
+    text = "Direction,Specimen,Extension (mm),Load (N)\n" + rows(
+        lambda s, f: f"{name},1,{100 * s:.4f},{f:.4f}"
+    )
+    if name == "Wales":
+        text = f"{name}\n" + GOOD
+    if name == "length-wise":
+        with pytest.raises(InputError, match="weft, bias or warp"):
+            fabric_of(tmp_path, text)
+        return
+    check(fabric_of(tmp_path, text, name="log.csv"), direction=Direction.WARP)
 
 
 def test_an_unknown_direction_is_asked_for(tmp_path):

@@ -12,9 +12,9 @@ from typing import Any
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.estimate.loading import CYCLES
-from yarnscale.estimate.measurements import Direction, SwatchMeasurements, YarnComposition
+from yarnscale.estimate.measurements import SwatchMeasurements, YarnComposition
 from yarnscale.files.measurements_csv import read_bend, read_logs
-from yarnscale.files.measurements_swatches import DIRECTIONS, LogSettings
+from yarnscale.files.measurements_swatches import LogSettings, direction_named
 from yarnscale.files.source_text import read_source
 
 _FIELDS = {
@@ -108,7 +108,7 @@ def _log(path: Path, entry: object, settings: LogSettings) -> tuple[Path, LogSet
         number = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e6
         right = number if key.endswith("_mm") else isinstance(value, str)
         if key == "direction":
-            right = str(value).lower() in DIRECTIONS
+            right = direction_named(str(value)) is not None
         if key == "cycle":
             right = value in CYCLES
         if not right:
@@ -119,7 +119,7 @@ def _log(path: Path, entry: object, settings: LogSettings) -> tuple[Path, LogSet
     sizes = ("swatch_width", "swatch_length")
     said |= {size: 1e-3 * float(entry[f"{size}_mm"]) for size in sizes if f"{size}_mm" in entry}
     if "direction" in entry:
-        said["direction"] = Direction(DIRECTIONS[entry["direction"].lower()])
+        said["direction"] = direction_named(str(entry["direction"]))
     return path.parent / entry["file"], replace(settings, **said)
 
 

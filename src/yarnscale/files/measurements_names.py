@@ -8,33 +8,43 @@ from dataclasses import dataclass
 QUANTITIES = {
     "fabric": ("fabric", "sample"),
     "direction": ("direction", "richtung", "probenrichtung"),
-    "run": ("run", "video", "specimen", "specimen no", "specimen number", "test no", "probe", "versuch", "replicate"),
+    "run": (
+        "run", "video", "specimen", "specimen no", "specimen number", "test no", "probe", "versuch",
+        "replicate",
+    ),
     "force": (
-        "force", "load", "standard force", "tensile force", "kraft", "standardkraft", "prufkraft", "zugkraft", "last",
-        "f", "fuerza", "carga", "charge", "forza", "carico", "kracht", "line load", "force per width",
+        "force", "load", "standard force", "tensile force", "tensile load", "axial force", "effort",
+        "kraft", "standardkraft", "prufkraft", "zugkraft", "last", "f", "fuerza", "carga", "charge",
+        "forza", "carico", "kracht", "line load", "force per width", "荷重", "試験力", "力", "负荷",
     ),
     "clamp_distance": (
-        "clamp distance", "axial length", "grip separation", "clamp separation", "jaw separation", "length", "lange",
-        "distance between clamps", "einspannabstand", "klemmenabstand", "klemmabstand",
+        "clamp distance", "axial length", "grip separation", "clamp separation", "jaw separation",
+        "length", "lange", "distance between clamps", "einspannabstand", "klemmenabstand",
+        "klemmabstand",
     ),
     "extension": (
-        "extension", "tensile extension", "displacement", "crosshead displacement", "crosshead", "stroke", "travel",
-        "elongation", "strain", "tensile strain", "strain 1", "nominal strain", "engineering strain", "dehnung", "weg",
-        "standardweg", "traversenweg", "traverse", "langenanderung", "verlangerung", "verformung", "deformation", "hub",
-        "position", "deplacement", "allongement", "desplazamiento", "deformacion", "spostamento", "allungamento",
+        "extension", "tensile extension", "tensile displacement", "axial displacement",
+        "axial strain", "displacement", "crosshead displacement", "crosshead", "stroke", "travel",
+        "elongation", "strain", "tensile strain", "nominal strain", "engineering strain", "dehnung",
+        "weg", "standardweg", "traversenweg", "traverse", "langenanderung", "verlangerung",
+        "verformung", "deformation", "hub", "position", "deplacement", "allongement",
+        "desplazamiento", "deformacion", "spostamento", "allungamento", "alargamiento", "dl", "変位",
+        "ストローク", "伸び", "位移", "伸长",
     ),
     "mid_width": ("mid width", "lateral length", "width at the middle", "middle width"),
     "swatch_width": (
-        "swatch width", "fabric width at clamp", "specimen width", "sample width", "width", "probenbreite", "breite",
+        "swatch width", "fabric width at clamp", "specimen width", "sample width", "width",
+        "probenbreite", "breite",
     ),
     "swatch_length": (
-        "swatch length", "gauge length", "gage length", "specimen length", "initial length", "einspannlange",
-        "messlange", "l0",
+        "swatch length", "gauge length", "gage length", "specimen length", "initial length",
+        "einspannlange", "messlange", "l0",
     ),
     "loop_ratio": ("loop ratio",),
     "stress": ("stress",),
     "ignored": (
-        "time", "zeit", "prufzeit", "n frames", "point", "index", "no", "nr", "cycle", "zyklus", "date", "datum",
+        "time", "zeit", "prufzeit", "n frames", "point", "index", "no", "nr", "cycle", "zyklus",
+        "date", "datum",
     ),
 }  # fmt: skip
 """Quantity → names of its column, the own one first, without capitals, accents and units. Ignored: no remark."""
@@ -71,10 +81,11 @@ _LAST = re.compile(r"^(.+?)(?:\s*/\s*|\s*,\s*|\s+in\s+|[_\s]+)([^_\s]+)$")
 
 
 def _plain(text: str) -> str:
-    """A name without capitals, accents, punctuation and remarks in brackets."""
+    """A name without capitals, accents, punctuation, remarks in brackets and a number at its end."""
     plain = re.sub(r"\(.*?\)", " ", text.lower()).translate(_PLAIN)
     plain = plain.replace("ae", "a").replace("oe", "o").replace("ue", "u")
-    return " ".join(re.split(r"[\s_.\-:]+", plain)).strip()
+    words = " ".join(re.split(r"[\s_.\-:]+", plain)).strip()
+    return re.sub(r"(?<=\w) \d+$", "", words)
 
 
 _OF_NAME = {_plain(name): quantity for quantity, names in QUANTITIES.items() for name in names}

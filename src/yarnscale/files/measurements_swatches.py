@@ -81,7 +81,7 @@ def swatches_of(
             if along is None:
                 raise table.fault(rows[0][0], sample, "a name that ends in X or Y", f"'{fabric} {axis}'")
         elif direction is not None:
-            along = DIRECTIONS.get(text.lower())
+            along = direction_named(text)
             if along is None:
                 raise table.fault(rows[0][0], direction, "weft, bias or warp", f"'{text:.40}'")
         assert along is not None
@@ -89,11 +89,17 @@ def swatches_of(
     return found
 
 
+def direction_named(text: str) -> Direction | None:
+    """The direction of a name such as weft, Course, walewise or 45°, None for others."""
+    plain = text.lower().strip("° ")
+    return DIRECTIONS.get(plain) or DIRECTIONS.get(plain.removesuffix("wise").rstrip("- "))
+
+
 def _direction_of(table: MeasuredTable) -> Direction:
     """The direction that the title of a table or the name of its file says."""
     for text in (table.title, table.text, Path(table.path).stem):
         words = re.split(r"[\W\d_]+", text.lower())
-        words += [word.removesuffix("s") for word in words]
+        words += [word.removesuffix(end) for word in words for end in ("s", "wise")]
         found = {DIRECTIONS[word] for word in words if len(word) > 3 and word in DIRECTIONS}
         if len(found) == 1:
             return found.pop()
