@@ -78,7 +78,7 @@ def test_results_of_another_command_are_never_removed(tmp_path: Path) -> None:
         with pytest.raises(
             InputError, match="holds results of 'cloth'; expected a folder of its own for 'fabric'"
         ):
-            RunFolder(tmp_path, "fabric", ("frame_*.npz",), **options)
+            RunFolder(tmp_path, "fabric", ("frame_*.npz",), **options)  # type: ignore[arg-type]
     assert names(tmp_path) == {"frames/frame_0000.npz"}
 
 

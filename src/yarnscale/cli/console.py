@@ -18,7 +18,7 @@ from yarnscale.errors import InputError
 
 def print_json(values: Mapping[str, object]) -> None:
     """One JSON object on one line; numbers that are not finite become null."""
-    print(plain_json({**values, "notices": [*values.get("notices", ()), *given]} if given else values))
+    print(plain_json({**values, "notices": given} if given else values))
 
 
 def plain_json(values: Mapping[str, object], *, indent: int | None = None) -> str:

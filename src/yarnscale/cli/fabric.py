@@ -40,7 +40,7 @@ def fabric(options: argparse.Namespace) -> int:
         raise InputError("--out", expected="a folder for frames and pictures", found="none")
     for kind in options.format:
         convert.require(kind)
-    formats = [name for kind in options.format for name in convert.made_by(kind, _FILES.get(kind, kind))]
+    formats = [name for kind in options.format for name in convert.made_by(kind, _name(kind))]
     results = RunFolder(options.out, "fabric", [CURVES, "frame_*.npz", *formats], overwrite=options.overwrite)
     return _fabric(options, results)
 
@@ -125,9 +125,14 @@ def _direct(options: argparse.Namespace, results: AbstractContextManager[Path | 
     return 0 if done else 1
 
 
+def _name(kind: str) -> str:
+    """File or folder of a format within that of the fabric."""
+    return _FILES.get(kind, kind)
+
+
 def _convert(options: argparse.Namespace) -> None:
     for kind in options.format:
-        convert.write(read_animation(options.out), kind, options.out / _FILES.get(kind, kind))
+        convert.write(read_animation(options.out), kind, options.out / _name(kind))
 
 
 def _run(moving: SplineMotion, schedule: MotionSchedule, rule: AdaptiveRule | None, out: Path) -> MotionRun:
