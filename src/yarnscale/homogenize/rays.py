@@ -45,8 +45,8 @@ _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
 class Ray:
     """States that start one from the other: loads and held strains of every level.
 
-    kind: "rest", "tension" (in-plane loads, flat), "bending" (curvature grows, no load), "bent" (in-plane loads at a
-    given curvature), "stress" (loads of all six strains), "strain" (all strains given), "visited" (strains of a
+    kind: "rest", "tension" (in-plane loads, flat), "bending" (no load, curvature grows or is free), "bent" (in-plane
+    loads at a given curvature), "stress" (loads of all strains), "strain" (all strains given), "visited" (strains of a
     simulation). origin: number of the state in the store that the first level starts from, 0 that of rest.
     """
 
@@ -112,12 +112,14 @@ VISITED = "visited"
 
 
 def _along_axes(radius: float, sizes: Array) -> Iterator[Ray]:
-    """Tension and bending along the axes and diagonals."""
+    """Tension, bending and rolling up along the axes and diagonals, and twist."""
     yield from (_tension(angle, sizes) for angle in (0.0, np.pi / 2))
+    yield from (_rolling(straight) for straight in ("II22", "II11"))
     yield from (_bending(angle, sign, radius) for angle in (0.0, np.pi / 2) for sign in (1.0, -1.0))
     yield _in_plane(np.array([1.0, 0.0, 1.0]), sizes)
     yield from (_tension(angle, sizes) for angle in (np.pi / 4, 3 * np.pi / 4))
     yield from (_bending(angle, sign, radius) for angle in (np.pi / 4, 3 * np.pi / 4) for sign in (1.0, -1.0))
+    yield from (_twisting(sign, radius) for sign in (1.0, -1.0))
 
 
 def _random_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
@@ -192,6 +194,17 @@ def _bent(direction: Array, second_form: Array, sizes: Array) -> Ray:
 
 def _bending(angle: float, sign: float, radius: float) -> Ray:
     return Ray("bending", tuple((Loads(), Held.bent(angle, sign * size / radius)) for size in _BENDS))
+
+
+def _twisting(sign: float, radius: float) -> Ray:
+    twists = (Held.components(II11=0.0, II12=sign * float(size) / radius, II22=0.0) for size in _BENDS)
+    return Ray("bending", tuple((Loads(), held) for held in twists))
+
+
+def _rolling(straight: str) -> Ray:
+    """A free piece that rolls up by itself along one axis."""
+    held = Held.components(**{"II12": 0.0, straight: 0.0})
+    return Ray("bending", ((Loads(), held),) * 3)
 
 
 def _stress(direction: Array, sizes: Array, radius: float) -> Ray:
