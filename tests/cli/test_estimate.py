@@ -56,7 +56,8 @@ def test_estimates_reports_and_goes_on(
         assert all(errors[name] > 0 for name in ERRORS)
     assert first["stages"]["yarn"]["follows"] == "measured"
     assert first["error"]["largest"]["direction"] == "weft"
-    assert "Parameters" in (out / "index.html").read_text()
+    page = (out / "index.html").read_text()
+    assert "Parameters" in page and "error against the measurement" in page and "shell alone" in page
     found = read_yarns(out / "pattern.json")
     assert isinstance(found, YarnMaterial)
     radius = read_pattern(out / "pattern.json").radius

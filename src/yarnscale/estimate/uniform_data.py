@@ -193,7 +193,7 @@ def corrected_data(
         largest, comfort = _range(test, comfort_load)
         stretch = largest * np.arange(1, samples + 1) / samples
         stress, contraction = uniaxial(fit.material, test.direction.angle, fitted.stretch)
-        load = test.curve.load_at(stretch) * np.interp(stretch, fitted.stretch, stress / fitted.load)
+        load = test.curve.load_at(stretch) * _without_clamps(fitted, stress, stretch)
         width = test.curve.contraction_at(stretch)
         if width is None:
             across = uniaxial(fit.material, test.direction.angle, stretch)[1]
@@ -202,6 +202,14 @@ def corrected_data(
             across = width * np.interp(stretch, fitted.stretch, ratio)
         curves.append(UniformCurve(test.direction, stretch, across, load, comfort, width is not None))
     return UniformData(measurements.name, tuple(curves))
+
+
+def _without_clamps(fitted: FittedCurve, uniform: Array, stretch: Array) -> Array:
+    """Ratio of the shell's uniform stress to that of its swatch, from the stretches whose swatches bear load, (n,)."""
+    good = np.isfinite(fitted.load) & (fitted.load > 0) & (uniform > 0)
+    if not good.any():
+        return np.ones(len(stretch))
+    return np.interp(stretch, fitted.stretch[good], uniform[good] / fitted.load[good])
 
 
 def uniform_bending(fit: BendFit) -> tuple[UniformBend, ...]:

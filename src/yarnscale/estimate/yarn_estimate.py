@@ -31,6 +31,9 @@ Fabrics stretch by their loops' bending and sliding long before such a yarn give
 _OFF = 0.1
 """Error of the shell from which it is worth a warning, and effect of clamps that must not rest on such a shell."""
 
+_LARGE_EFFECT = 0.3
+"""Effect of clamps that needs a warning however good the shell is."""
+
 Follow = Literal["measured", "shell"]
 
 
@@ -113,9 +116,10 @@ class FabricEstimate:
                 f"the shell is {100 * shell:.0f} % off the measurement in the comfort range, the yarn only "
                 f"{100 * yarn:.0f} % off the shell: what the yarn misses is the shell's error; try --follow measured"
             )
-        if self.follow == "measured" and shell > _OFF and self.clamp_effect > _OFF:
+        effect = self.clamp_effect
+        if effect > _LARGE_EFFECT or (effect > _OFF and shell > _OFF):
             found.append(
-                f"clamps change the force by up to {100 * self.clamp_effect:.0f} %, as a shell says that is itself "
+                f"clamps change the force by up to {100 * effect:.0f} %, as a shell says that is itself "
                 f"{100 * shell:.0f} % off the measurement in the comfort range: longer swatches depend less on clamps"
             )
         if self.shell.membrane.assumed_contraction:
