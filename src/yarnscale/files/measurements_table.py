@@ -22,7 +22,8 @@ from yarnscale.files.measurements_names import KINDS, USUAL_UNITS, ColumnName, c
 Array = NDArray[np.float64]
 Row = tuple[int, tuple[str, ...]]
 
-_SPACES = str.maketrans("", "", "\u00a0\u202f'\u2019 ")
+_SPACES = re.compile("(?<=\\d)[ '\u00a0\u202f\u2019](?=\\d{3}(?!\\d))")
+"""Marks of thousands that are no decimal mark."""
 _DECIMALS = {
     mark: re.compile(rf"[+-]?(\d+|[1-9]\d{{0,2}}(\{group}\d{{3}})+)?(\{mark}\d*)?(e[+-]?\d+)?", re.I)
     for mark, group in ((".", ","), (",", "."))
@@ -127,7 +128,7 @@ class MeasuredTable:
         return values * column.factor
 
     def _number(self, cell: str) -> float:
-        text = cell.translate(_SPACES)
+        text = _SPACES.sub("", cell)
         if not any(character.isdigit() for character in text) or not _DECIMALS[self.decimal].fullmatch(text):
             return np.nan
         return float(text.replace("," if self.decimal == "." else ".", "").replace(",", "."))
@@ -317,7 +318,7 @@ def _side_by_side(table: MeasuredTable) -> list[MeasuredTable]:
 
 
 def _looks_like_number(cell: str) -> bool:
-    text = cell.translate(_SPACES)
+    text = _SPACES.sub("", cell)
     digits = text[-1:].isdigit() and any(form.fullmatch(text) for form in _DECIMALS.values())
     return digits or text in ("nan", "inf")
 
@@ -329,7 +330,7 @@ def _decimal_mark(tables: Sequence[MeasuredTable], needed: Sequence[str], separa
     for table in tables:
         places = [k for k, name in enumerate(table.names) if name.quantity in needed]
         for line, cells in table.rows[:_SAMPLED]:
-            for cell in (cells[k].translate(_SPACES) for k in places):
+            for cell in (_SPACES.sub("", cells[k]) for k in places):
                 fits = [mark for mark, form in _DECIMALS.items() if form.fullmatch(cell)]
                 commas |= "," in cell
                 if len(fits) == 1:
