@@ -51,6 +51,16 @@ def test_a_garment_of_two_files_comes_back(tmp_path: Path) -> None:
     same(read_garment(world, material=flat, weld=1e-5), mesh)
 
 
+def test_a_garment_split_for_every_face_is_sewn_as_it_was(tmp_path: Path) -> None:
+    mesh, path = t_shirt(), tmp_path / "shirt.obj"
+    corners = np.arange(mesh.triangles.size).reshape(-1, 3)
+    space, fabric = mesh.assembled[mesh.triangles].reshape(-1, 3), mesh.material[mesh.corners].reshape(-1, 2)
+    path.write_text(obj_text(space, corners, fabric, corners))
+    with pytest.raises(InputError, match=f"weld = true.*; {len(corners)} loose pieces"):
+        read_garment(path)
+    same(read_garment(path, weld=True), mesh)
+
+
 def test_a_panel_drawn_with_its_back_up_is_turned_over(tmp_path: Path) -> None:
     mesh = t_shirt()
     material = mesh.material.copy()
@@ -97,7 +107,7 @@ def test_faces_without_sense_in_the_fabric_are_told(tmp_path: Path, faces: str, 
     path = tmp_path / "a.obj"
     path.write_text(TRIANGLES + faces)
     with pytest.raises(InputError, match=message) as caught:
-        read_garment(path)
+        read_garment(path, on_notice=[].append)
     assert "\n" not in str(caught.value)
 
 

@@ -72,15 +72,16 @@ def check_ratio(
 
 def _remedy(areas: Areas) -> str:
     """Which units would make both of one size, else which scale of the fabric would."""
-    for space, metres in LENGTHS.items():
-        for fabric, other in LENGTHS.items():
-            ratio = areas.ratio(metres, other)
-            if space == fabric or max(ratio, 1 / ratio) > 2 * NOTED:
-                continue
-            if fabric == "m":
-                return f' (positions in {space} would fit: unit = "{space}")'
-            if space == "m":
-                return f' (texture coordinates in {fabric} would fit: unit = "{fabric}")'
-            scales = f"scale = {metres:g}, material_scale = {other:g}"
-            return f" (positions in {space} and texture coordinates in {fabric} would fit: {scales})"
+    others = [unit for unit in LENGTHS if unit != "m"]
+    pairs = [*(("m", unit) for unit in others), *((unit, "m") for unit in others), ("mm", "cm"), ("cm", "mm")]
+    for space, fabric in pairs:
+        ratio = areas.ratio(LENGTHS[space], LENGTHS[fabric])
+        if max(ratio, 1 / ratio) > 2 * NOTED:
+            continue
+        if fabric == "m":
+            return f' (positions in {space} would fit: unit = "{space}")'
+        if space == "m":
+            return f' (texture coordinates in {fabric} would fit: unit = "{fabric}")'
+        scales = f"scale = {LENGTHS[space]:g}, material_scale = {LENGTHS[fabric]:g}"
+        return f" (positions in {space} and texture coordinates in {fabric} would fit: {scales})"
     return f" (material_scale = {math.sqrt(areas.space / areas.fabric):.3g} would fit)"
