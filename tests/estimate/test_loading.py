@@ -130,6 +130,12 @@ def test_a_cycle_to_a_small_force_is_not_the_loading():
     assert found.length[-1] == pytest.approx(0.16, rel=0.01)
 
 
+def test_a_log_that_begins_with_unloading():
+    up = np.linspace(0.0, 0.6, 300)
+    found = loading(*log(np.concatenate([up[::-1], up]), noise=0.002))
+    assert error(found, largest=0.55) < 0.01
+
+
 def test_a_break_ends_the_loading():
     force, length = log(np.linspace(0.0, 0.8, 400))
     force[350:] = 0.02

@@ -89,7 +89,10 @@ def _branch(force: Array, length: Array, largest_force: float, cycle: Cycle) -> 
         broken = force[peak] - force[low : high + 1][-1] > _least_fall(force, 0.25)
         found.append((low, peak if broken else high))
     tops = np.array([min(force[low : high + 1].max(), largest_force) for low, high in found])
-    full = np.flatnonzero(tops >= _REACHED * tops.max())
+    # A log may begin with the swatch extended, and unload first: a loading begins below half of the force.
+    begins = np.array([force[low] < 0.5 * tops.max() for low, _ in found])
+    full = np.flatnonzero((tops >= _REACHED * tops.max()) & (begins | ~begins.any()))
+    full = full if len(full) else np.flatnonzero(tops == tops.max())
     chosen = int(full[0 if cycle == "first" else -1])
     low, high = found[chosen]
     begin, end = int(edges[low]), int(edges[high + 1])

@@ -1,4 +1,4 @@
-"""Slack of a swatch at the begin of its loading, and the offset of the load cell that it shows.
+"""Slack of a swatch at the beginning of its loading, and the offset of the load cell that it shows.
 
 Two models of the toe are compared, over several ranges of force: a line to which a parabola or a cubic is added from
 some length on, and one cubic. The swatch was slack where the first fits clearly better, its line is flat, and what
@@ -55,7 +55,7 @@ def slack_and_offset(force: Array, length: Array, counts: Array, begin: float) -
 
 
 class _Toe:
-    """Readings below some force; x: length over the begin, scaled."""
+    """Readings below some force; x: extension since the first reading, as a share of the whole."""
 
     def __init__(self, x: Array, force: Array, counts: Array) -> None:
         self.x, self.force, self.counts = x, force, counts
