@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.dissection import separator, stages
+from yarnscale.numerics.dissection import Dissection, separator, stages
 from yarnscale.numerics.factor import factorisation
 
 Grid = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -87,3 +87,20 @@ def test_a_factor_of_a_dissected_matrix_solves_as_any_other(backend: str) -> Non
         assert not factor.factor(values)
         values[plain.pattern.diagonal[7]] += 1e3
     np.testing.assert_allclose(*solutions, atol=1e-11)
+
+
+def test_new_edges_move_their_nodes_to_what_separates_both_ends() -> None:
+    """No edge joins two branches, before and after; the numbers of stages stay."""
+    first, second, places = _grid(40, 30)
+    dissection = Dissection.of(first, second, places, leaf=40)
+    generator = np.random.default_rng(0)
+    more = [np.concatenate([ends, generator.integers(0, len(places), 15)]) for ends in (first, second)]
+    repaired, moved = dissection.repaired(*more)
+    assert 0 < moved <= 40
+    assert dissection.repaired(first, second)[1] == 0
+    for stage, (a, b) in ((dissection.stage, (first, second)), (repaired.stage, more)):
+        for low, high in zip(np.minimum(stage[a], stage[b]), np.maximum(stage[a], stage[b]), strict=True):
+            while low < high:
+                low = dissection.parent[low]
+            assert low == high
+    assert (repaired.stage >= dissection.stage).all()

@@ -7,6 +7,9 @@ ordering, which does not see how narrow they can be cut.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -30,20 +33,50 @@ def stages(first: Indices, second: Indices, places: Array, *, leaf: int = LEAF) 
 
     first, second: (m,) nodes that an edge joins, in any order and as often as they like. places: (n, d) of nodes.
     """
-    count = len(places)
-    ones = np.ones(len(first), np.int8)
-    half = csr_array((ones, (first, second)), shape=(count, count))
-    graph = csr_array(half + half.T)
-    stage = np.empty(count, np.int64)
-    for number, part in enumerate(_dissected(graph, places, np.arange(count), leaf)):
-        stage[part] = number
-    return stage
+    return Dissection.of(first, second, places, leaf=leaf).stage
 
 
-def _dissected(graph: csr_array, places: Array, nodes: Indices, leaf: int) -> list[Indices]:
-    """Parts of the nodes, each after those that it separates."""
+@dataclass(frozen=True, eq=False)
+class Dissection:
+    """Stage (n,) at which each node is eliminated, and the tree of stages.
+
+    parent: (s,) the stage that separates each stage from others, itself at the root.
+    """
+
+    stage: Indices
+    parent: Indices
+
+    @classmethod
+    def of(cls, first: Indices, second: Indices, places: Array, *, leaf: int = LEAF) -> Dissection:
+        """Of a graph as ``stages`` takes it."""
+        count = len(places)
+        ones = np.ones(len(first), np.int8)
+        half = csr_array((ones, (first, second)), shape=(count, count))
+        graph = csr_array(half + half.T)
+        parts = _dissected(graph, places, np.arange(count), leaf)
+        stage, parent = np.empty(count, np.int64), np.arange(len(parts))
+        roots: list[int] = []  # of the trees that no later stage separates yet
+        for number, (part, children) in enumerate(parts):
+            stage[part] = number
+            for _ in range(children):
+                parent[roots.pop()] = number
+            roots.append(number)
+        return cls(stage, parent)
+
+    def repaired(self, first: Indices, second: Indices) -> tuple[Dissection, int]:
+        """The same for a graph with other edges, and how many nodes had to move.
+
+        A node that is newly joined with another branch moves to what separates both.
+        """
+        stage = self.stage.copy()
+        moved = _lift(stage, self.parent, first, second)
+        return Dissection(stage, self.parent), int(moved)
+
+
+def _dissected(graph: csr_array, places: Array, nodes: Indices, leaf: int) -> list[tuple[Indices, int]]:
+    """Parts of the nodes, each after those that it separates, and how many trees of parts it separates."""
     if len(nodes) <= leaf:
-        return [nodes]
+        return [(nodes, 0)]
     best: tuple[Indices, Indices, Indices] | None = None
     extent = np.ptp(places[nodes], axis=0)
     for axis in np.flatnonzero(extent >= _BROAD * extent.max()):
@@ -58,8 +91,37 @@ def _dissected(graph: csr_array, places: Array, nodes: Indices, leaf: int) -> li
     between, low, high = best
     low, high = np.setdiff1d(low, between), np.setdiff1d(high, between)
     if not len(low) or not len(high):  # all in one place, or joined with everything
-        return [nodes]
-    return [*_dissected(graph, places, low, leaf), *_dissected(graph, places, high, leaf), between]
+        return [(nodes, 0)]
+    return [*_dissected(graph, places, low, leaf), *_dissected(graph, places, high, leaf), (between, 2)]
+
+
+@numba.njit(cache=True)
+def _lift(stage, parent, first, second):
+    """Move nodes up the tree until every edge joins nodes of one branch; how many moves that took."""
+    moved = 0
+    changed = True
+    while changed:
+        changed = False
+        for k in range(len(first)):
+            a, b = first[k], second[k]
+            if stage[a] > stage[b]:
+                a, b = b, a
+            above = stage[a]
+            while above < stage[b]:
+                above = parent[above]
+            if above == stage[b]:
+                continue
+            # Stages of parents are later than those of their children: the first common one.
+            p, q = stage[a], stage[b]
+            while p != q:
+                if p < q:
+                    p = parent[p]
+                else:
+                    q = parent[q]
+            stage[b] = p
+            moved += 1
+            changed = True
+    return moved
 
 
 def separator(graph: csr_array, low: Indices, high: Indices) -> Indices:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
 from yarnscale.numerics.block_pattern import BlockPattern, find_block
-from yarnscale.numerics.dissection import LEAF, stages
+from yarnscale.numerics.dissection import LEAF, Dissection
 from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
 from yarnscale.numerics.kkt import QuadraticModel
 
@@ -26,6 +26,8 @@ Indices = NDArray[np.int64]
 
 WIDTH = 4
 """Most reduced unknowns behind one group: two of the chain and two across it."""
+_MOST_MOVED = 0.05
+"""Share of groups that may move in a dissection before the graph is dissected anew."""
 _JIT = {"cache": True, "error_model": "numpy"}
 
 
@@ -161,6 +163,8 @@ class NullSpaceSolver:
     _columns: Array | None = None  # (ZᵀKZ)⁻¹ Zᵀ Fᵀ of the present factor, F the few rows on all unknowns
     _schur: Array | None = None
     _values: Array | None = None
+    _dissection: Dissection | None = None
+    _moved: int = 0
 
     def factorise(self, model: QuadraticModel, shift: float) -> bool:
         """Factor the model's matrix with this shift; False where it is not positive definite on the null space."""
@@ -187,13 +191,23 @@ class NullSpaceSolver:
         keys = _met(row, column, basis.index, reduced_group, len(basis.sizes))
         reduced = BlockPattern.from_keys(basis.sizes, keys)
         if len(constraints.places) > 2 * LEAF:
-            reduced = reduced.staged(stages(*reduced.meetings(), constraints.places[basis.owner]))
+            reduced = reduced.staged(self._dissected(*reduced.meetings()))
         self._slots = _slots(
             reduced.starts, reduced.rows, reduced.offsets, reduced.group, reduced.first, reduced.pattern.starts,
             row, column, basis.index,
         )  # fmt: skip
         self._entries = reduced.pattern.entries
         self._factor = factorisation(reduced.pattern, self.backend)
+
+    def _dissected(self, first: Indices, second: Indices) -> Indices:
+        """Stages of the reduced groups; those of the pattern before, repaired, where that moves few of them."""
+        places = self.constraints.places[self.constraints.basis.owner]
+        if self._dissection is not None:
+            self._dissection, moved = self._dissection.repaired(first, second)
+            self._moved += moved
+        if self._dissection is None or self._moved > _MOST_MOVED * len(places):
+            self._dissection, self._moved = Dissection.of(first, second, places), 0
+        return self._dissection.stage
 
     def step(self, right: Array, gap: Array | None) -> Array:
         """Solve K p + Cᵀ λ = right, C p = gap (None: 0) for columns (n, k) or a vector (n,)."""
