@@ -124,7 +124,7 @@ def _along_axes(radius: float, sizes: Array) -> Iterator[Ray]:
 
 def _random_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
     """All kinds of loads in turn, and states of the box between them, without end."""
-    draws, box = qmc.Sobol(7, seed=seed), box_strains(radius, seed + 1)
+    draws, box = qmc.Sobol(7, rng=seed), box_strains(radius, seed + 1)
     for turn in count():
         yield ray_to(next(box))
         place = draws.random(1)[0]
@@ -171,7 +171,7 @@ def ray_to(strain: Array, parts: int = 3) -> Ray:
 
 def box_strains(radius: float, seed: int) -> Iterator[Array]:
     """Strains (6,) spread over a box that holds usual clothing, half of them bent doubly, in any direction; endless."""
-    draws = qmc.Sobol(7, seed=seed)
+    draws = qmc.Sobol(7, rng=seed)
     while True:
         place = draws.random(1)[0]
         in_plane = _BOX[:, 0] + (_BOX[:, 1] - _BOX[:, 0]) * place[:3]

@@ -58,7 +58,7 @@ class GridUnits:
     def keep(self, unit: int, result: dict[str, object]) -> None:
         """Store what a worker has found."""
         self.store.write(unit, result)
-        self.status[unit] = result["status"]
+        self.status[unit] = int(result["status"])  # type: ignore[call-overload]
         self.done.add(unit)
 
     def give_up(self, unit: int) -> None:
@@ -112,13 +112,15 @@ class RayUnits:
 
     def settled(self, unit: int) -> bool:
         """Whether the ray ended before this level; its places are marked then."""
+        before = self._before(unit)
+        if before is None:
+            return False
         level = unit % self.levels
-        earlier = [before for before in range(unit - level, unit)] if level else [self._before(unit)]
-        if self.lost.intersection(earlier):
+        if self.lost.intersection([before, *range(unit - level, unit)]):
             self.lost.add(unit)
             return True
-        ended = level > 0 and (self.status[earlier] == _STALLED).any()
-        if unit == 0 or not (ended or self._last_state(unit) is None):
+        ended = bool((self.status[unit - level : unit] == _STALLED).any())
+        if not ended and self._last_state(unit) is not None:
             return False
         self._write(unit, [])
         return True
@@ -170,7 +172,7 @@ class RayUnits:
             index = unit * self.iterates + place
             if place < len(found):
                 self.store.write(index, found[place])
-                self.status[unit, place] = found[place]["status"]
+                self.status[unit, place] = int(found[place]["status"])  # type: ignore[call-overload]
             else:
                 empty = _STALLED if ended and place == len(found) else _EXCLUDED
                 self.store.write_empty(index, empty)
