@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from yarnscale.files.material_toml import read_material as read_yarn_material
     from yarnscale.files.material_toml import write_material as write_yarn_material
     from yarnscale.files.measurements import read_measurements
-    from yarnscale.files.patterns import read_pattern, write_pattern
+    from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
     from yarnscale.homogenize.fit import fit_spline_material
     from yarnscale.homogenize.homogenize import Homogenization, fit
     from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
@@ -90,6 +90,7 @@ _HOME = {
     "read_measurements": "files.measurements",
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
+    "read_yarns": "files.patterns",
     "refine": "homogenize.refine",
     "run_scene": "shell.scenes.scene",
     "run_tests": "laboratory.programme",
@@ -147,6 +148,7 @@ __all__ = [
     "read_measurements",
     "read_pattern",
     "read_yarn_material",
+    "read_yarns",
     "refine",
     "run_scene",
     "run_tests",

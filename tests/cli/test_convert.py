@@ -48,7 +48,7 @@ def test_what_is_no_choice_of_frames_is_refused() -> None:
 def test_files_bear_the_numbers_of_their_frames(run: Callable, run_of_yarns: Path, tmp_path: Path) -> None:
     out = tmp_path / "obj"
     assert run("convert", run_of_yarns, "--to", "obj", "--out", out, "--frames", "5:9:2").status == 0
-    assert sorted(path.name for path in out.iterdir()) == [f"frame_{n:04d}.obj" for n in (5, 7, 9)]
+    assert sorted(path.name for path in out.glob("frame_*")) == [f"frame_{n:04d}.obj" for n in (5, 7, 9)]
     text = (out / "frame_0007.obj").read_text()
     assert "o bodies" in text and "0.07" in text
 

@@ -62,6 +62,7 @@ def test_every_frame_gets_yarns_that_go_with_the_cloth(
     summary = json.loads(outcome.out)
     animation = read_animation(folder)
     assert len(animation) == 3 and animation.yarns is not None
+    assert summary["material"] == "hylc2020-stockinette" and summary["material_from"] == "of the samples"
     assert summary["frames_written"] == 3 and summary["yarn_vertices"] == animation.yarns.point_count
     for number, moment in enumerate(animation):
         assert moment.yarns is not None

@@ -77,3 +77,10 @@ def test_errors_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="kind of picture"):
         write_report(page, "t", [Section("s", pictures=[Picture(tmp_path / "a.exe")])])
     assert not page.exists()
+
+
+def test_cells_say_their_column_where_tables_become_lists(tmp_path: Path) -> None:
+    write_report(tmp_path / "page.html", "t", sections(tmp_path))
+    text = (tmp_path / "page.html").read_text()
+    assert 'data-column="Ψ [J/m²]"' in text and 'data-column="state"' in text
+    assert "attr(data-column)" in text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,22 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
 from yarnscale.cli.cloth import MAKES, simulate_into
 from yarnscale.cli.console import print_json, writable_folder
+from yarnscale.cli.detail import curve_set
 from yarnscale.cli.materials import PATTERN as REST
 from yarnscale.cli.materials import homogenize_into, material_sections, results_of_homogenize
 from yarnscale.cli.yarns import draw_cell
+from yarnscale.detail.fluctuations import FluctuationTable
+from yarnscale.detail.yarns import YarnDetail
+from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.patterns import write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.plan import StrainRange
+from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
-from yarnscale.shell.scenes.scene import drape, stretch
+from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.shell.scenes.scene import SceneResult, drape, stretch
+from yarnscale.show.cloth import Solid
+from yarnscale.show.detail import yarn_cloth_picture
 from yarnscale.show.report import Picture, Section, Table, write_report
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
@@ -47,13 +56,15 @@ def _demo(folder: Path, began: float) -> int:
             cell, homogenized, solves=SOLVES, box=StrainRange(), workers=WORKERS, resume=False
         )
     material_section = material_sections(outcome, _embedded(folder / "homogenized" / "pictures"))
-    cloth, measures, cloth_converged = _cloth_section(outcome.material, folder)
+    cloth, measures, results = _cloth_section(outcome.material, folder)
+    samples = SampleStore(folder / "homogenized" / "samples")
+    detail = _detail_section(FluctuationTable.from_store(samples, cell.pattern), results, folder / "yarns")
     seconds = time.perf_counter() - began
     write_report(
         folder / "index.html",
         "From yarn to cloth: stockinette",
-        [yarns, *material_section, cloth],
-        summary=f"Yarn material {MATERIAL}. Everything on this page was computed in {seconds:.0f} s.",
+        [detail, yarns, *material_section, cloth],
+        summary=f"Yarn material {MATERIAL}. Everything on this page was computed in {seconds:.0f}\u00a0s.",
         facts={
             "yarn states solved": outcome.summary.states,
             "converged": outcome.summary.converged,
@@ -62,9 +73,8 @@ def _demo(folder: Path, began: float) -> int:
         },
     )
     print_json({"page": str(folder / "index.html"), "seconds": seconds, **measures})
-    return (
-        0 if all_converged and cloth_converged and outcome.summary.states == outcome.summary.converged else 1
-    )
+    all_converged &= outcome.summary.states == outcome.summary.converged
+    return 0 if all_converged and all(result.succeeded for result in results) else 1
 
 
 def _yarn_section(cell: PeriodicCell, folder: Path) -> tuple[Section, bool]:
@@ -96,7 +106,46 @@ def _embedded(folder: Path) -> list[Picture]:
     return [Picture(folder / name, text, wide) for name, (text, wide) in names.items()]
 
 
-def _cloth_section(material, folder: Path) -> tuple[Section, dict[str, float | int], bool]:  # type: ignore[no-untyped-def]
+def _detail_section(table: FluctuationTable, results: Sequence[SceneResult], folder: Path) -> Section:
+    """The yarns of the cell on both sheets, as a whole and from near."""
+    pictures, count = [], 0
+    for result, (name, middle, captions) in zip(results, _ON_CLOTH, strict=True):
+        cloth, positions = result.scene.cloth, result.state.positions
+        yarns = YarnDetail.of(table, cloth.mesh)
+        points, curves = yarns.curves(positions), curve_set(yarns)
+        count += yarns.layout.vertex_count
+        bodies = BodySurface(cloth.obstacles)
+        solids = [Solid(bodies.vertices(result.state.time), bodies.triangles)] if bodies else []
+        near = {"about": positions[middle(positions)], "width": 0.06}
+        for number, (caption, view) in enumerate(zip(captions, ({}, near), strict=True)):
+            path = folder / f"{name}_{number}.png"
+            yarn_cloth_picture(path, curves, points, solids=solids, **view)
+            pictures.append(Picture(path, caption, wide=number == 0))
+    text = [
+        f"{count} yarn vertices on the two simulated sheets, each where the relaxed cell has it under the local strain "
+        "and curvature of the cloth. The cell's states are those that the shell material below was fitted to."
+    ]
+    return Section("Yarns on cloth", text, [], pictures[2:] + pictures[:2])
+
+
+_ON_CLOTH = (
+    (
+        "stretch",
+        lambda positions: np.linalg.norm(positions - positions.mean(axis=0), axis=1).argmin(),
+        ("The sheet stretched along its courses.", "Its middle: the loops are drawn wide and low."),
+    ),
+    (
+        "drape",
+        lambda positions: positions[:, 2].argmax(),
+        ("The sheet on the ball.", "On top of the ball."),
+    ),
+)
+"""Of each sheet a name, the vertex in the middle of its near view, and captions of the whole and the near view."""
+
+
+def _cloth_section(
+    material: ShellMaterial, folder: Path
+) -> tuple[Section, dict[str, float | int], tuple[SceneResult, SceneResult]]:
     scenes = {
         "stretch": stretch(material, direction="course", amount=AMOUNT, frame_interval=0.1),
         "drape": drape(material, frame_interval=0.1),
@@ -128,4 +177,4 @@ def _cloth_section(material, folder: Path) -> tuple[Section, dict[str, float | i
     text = [
         "Simulated as a thin shell with the material above, implicit time steps, self-contact in the drape."
     ]
-    return Section("Cloth", text, tables, pictures), measures, pulled.succeeded and draped.succeeded
+    return Section("Cloth", text, tables, pictures), measures, (pulled, draped)

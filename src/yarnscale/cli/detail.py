@@ -94,6 +94,10 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     found = None if options.relaxed else _stored(options, pattern, yarn)
     if found is not None:
         store, sampled = found
+        if yarn.is_default:
+            origin = CellOrigin.of(store.attributes["provenance"], store.path)
+            assert origin is not None
+            yarn = YarnChoice(yarn.pattern, origin.yarns, "of the samples")
         table = FluctuationTable.from_store(store, sampled)
         summary = _origin(store, out, resume=options.resume) | yarn.summary
         yarn.say()
@@ -209,7 +213,7 @@ def _origin(store: SampleStore, out: Path, *, resume: bool) -> dict[str, object]
 
 def _write(yarns: YarnDetail, frames: ClothFrames, out: Path, *, resume: bool) -> tuple[int, float]:
     """Write a frame of curves for every frame of the cloth; how many were written and the seconds that took."""
-    layout, curves = yarns.layout, _curves(yarns)
+    layout, curves = yarns.layout, curve_set(yarns)
     there = _finished(out, layout.offsets, frames) if resume else set()
     todo = [number for number in frames.paths if number not in there]
     folder = CurveFolder(out, curves, keep=max(there, default=-1) + 1)
@@ -222,7 +226,7 @@ def _write(yarns: YarnDetail, frames: ClothFrames, out: Path, *, resume: bool) -
     return len(todo), time.perf_counter() - began
 
 
-def _curves(yarns: YarnDetail) -> CurveSet:
+def curve_set(yarns: YarnDetail) -> CurveSet:
     """The curves, with the colour of the yarn that they are of: courses of one yarn look alike."""
     layout = yarns.layout
     kind = yarns.table.pattern.material_of_vertex[layout.vertex[layout.offsets[:-1]]]
@@ -252,4 +256,4 @@ def _draw(path: Path, yarns: YarnDetail, frames: ClothFrames) -> None:
     number = max(frames.paths)
     last, bodies = frames.state(number), frames.bodies(number)
     solids = [] if bodies is None or frames.body_triangles is None else [Solid(bodies, frames.body_triangles)]
-    yarn_cloth_picture(path, _curves(yarns), yarns.curves(last.positions), solids=solids)
+    yarn_cloth_picture(path, curve_set(yarns), yarns.curves(last.positions), solids=solids)

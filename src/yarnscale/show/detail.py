@@ -19,6 +19,8 @@ from yarnscale.show.seen_tubes import seen_tubes, tube_colours
 
 NEAR_POINTS = 60_000
 """With fewer points in view, yarns are drawn smooth."""
+_SHADED = 2.0
+"""Radius [pixels] from which yarns shade each other."""
 
 Floats = NDArray[np.float64]
 
@@ -71,7 +73,9 @@ def yarn_cloth_picture(
         for solid in drawn:
             body = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
             plotter.add_mesh(body, color=solid.colour, smooth_shading=True, ambient=0.3, specular=0.1)
-        plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)
+        # The renderer keeps depths in half precision: below a few pixels what lies deeper would be noise.
+        if scale * radius > _SHADED:
+            plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)
         plotter.reset_camera_clipping_range()
 
 
