@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.detail.fluctuations import FluctuationTable, detail_grid
+from yarnscale.detail.fluctuations import FluctuationTable, ScatteredFluctuations, detail_grid
 from yarnscale.errors import InputError
 from yarnscale.homogenize.plan import StrainGrid, scattered_axes
-from yarnscale.homogenize.sample import create_store
+from yarnscale.homogenize.rays import ray_to
+from yarnscale.homogenize.sample import create_ray_store, create_store
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, solve
 
@@ -70,7 +71,7 @@ def test_what_makes_no_table_is_refused(store: SampleStore, cell: PeriodicCell, 
         FluctuationTable.from_store(store, other)
     states = scattered_axes(np.zeros((2, 5)))
     scattered = create_store(tmp_path / "scattered", cell, states, scattered=True)
-    with pytest.raises(InputError, match="a grid of strains"):
+    with pytest.raises(InputError, match="a converged state"):
         FluctuationTable.from_store(scattered, cell.pattern)
     bent = create_store(tmp_path / "bent", cell, StrainGrid(lambda_x=(10.0,)).axes, scattered=False)
     with pytest.raises(InputError, match="flat states"):
@@ -78,6 +79,37 @@ def test_what_makes_no_table_is_refused(store: SampleStore, cell: PeriodicCell, 
     empty = create_store(tmp_path / "empty", cell, StrainGrid().axes, scattered=False)
     with pytest.raises(InputError, match="a converged flat state"):
         FluctuationTable.from_store(empty, cell.pattern)
+
+
+@pytest.mark.parametrize("kind", ["strains", "rays"])
+def test_scattered_states_are_interpolated_between(cell: PeriodicCell, tmp_path: Path, kind: str) -> None:
+    """û that is linear in all strains comes back exactly, also from states that bend twice and twist."""
+    rng, count = np.random.default_rng(5), len(cell.pattern.edges)
+    radius = cell.pattern.radius
+    slope = radius * rng.normal(size=(count, 3, 6)) * ([1.0] * 3 + [radius] * 3)
+    if kind == "strains":
+        strains = rng.uniform(-0.1, 0.4, (40, 5)) * [1, 1, 1, 100, 100]
+        store = create_store(tmp_path / kind, cell, scattered_axes(strains), scattered=True)
+        strains = np.insert(strains, 4, 0.0, axis=1)
+    else:
+        strains = rng.uniform(-0.1, 0.4, (40, 6)) * [1, 1, 1, 100, 100, 100]
+        store = create_ray_store(tmp_path / kind, cell, [ray_to(strain, parts=1) for strain in strains])
+    numbers = np.arange(store.count).reshape(len(strains), -1)[:, 0]
+    names = ("energy_density", "iterations", "seconds", "residual", "min_distance_over_diameter")
+    for number, strain in zip(numbers.tolist(), strains, strict=True):
+        found = {"fluctuation": slope @ strain, "twist": np.zeros(count), "strain": strain}
+        rest = {"stress": np.zeros(6), "moduli": np.eye(6), "status": CODE_OF["converged"]}
+        store.write(number, dict.fromkeys(names, 0.0) | found | rest)
+    table = FluctuationTable.from_store(store, cell.pattern)
+    state = np.array([0.05, 0.1, 0.2, 10.0, 0.0])
+    found = table.at(np.repeat(state[None], count, axis=0), np.arange(count))
+    np.testing.assert_allclose(found, slope @ np.insert(state, 4, 0.0), atol=1e-4 * radius)
+    # Out of range the ends of the range stand in.
+    far = table.at(np.full((1, 5), [9.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(1, np.int64))
+    end = table.at(np.array([[strains[:, 0].max(), 0.0, 0.0, 0.0, 0.0]]), np.zeros(1, np.int64))
+    np.testing.assert_array_equal(far, end)
+    errors = ScatteredFluctuations.of(store, radius).error_on(store)
+    assert errors.shape == (40, count) and errors.max() < 1e-9 * radius
 
 
 def test_the_default_grid_scales_with_the_yarn(cell: PeriodicCell) -> None:

@@ -110,6 +110,10 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     store = _kept(path, cell, axes, replace=options.overwrite)
     if store is None:
         store = create_store(path, cell, axes, scattered=False)
+    print(
+        f"no samples given or beside the pattern: {store.count} states are relaxed ('homogenize' leaves samples)",
+        file=sys.stderr, flush=True,
+    )  # fmt: skip
     line = ProgressLine(f"sampling {pattern.name}")
     run_sample(
         cell, store, workers=worker_count(options), dask=options.dask,
