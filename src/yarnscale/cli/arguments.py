@@ -13,7 +13,7 @@ from yarnscale.cli.cloth_options import add_cloth_commands
 from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.cli.fabric_options import add_fabric_options
 from yarnscale.cli.material_options import add_material_commands
-from yarnscale.cli.shared_options import add_overwrite
+from yarnscale.cli.shared_options import add_json, add_overwrite
 from yarnscale.cli.yarn_options import add_yarn_commands
 
 
@@ -59,4 +59,5 @@ def parser() -> argparse.ArgumentParser:
         "--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)"
     )
     add_overwrite(demo)
+    add_json(demo)
     return top

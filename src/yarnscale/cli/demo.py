@@ -43,10 +43,15 @@ def demo(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     makes = ("index.html", "yarns/*.png", "homogenized/", "stretch/", "drape/")
     with RunFolder(options.out, "demo", makes, overwrite=options.overwrite) as folder:
-        return _demo(folder, began)
+        summary, good = _demo(folder, began)
+    if options.json:
+        print_json(summary)
+    else:
+        print(f"{summary['page']}: everything, in {summary['seconds']:.0f} s")
+    return 0 if good else 1
 
 
-def _demo(folder: Path, began: float) -> int:
+def _demo(folder: Path, began: float) -> tuple[dict[str, object], bool]:
     rest = settled(library.build(PATTERN), YarnMaterial.preset(MATERIAL))
     cell = PeriodicCell(rest.pattern, YarnMaterial.preset(MATERIAL))
     yarns, all_converged = _yarn_section(cell, folder / "yarns")
@@ -72,9 +77,9 @@ def _demo(folder: Path, began: float) -> int:
             "cloth vertices": measures["vertices"],
         },
     )
-    print_json({"page": str(folder / "index.html"), "seconds": seconds, **measures})
     all_converged &= outcome.summary.states == outcome.summary.converged
-    return 0 if all_converged and all(result.succeeded for result in results) else 1
+    good = all_converged and all(result.succeeded for result in results)
+    return {"page": str(folder / "index.html"), "seconds": seconds, **measures}, good
 
 
 def _yarn_section(cell: PeriodicCell, folder: Path) -> tuple[Section, bool]:

@@ -49,7 +49,7 @@ def sheet_at_rest(options: argparse.Namespace) -> Laid:
     A knitted piece has come to ease as it was drawn.
     """
     pattern = pattern_of(options.pattern, options.radius)
-    yarn = yarn_for(options.pattern, pattern, None if options.material is None else [options.material])
+    yarn = yarn_for(options.pattern, pattern, options.material)
     yarn.say()
     material = yarn.materials
     if options.border == "knitted":

@@ -13,6 +13,8 @@ from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, print_json
 from yarnscale.cli.materials import PATTERN, worker_count
+from yarnscale.cli.yarns import pattern_of
+from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective
@@ -30,7 +32,7 @@ from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.measurements_swatches import LogSettings
-from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
+from yarnscale.files.patterns import is_drawing, write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.executors import dask_workers, local_workers
 
@@ -91,9 +93,11 @@ def _store(folder: Path, objective: YarnObjective, *, resume: bool) -> EstimateF
 
 
 def _model(options: argparse.Namespace, measurements: SwatchMeasurements) -> YarnModel:
-    pattern = read_pattern(options.pattern)
+    if options.radius is not None and options.yarn_length is not None:
+        raise InputError("--radius", expected="none beside --yarn-length, which says the size of the fabric")
+    pattern = pattern_of(options.pattern, options.radius)
     drawn = is_drawing(options.pattern)
-    if drawn and options.yarn_length is None:
+    if drawn and options.yarn_length is None and options.radius is None:
         pattern = pattern.scaled(DRAWN_RADIUS / pattern.radius)
         _say(
             f"size of the fabric unknown: {pattern.name} is drawn with a yarn of {1e3 * DRAWN_RADIUS:g} mm radius"

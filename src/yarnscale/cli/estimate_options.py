@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from yarnscale.cli.shared_options import add_dask, add_json, add_overwrite
+from yarnscale.cli.shared_options import add_dask, add_json, add_overwrite, add_radius
 from yarnscale.cli.values import not_negative, positive, positive_integer
 
 SOLVERS = ("sobol", "local", "paper")
@@ -72,6 +72,7 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
         "--yarn-length", type=positive, metavar="METRES",
         help="yarn in one period of the pattern (default: of the pattern as drawn, 0.4 mm yarn for built-in patterns)",
     )  # fmt: skip
+    add_radius(command)
     command.add_argument(
         "--stiffness", type=positive, metavar="NEWTON",
         help="of the stiffest yarn, k_s2 (default: from the measurements, else an estimate of 60 N)",

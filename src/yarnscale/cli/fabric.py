@@ -87,7 +87,9 @@ def _fabric(options: argparse.Namespace, results: AbstractContextManager[Path | 
 
 
 def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
-    material = read_material(options.material or "wool")
+    if len(options.material or ()) > 1:
+        raise InputError("--material", expected="one, or --method direct", found=len(options.material))
+    material = read_material(options.material[0] if options.material else "wool")
     origin = "--material" if options.material else "default of spline yarns"
     YarnChoice(options.pattern, material, origin).say()
     size = options.rows, options.columns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import add_json, add_overwrite, add_radius
+from yarnscale.cli.shared_options import YARN_MATERIAL, add_json, add_overwrite, add_radius
 from yarnscale.cli.values import not_negative, number, positive
 
 METHODS = ("splines", "volume", "direct")
@@ -91,7 +91,7 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         help="of rods: a built-in pattern or chart as it is drawn, not as fabric at rest; knitted pieces always are",
     )  # fmt: skip
     command.add_argument(
-        "--material", metavar="MATERIAL", help="preset or TOML file (wool; direct: what suits the pattern)"
+        "--material", action="append", help=f"{YARN_MATERIAL}; splines take one, wool by default"
     )
     add_radius(command)
     command.add_argument(
