@@ -27,9 +27,9 @@ def cloth(density: float = 0.15, **fields: object) -> Cloth:
     return Cloth(PANEL, material, **fields)  # type: ignore[arg-type]
 
 
-def moved(*ways: float) -> tuple[Handle, ...]:
-    places = np.zeros((1, 3))
-    return tuple(Handle(f"h{k}", np.array([k]), places, Motion((way, 0, 0))) for k, way in enumerate(ways))
+def moved(*ways: float, duration: float = 1.0) -> tuple[Handle, ...]:
+    motions = [Motion((way, 0, 0), duration=duration) for way in ways]
+    return tuple(Handle(f"h{k}", np.array([k]), np.zeros((1, 3)), motion) for k, motion in enumerate(motions))
 
 
 def body(size: float) -> MeshObstacle:
@@ -66,6 +66,8 @@ def test_what_is_common_passes(usual: dict[str, object]) -> None:
         ({"gravity": (0.0, -200.0, 0.0)}, "times that of the earth"),
         ({"handles": moved(9.0, 9.0)}, "handle 'h0' moves by"),
         ({"handles": moved(0.0, 3.0)}, "against each other"),
+        ({"handles": moved(1.0, duration=0.01)}, "moves at 100 m/s"),
+        ({"contact": ContactSettings(pressure=1e5)}, "times the weight of the cloth per area"),
         ({"contact": ContactSettings(), "obstacles": (body(40.0),)}, "another size"),
     ],
 )

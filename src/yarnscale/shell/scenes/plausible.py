@@ -23,6 +23,10 @@ _THICK_EDGES, _THICKEST_EDGES, _THICKEST_SHARE = 0.5, 10.0, 0.5
 _MANY_GRAVITIES, _MOST_GRAVITIES = 10.0, 500.0
 _LONG_WAY, _LONGEST_WAY, _FAR_APART = 20.0, 100.0, 5.0
 """Ways of handles and bodies over the size of what they move."""
+_FAST = 50.0
+"""Mean speed of a handle or body [m/s]."""
+_PRESSING = 1e4
+"""Contact pressure over the weight of the cloth per area: 10 to 500 are common."""
 _LARGE_BODY, _LARGEST_BODY = 50.0, 1000.0
 """Size of a body over that of the cloth, or the other way round."""
 
@@ -72,6 +76,10 @@ def check_cloth(cloth: Cloth) -> Iterator[str]:
         )
     if pull > _MANY_GRAVITIES:
         yield f"gravity is {pull:.3g} times that of the earth"
+    weight = density * _GRAVITY * pull
+    if cloth.contact is not None and weight > 0 and cloth.contact.pressure > _PRESSING * weight:
+        times = cloth.contact.pressure / weight
+        yield f"contact presses with {cloth.contact.pressure:g} Pa, {times:.3g} times the weight of the cloth per area"
     yield from _ways(cloth)
     for body in cloth.obstacles:
         yield from _body(body, _size(cloth.mesh.assembled))
@@ -105,12 +113,15 @@ def _ways(cloth: Cloth) -> Iterator[str]:
         if motion is not None and not isinstance(body, Plane):
             ways.append(("an obstacle", motion, max(size, _size(body.points(0.0)))))
     for name, motion, reach in ways:
-        times = math.sqrt(sum(d * d for d in motion.displacement)) / reach
+        way = math.sqrt(sum(d * d for d in motion.displacement))
+        times = way / reach
         if times > _LONGEST_WAY:
             expected = f"at most {_LONGEST_WAY:g} times its size, {100 * reach:.3g} cm"
             raise InputError(f"displacement of {name}", expected=expected, found=motion.displacement)
         if times > _LONG_WAY:
             yield f"{name} moves by {times:.3g} times its size, {100 * reach:.3g} cm"
+        if motion.duration > 0 and way / motion.duration > _FAST:
+            yield f"{name} moves at {way / motion.duration:.3g} m/s"
     moved = np.array([handle.motion.displacement for handle in cloth.handles]).reshape(-1, 3)
     apart = float(np.ptp(moved, axis=0).max()) / size if len(moved) > 1 else 0.0
     if apart > _FAR_APART:
