@@ -105,7 +105,7 @@ def load_rays(
     return rays
 
 
-FEWEST = 60
+FEWEST = 30
 """Fewest solves of a plan."""
 VISITED = "visited"
 """Kind of rays that are no part of a plan: to states where a simulation went."""
