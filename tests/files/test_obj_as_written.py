@@ -62,6 +62,9 @@ def test_concave_faces_and_corners_on_straight_sides_make_cloth(obj: Callable[[s
     np.testing.assert_allclose(mesh.areas.sum(), 0.04)
     assert len(mesh.triangles) == 7 and mesh.vertex_count == 8
     assert (~mesh.has_neighbour).sum() == 7
+    assert mesh.lines.tolist() == [17] * 4 + [18] * 3
+    with pytest.raises(InputError, match=r"a\.obj: vertices; expected 6 or more in faces; found 4"):
+        read_garment(obj(text_of(grid(1), split=False)))
 
 
 @pytest.mark.parametrize("first", range(4))

@@ -58,6 +58,10 @@ def read_garment(
         source = read_obj(material)
         points, corners = _flat(source, world), source.corner_vertices
     cloth = _used(world, points, corners)
+    if len(cloth.positions) < 6:
+        raise InputError(
+            "vertices", where=world.path, expected="6 or more in faces", found=len(cloth.positions)
+        )
     flat = in_own_plane(cloth.positions[cloth.vertices], cloth.starts)
     areas = Areas(*(float(np.abs(polygon_areas(x, cloth.starts)).sum()) for x in (flat, points[corners])))
     if not areas.fabric > 0:
@@ -130,7 +134,7 @@ def _mesh(cloth: Polygons, world: ObjSurface, source: ObjSurface, on_notice: Not
         on_notice(f"{world.path}: {turned} edges were turned where only three triangles met")
     points = _face_up(cloth.material, corners, faces, source)
     try:
-        return TriangleMesh(points, triangles, 0.0, corners, cloth.positions)
+        return TriangleMesh(points, triangles, 0.0, corners, cloth.positions, lines=world.lines[faces])
     except MeshError as error:
         what = error.worded(cloth.names) if error.vertices else "face"
         where = world.place(int(faces[error.triangle]))

@@ -46,6 +46,7 @@ class TriangleMesh:
     the panel as cut in the plane z = 0.
     rest_angles: fold [rad] over edges v0v1, v1v2, v2v0 of every triangle that the cloth has at rest, shape (nt, 3),
     positive where the right side is on the outside; empty: flat everywhere.
+    lines: of the file that each triangle comes from, shape (nt,); empty where there is none.
 
     Derived: ``stencils`` (nt, 6) = (v0, v1, v2, then the vertices opposite to edges v0v1, v1v2, v2v0 in the
     neighbouring triangles, across seams too); ``has_neighbour`` (nt, 3). Where there is no neighbour the stencil
@@ -67,6 +68,7 @@ class TriangleMesh:
     corners: Integers = field(default_factory=lambda: np.zeros((0, 3), np.int64))
     assembled: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     rest_angles: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    lines: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
     stencils: Integers = field(init=False, repr=False)
     has_neighbour: NDArray[np.bool_] = field(init=False, repr=False)
     inverse_rest: Floats = field(init=False, repr=False)

@@ -23,12 +23,13 @@ class Crossing:
     """Two objects that cross.
 
     body: number of the obstacle, or ``CLOTH`` where the cloth crosses itself; description: which triangles, where and
-    how many; remedy: what to do about it.
+    how many; remedy: what to do about it. triangles: those of the cloth that the description names.
     """
 
     body: int
     description: str
     remedy: str
+    triangles: tuple[int, ...] = ()
 
 
 def surface_crossings(
@@ -49,13 +50,12 @@ def surface_crossings(
             remedy = "move one of the layers, or set [contact] self_contact = false"
             if _doubled(positions, triangles[pairs[chosen]]):
                 remedy = f"sew vertices at the same place (weld), {remedy}"
-            found.append(
-                Crossing(body, f"triangles {one} and {two} of the cloth at {where}, {number}", remedy)
-            )
+            text = f"triangles {one} and {two} of the cloth at {where}, {number}"
+            found.append(Crossing(body, text, remedy, (int(one), int(two))))
         else:
             two -= int(np.searchsorted(owners, body))
             text = f"triangle {one} of the cloth and triangle {two} of {names[body]} at {where}, {number}"
-            found.append(Crossing(body, text, f"move the cloth or {names[body]}"))
+            found.append(Crossing(body, text, f"move the cloth or {names[body]}", (int(one),)))
     return found
 
 

@@ -7,10 +7,11 @@ schedule of statics has no dynamics: equilibria follow the handles (``quasi_stat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
@@ -317,10 +318,18 @@ def _refuse_crossings(solver: ClothSolver, state: ClothState) -> None:
     if not solver.intersects(state):
         return
     found = solver.crossings(state)
-    told = "; ".join(c.description for c in found) or "some that do"
+    lines = solver.cloth.mesh.lines
+    told = "; ".join(c.description + _in_file(lines, c.triangles) for c in found) or "some that do"
     remedies = "; ".join(dict.fromkeys(c.remedy for c in found))
     raise InputError(
         "start of the cloth",
         expected="surfaces that do not cross",
         found=f"{told}. {remedies[:1].upper()}{remedies[1:]}" if found else told,
     )
+
+
+def _in_file(lines: NDArray[np.int64], triangles: Sequence[int]) -> str:
+    """Lines of the cloth's file that triangles come from, where there is one."""
+    if not (len(lines) and triangles):
+        return ""
+    return f" (line{'s' * (len(triangles) > 1)} {' and '.join(str(lines[t]) for t in triangles)} of its file)"
