@@ -5,14 +5,13 @@ python docs/draw_charts.py
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from PIL import Image
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.files.chart import read_chart
-from yarnscale.show.curves import periodic_curves
+from yarnscale.show.curves import pattern_curves
 from yarnscale.show.tubes import yarn_picture
 from yarnscale.yarn.material import YarnMaterial
 
@@ -25,11 +24,8 @@ def main() -> None:
     material = YarnMaterial.preset("hylc2020-stockinette")
     for path in sorted((FOLDER / "charts").glob("*.chart")):
         cell = PeriodicCell(read_chart(path), material)
-        curves = periodic_curves(cell.pattern.edges, cell.placement(cell.relax()), rings=1)
+        curves = pattern_curves(cell.pattern, cell.placement(cell.relax()), rings=1)
         picture = FOLDER / "pictures" / f"chart-{path.stem}.png"
-        kinds = cell.pattern.yarn_material
-        if kinds is not None and kinds.any():
-            curves = [replace(curve, yarn=int(kinds[curve.yarn])) for curve in curves]
         yarn_picture(picture, curves, cell.pattern.radius, camera="top", size=SIZE)
         Image.open(picture).convert("RGB").quantize(64).save(picture, optimize=True)
         print(picture.name)

@@ -20,7 +20,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 SMALLER: dict[str, list[str]] = {
     "gallery": ["plain", "--as-drawn"],
-    "homogenize": ["--solves", "40", "--as-drawn", "--workers", "1", "--overwrite"],
+    "homogenize": ["--solves", "12", "--as-drawn", "--workers", "1", "--overwrite"],
     "test": ["--directions", "0", "--loads", "2", "--curvatures", "10", "--as-drawn"],
     "stretch": ["--spacing", "0.03", "--duration", "0.1", "--overwrite"],
     "simulate sweater": ["--spacing", "0.03", "--animation"],

@@ -400,7 +400,13 @@ class CellEnergy:
         full = self.nodes.expand(x)
         contacts = self.contacts(x, full)
         ends = self.images.segment_end
-        return 0.5 * pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
+        gaps = pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
+        return gaps / self._diameters(contacts)
+
+    def _diameters(self, contacts: Contacts) -> Array:
+        """Sum of the radii of each pair's yarns (N,) [r]."""
+        relative = self.pattern.relative_radius
+        return relative[contacts.first] + relative[contacts.second % self.count]
 
     def positions(self, x: Array) -> Array:
         """World positions of the primary tile's vertices, (n, 3) [m]."""

@@ -92,7 +92,8 @@ def _stretch(energy: CellEnergy, full: Array, by_length: Array) -> Array:
     columns = np.zeros((energy.count, 3))
     columns[:, : found.shape[1] - 1] = found[:, 1:]
     force = energy.unit / energy.pattern.radius
-    return _summed(energy, columns * [1.0 / force, 1.0 / force, 1.0])
+    section = energy.pattern.relative_radius[:, None] ** [2.0, 2.0, 0.0]
+    return _summed(energy, columns * section * [1.0 / force, 1.0 / force, 1.0])
 
 
 def _joints(energy: CellEnergy, full: Array, by_length: Array) -> Array:
@@ -103,7 +104,8 @@ def _joints(energy: CellEnergy, full: Array, by_length: Array) -> Array:
     by_joint = -(found[:, 0] * bend + found[:, 1] * twist) * pattern.radius / pattern.voronoi_length
     by_length += 0.5 * by_joint
     np.add.at(by_length, pattern.previous_vertex, 0.5 * by_joint)
-    return _summed(energy, found / (pattern.voronoi_length * energy.unit)[:, None])
+    scale = pattern.relative_radius**4 / (pattern.voronoi_length * energy.unit)
+    return _summed(energy, found * scale[:, None])
 
 
 def _contact(energy: CellEnergy, x: Array, full: Array, by_length: Array) -> tuple[Array, dict[str, float]]:
@@ -133,8 +135,8 @@ def _contact(energy: CellEnergy, x: Array, full: Array, by_length: Array) -> tup
         return by_contact, {}
     inner = found[:, 2] * stencils.parameters[:, 2] / rule.inner_stiffness
     shared = (
-        -0.5 * found[:, 1].sum() / rule.outer_radius_ratio**3,
+        -2.0 * (found[:, 1] * stencils.parameters[:, 1]).sum() / rule.outer_radius_ratio,
         inner.sum(),
-        -0.5 * found[:, 3].sum() / rule.inner_radius_ratio**3,
+        -2.0 * (found[:, 3] * stencils.parameters[:, 3]).sum() / rule.inner_radius_ratio,
     )
     return by_contact, {name: float(value) for name, value in zip(BARRIERS, shared, strict=True)}

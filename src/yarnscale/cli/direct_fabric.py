@@ -163,7 +163,7 @@ def _run(
     energy, sheet = dynamics.energy, dynamics.energy.sheet
     # A colour for every yarn of the sheet, in a knitted piece for every kind of yarn.
     colour = sheet.yarn_material if options.border == "knitted" else None
-    curves = CurveSet(sheet.offsets, sheet.radius, closed=sheet.closed, yarn=colour)
+    curves = CurveSet(sheet.offsets, sheet.yarn_radii, closed=sheet.closed, yarn=colour)
     bodies = None
     if scene.ball is not None:
         vertices, triangles = ball()

@@ -166,12 +166,12 @@ def _report(state: Equilibrium, cell: PeriodicCell, yarn: YarnChoice, *, as_json
 
 def draw_cell(path: Path, cell: PeriodicCell, state: Equilibrium | None) -> None:
     """Picture of a cell with its copies and midsurface; None: as drawn, not relaxed."""
-    from yarnscale.show.curves import periodic_curves
+    from yarnscale.show.curves import pattern_curves
     from yarnscale.show.tubes import yarn_picture
 
     place = cell.placement(state)
     # Of a small cell more copies, so that the fabric shows.
     rings = 1 if cell.pattern.period.min() > 12.0 * cell.pattern.radius else 2
-    curves = periodic_curves(cell.pattern.edges, place, rings=rings)
+    curves = pattern_curves(cell.pattern, place, rings=rings)
     surface = None if state is None or state.strain.is_flat else cell.midsurface_grid(state, rings=rings)
     yarn_picture(path, curves, cell.pattern.radius, surface=surface, camera="oblique")

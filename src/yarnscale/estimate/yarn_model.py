@@ -67,6 +67,10 @@ class YarnModel:
     stiffest_contact: float = STIFFEST_CONTACT
 
     def __post_init__(self) -> None:
+        if self.pattern.yarn_radius is not None:
+            raise InputError(
+                f"pattern '{self.pattern.name}'", expected="yarns of one radius", found="several radii"
+            )
         if not (math.isfinite(self.stiffness) and self.stiffness > 0):
             raise InputError(
                 "stiffness k_s2 of the yarn", expected="a positive force [N]", found=self.stiffness

@@ -387,10 +387,11 @@ class FabricEnergy:
     def masses(self) -> Array:
         """Mass of every vertex (n,) [kg]."""
         line = [m.mass_per_length(self.radius) for m in self.stiffness.materials]
-        return np.array(line)[self.stiffness.kind] * self.sheet.voronoi_length
+        return np.array(line)[self.stiffness.kind] * self.sheet.voronoi_length * self.sheet.relative_radius**2
 
     def spins(self) -> Array:
         """Moment of inertia of every edge about itself (n,) [kg m²]; 0 at the ends of yarns."""
         line = [m.mass_per_length(self.radius) for m in self.stiffness.materials]
         length = np.where(self.sheet.following >= 0, self.sheet.rest_length, 0.0)
-        return 0.5 * self.radius**2 * np.array(line)[self.stiffness.kind] * length
+        section = self.radius**2 * self.sheet.relative_radius**4
+        return 0.5 * section * np.array(line)[self.stiffness.kind] * length

@@ -68,6 +68,8 @@ def knitted_sheet(
         raise not_knitted("a yarn that is bent at rest")
     if chart is not None and not isinstance(chart, StitchChart):
         chart = StitchChart.read(chart)
+    if pattern.yarn_radius is not None:
+        raise not_knitted("yarns of several radii")
     if chart is not None and any(chart.empty):
         raise not_knitted("a chart with needles out of work, which no border holds")
     lines = KnittedCourses(pattern, columns, chart)

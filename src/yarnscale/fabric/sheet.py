@@ -33,6 +33,7 @@ class YarnSheet:
     twist (n,), rest_length (n,) [m], rest_curvature (n, 2), rest_twist (n,), reference_director (n, 3),
     reference_twist (n,): as in ``YarnPattern``. radius: [m]. yarn: (c,) number of each yarn in its pattern.
     source: (n,) vertex of the pattern, −1 of yarns that were added to it. tile: (n, 2) copy of the pattern.
+    yarn_radius: (c,) radius of each yarn [m], None where all have ``radius``, which is the largest.
     yarn_material: (c,) number of each yarn's material. area: of the fabric at rest [m²]. name: a label.
     """
 
@@ -53,6 +54,7 @@ class YarnSheet:
     area: float
     name: str = "sheet"
     size: tuple[float, float] = field(default=(0.0, 0.0))
+    yarn_radius: Array | None = None
 
     # --- topology -------------------------------------------------------------------------------------
 
@@ -91,6 +93,16 @@ class YarnSheet:
     def material_of_vertex(self) -> Indices:
         """Number of the material of each vertex's yarn (n,)."""
         return self.yarn_material[self.yarn_of_vertex]
+
+    @property
+    def relative_radius(self) -> Array:
+        """Radius of each vertex's yarn over ``radius`` (n,)."""
+        return (self.yarn_radii / self.radius)[self.yarn_of_vertex]
+
+    @property
+    def yarn_radii(self) -> Array:
+        """Radius of each yarn (c,) [m]."""
+        return np.full(len(self.closed), self.radius) if self.yarn_radius is None else self.yarn_radius
 
     @property
     def voronoi_length(self) -> Array:
@@ -168,6 +180,7 @@ class YarnSheet:
             rest_twist=pattern.rest_twist[vertex], reference_director=pattern.reference_director[vertex],
             reference_twist=pattern.reference_twist[vertex], radius=pattern.radius, yarn=yarn, source=vertex,
             tile=tile, yarn_material=pattern.yarn_material[yarn], area=0.0, name=pattern.name,
+            yarn_radius=None if pattern.yarn_radius is None else pattern.yarn_radius[yarn],
         )  # fmt: skip
 
     @classmethod
@@ -232,8 +245,8 @@ class YarnSheet:
 
     def joined(self, other: YarnSheet) -> YarnSheet:
         """Both fabrics as one; radius, area and size are this one's."""
-        if other.radius != self.radius:
-            raise InputError("radius of yarns to join", expected=self.radius, found=other.radius)
+        if other.radius != self.radius or self.yarn_radius is not None or other.yarn_radius is not None:
+            raise InputError("radius of yarns to join", expected=self.radius, found=other.yarn_radii)
         arrays = (
             "vertices", "closed", "twist", "rest_length", "rest_curvature", "rest_twist", "reference_director",
             "reference_twist", "yarn", "source", "tile", "yarn_material",

@@ -200,6 +200,10 @@ def _check_stitches(pattern: YarnPattern, chart: StitchChart) -> None:
                     found=repr(symbol),
                 )
     assert pattern.yarn_material is not None
+    if pattern.yarn_radius is not None:
+        raise InputError(
+            "yarns of splines", expected="one radius", found=f"{len(set(pattern.yarn_radius.tolist()))} radii"
+        )
     last = int(pattern.yarn_material.max())
     if last > 0:
         raise InputError("yarns of a spline fabric", expected="one material", found=f"{last + 1} materials")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -195,13 +196,15 @@ def _options(path: Path, chart: _Chart, kind: str) -> dict:
             options[key] = _number(where, key, value)
         elif key == "radius":
             options[key] = _length(where, key, value)
+        elif re.fullmatch("radius_[A-Za-z]", key):
+            options.setdefault("yarn_radius", {})[key[-1]] = _length(where, key, value)
         elif key == "name":
             options[key] = value
         elif key in TEXTS[kind]:
             if key == "warp_yarns":
                 options[key] = value.split() if any(letter.isspace() for letter in value) else list(value)
         else:
-            known = ", ".join((*TEXTS[kind], *NUMBERS[kind]))
+            known = ", ".join((*TEXTS[kind], "radius_A (of yarn A)", *NUMBERS[kind]))
             raise InputError(f"{_short(key)}: unknown key", where=where, expected=known)
     return options
 

@@ -36,7 +36,7 @@ TABLES = {
     "reference_twist": 1,
 }
 """Field -> numbers per row; every table has one row per vertex."""
-OPTIONAL = ("yarn_material", "materials")
+OPTIONAL = ("yarn_material", "yarn_radius", "materials")
 FIELDS = ("format", "version", "name", "units", "period", "radius", *TABLES)
 
 
@@ -96,6 +96,8 @@ def write_pattern_json(
     if pattern.material_of_vertex.any():
         assert pattern.yarn_material is not None
         entries.append(f'  "yarn_material": {json.dumps(pattern.yarn_material.tolist())}')
+    if pattern.yarn_radius is not None:
+        entries.append(f'  "yarn_radius": {json.dumps(pattern.yarn_radius.tolist())}')
     if yarns is not None:
         rows = ",\n".join(
             "    " + json.dumps(asdict(m), ensure_ascii=False) for m in materials_of(pattern, yarns)
@@ -164,7 +166,17 @@ def _assemble(document: dict[str, Any]) -> YarnPattern:
         radius=_number(document["radius"], "radius"),
         name=document["name"],
         yarn_material=_materials(document.get("yarn_material")),
+        yarn_radius=_radii(document.get("yarn_radius")),
     )
+
+
+def _radii(value: object) -> np.ndarray | None:
+    """Radius of each yarn; a pattern of one radius leaves it out."""
+    if value is None:
+        return None
+    if not isinstance(value, list):
+        raise InputError("yarn_radius is no list", expected="a number per yarn", found=_short(value))
+    return np.array([_number(x, f"yarn_radius[{i}]") for i, x in enumerate(value)])
 
 
 def _materials(value: object) -> np.ndarray | None:

@@ -73,6 +73,10 @@ def write_pyp(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
             expected="one, or the format .json",
             found=".pyp",
         )
+    if pattern.yarn_radius is not None:
+        raise InputError(
+            "pattern has several yarn radii", where=path, expected="one, or the format .json", found=".pyp"
+        )
     px, py = pattern.period
     parts = [
         "*pattern # px py radius num_vertedges",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+
+from yarnscale.yarn.pattern import YarnPattern
 
 Placement = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]
 """Positions (k, 3) [m] of the copies of vertices (k,) in tiles (k, 2)."""
@@ -22,12 +24,14 @@ class Curve:
     closed: whether the last vertex joins the first.
     solid: per vertex, whether the piece that starts there has its full colour (None: all) or fades
     as a periodic copy does, shape (k,).
+    radius: of the yarn [m], None where the picture says it.
     """
 
     points: NDArray[np.float64]
     yarn: int = 0
     closed: bool = False
     solid: NDArray[np.bool_] | None = None
+    radius: float | None = None
 
 
 def flat_placement(
@@ -56,6 +60,19 @@ def rings_for(period: NDArray[np.float64], radius: float) -> tuple[int, int]:
     side = max(3.0 * float(np.max(period)), 32.0 * radius)
     x, y = (int(np.clip(round(0.5 * (side / p - 1.0)), 1, 8)) for p in period)
     return x, y
+
+
+def pattern_curves(
+    pattern: YarnPattern, place: Placement, *, rings: int | tuple[int, int] = 1
+) -> list[Curve]:
+    """``periodic_curves`` of a pattern: yarns as thick as they are, coloured by kind where there are several kinds."""
+    curves = periodic_curves(pattern.edges, place, rings=rings)
+    kinds, radii = pattern.yarn_material, pattern.yarn_radius
+    if radii is not None:
+        curves = [replace(curve, radius=float(radii[curve.yarn])) for curve in curves]
+    if kinds is not None and kinds.any():
+        curves = [replace(curve, yarn=int(kinds[curve.yarn])) for curve in curves]
+    return curves
 
 
 def periodic_curves(

@@ -19,7 +19,7 @@ from yarnscale.estimate.yarn_states import YarnCurve
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera
-from yarnscale.show.curves import periodic_curves, rings_for
+from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.plots import written_figure
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 from yarnscale.show.tubes import yarn_picture
@@ -301,7 +301,7 @@ def _cells(folder: Path, estimate: FabricEstimate) -> list[Picture]:
     # As much fabric in every picture, so that what is at rest is no stamp beside what is stretched to thrice its width.
     side = max(3.0 * float(np.max(periods)), 32.0 * cell.pattern.radius)
     pieces = [
-        periodic_curves(cell.pattern.edges, cell.placement(state), rings=rings_for(period, side / 32.0))
+        pattern_curves(cell.pattern, cell.placement(state), rings=rings_for(period, side / 32.0))
         for (_, state, _), period in zip(shown, periods, strict=True)
     ]
     room = np.max([np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for piece in pieces], axis=0)

@@ -14,7 +14,7 @@ from yarnscale.cell.rest import RestShape, settled
 from yarnscale.errors import InputError
 from yarnscale.files.patterns import is_drawing, read_pattern
 from yarnscale.kinematics import ShellStrain
-from yarnscale.show.curves import periodic_curves, rings_for
+from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 from yarnscale.show.tubes import yarn_picture
 from yarnscale.yarn import library
@@ -158,7 +158,7 @@ def _section(
     rings, pieces, pictures = rings_for(drawn.period, drawn.radius), [], []
     for caption, pattern, state in shown:
         place = PeriodicCell(pattern, exhibit.material).placement(state)
-        pieces.append((caption, periodic_curves(pattern.edges, place, rings=rings)))
+        pieces.append((caption, pattern_curves(pattern, place, rings=rings)))
     room = np.max(
         [np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for _, piece in pieces], axis=0
     )

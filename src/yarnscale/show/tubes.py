@@ -67,7 +67,20 @@ def yarn_picture(
 
 
 def tube_mesh(curves: Sequence[Curve], radius: float) -> pv.PolyData:
-    """Tubes around smoothed centre lines, with an RGB colour at every point as ``colour``."""
+    """Tubes around smoothed centre lines, with an RGB colour at every point as ``colour``.
+
+    radius: of curves that have none of their own [m].
+    """
+    radii = [radius if curve.radius is None else curve.radius for curve in curves]
+    tubes = [
+        _tubes([curve for curve, own in zip(curves, radii, strict=True) if own == one], one)
+        for one in dict.fromkeys(radii)
+    ]
+    return tubes[0] if len(tubes) == 1 else pv.merge(tubes)  # type: ignore[return-value]
+
+
+def _tubes(curves: Sequence[Curve], radius: float) -> pv.PolyData:
+    """Tubes of one radius."""
     blocks = [smooth_curve(curve) for curve in curves]
     points = np.vstack([b[0] for b in blocks])
     colours = np.empty((len(points), 3))

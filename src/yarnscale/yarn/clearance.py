@@ -21,7 +21,8 @@ CHUNK = 512
 class ClosestApproach:
     """The two segments whose centre lines come closest.
 
-    `distance` [m] is infinite where nothing comes within the range asked for; `first` and `second` are the
+    `distance` [m] is infinite where nothing comes within the range asked for; between yarns of other radii than the
+    pattern's it is scaled so that they touch at twice the pattern's radius, as all do; `first` and `second` are the
     first vertices of the two edges (-1 where there are none); `tile` is the tile (a, b) of the second edge,
     relative to the tile of the first.
     """
@@ -57,6 +58,7 @@ def closest_approach(
         distance = segment_distance(
             pattern.vertices[first], edge[first], pattern.vertices[second] + offset, edge[second]
         )
+        distance *= 2.0 / (pattern.relative_radius[first] + pattern.relative_radius[second])
         least = int(np.argmin(distance))
         if distance[least] < best.distance:
             a, b = (int(step) for step in tile[least])
@@ -181,7 +183,9 @@ def _along_same_yarn(
     steps = np.where(closed, _around(steps, lap_count[yarn]), np.abs(steps))
     arc = np.where(closed, _around(arc, lap_length[yarn]), np.abs(arc))
     between = arc - 0.5 * (pattern.rest_length[first] + pattern.rest_length[second])
-    return same & ((steps <= neighbours) | (between < np.pi * pattern.radius))
+    return same & (
+        (steps <= neighbours) | (between < np.pi * pattern.radius * pattern.relative_radius[first])
+    )
 
 
 def _around(distance: np.ndarray, lap: np.ndarray) -> np.ndarray:

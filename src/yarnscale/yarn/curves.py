@@ -51,6 +51,7 @@ def pattern_from_curves(
     rest_length_scale: float = 1.0,
     rest_shape: str = "straight",
     yarn_material: Sequence[int] | np.ndarray | None = None,
+    yarn_radius: np.ndarray | None = None,
 ) -> YarnPattern:
     """A pattern whose yarns have their vertices at the points of the curves.
 
@@ -58,7 +59,8 @@ def pattern_from_curves(
     (``rest_shape="straight"``) or the present one (``"current"``), and so is the rest twist. Reference
     directors are carried along each yarn by parallel transport; where the yarn closes, what is left to the
     first director is that joint's reference twist, and the twist angles spread it evenly along the yarn.
-    yarn_material: number of the material of each curve's yarn, all 0 by default.
+    yarn_material: number of the material of each curve's yarn, all 0 by default. yarn_radius: of each curve's yarn
+    [m], the largest of them ``radius``.
     Raises InputError for curves with fewer than three points or anything `YarnPattern` refuses.
     """
     if rest_shape not in REST_SHAPES:
@@ -106,6 +108,7 @@ def pattern_from_curves(
         radius=radius,
         name=name,
         yarn_material=None if yarn_material is None else np.asarray(yarn_material),
+        yarn_radius=yarn_radius,
     )
 
 

@@ -18,7 +18,7 @@ All other charts (see `stitches`), and sizes at which the closed form has no roo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -33,6 +33,7 @@ from yarnscale.yarn.stitch_size import (
     drawable,
     has_room,
     positive,
+    relative_radii,
     vertex_count,
     yarn_letters,
 )
@@ -58,6 +59,7 @@ def knit(
     half_thickness: float | None = None,
     tightness: float = 1.0,
     yarns: Sequence[str] | None = None,
+    yarn_radius: Mapping[str, float] | None = None,
     vertices_per_stitch: float | None = None,
     rest_shape: str = "straight",
     name: str = "knit",
@@ -74,6 +76,7 @@ def knit(
     loop_height, overhang: h and a above, 1.6 course spacings and 0.24 wale spacings; only for charts of k and p.
     yarns: for each course a letter, the kind of its yarn, or two, one plated in front of the other; kinds are
     numbered in the order of their letters (`YarnPattern.yarn_material`).
+    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``, in which the other lengths count.
     vertices_per_stitch: by default edges are about as long as the radius. rest_shape: see
     `curves.pattern_from_curves`. The loops touch or nearly touch; they are a start for a relaxation.
 
@@ -90,11 +93,14 @@ def knit(
     width = None if overhang is None else positive("overhang", overhang)
     kinds = yarn_letters("yarns", yarns, chart.courses, most=2)
     period = np.array([chart.wales * wale, chart.courses * course])
+    letters = ["a"] * chart.courses if yarns is None else list("".join(yarns))
+    relative = relative_radii(letters, radius, yarn_radius)
+    alike = bool((relative == 1.0).all())
     shaped = height is not None or width is not None
-    if shaped and not (chart.plain and all(len(kind) == 1 for kind in kinds)):
+    if shaped and not (alike and chart.plain and all(len(kind) == 1 for kind in kinds)):
         raise InputError(
             "loop_height and overhang shape plain loops only",
-            expected="a chart of k and p without plated yarns",
+            expected="a chart of k and p of one radius without plated yarns",
         )
 
     def assembled(curves: list[PeriodicCurve]) -> YarnPattern:
@@ -102,10 +108,11 @@ def knit(
         scaled = [PeriodicCurve((curve.points - [0.0, 0.0, level]) * radius, curve.shift) for curve in curves]
         material = np.array([number for kind in kinds for number in kind], dtype=np.int64)
         return pattern_from_curves(
-            scaled, period * radius, radius, name=name, rest_shape=rest_shape, yarn_material=material
-        )
+            scaled, period * radius, radius * relative.max(), name=name, rest_shape=rest_shape,
+            yarn_material=material, yarn_radius=radius * relative,
+        )  # fmt: skip
 
-    if chart.plain and all(len(kind) == 1 for kind in kinds):
+    if alike and chart.plain and all(len(kind) == 1 for kind in kinds):
         loop = _LoopPlan(
             wale,
             1.6 * course if height is None else height,
@@ -117,7 +124,9 @@ def knit(
             if shaped or has_room(pattern):
                 return check_drawn(pattern)
     return check_drawn(
-        assembled(_swollen_curves(chart, kinds, period, thickness or 1.1, tightness, vertices_per_stitch))
+        assembled(
+            _swollen_curves(chart, kinds, relative, period, thickness or 1.1, tightness, vertices_per_stitch)
+        )
     )
 
 
@@ -145,6 +154,7 @@ def _sampled(
 def _swollen_curves(
     chart: StitchChart,
     kinds: list[tuple[int, ...]],
+    relative: np.ndarray,
     period: np.ndarray,
     thickness: float,
     tightness: float,
@@ -170,7 +180,7 @@ def _swollen_curves(
     # Small against the distances of the schematic loops, so that sampling cuts no corner off through another yarn.
     finest = float(min(0.06 * size[0], 0.1 * size[1])) * min(1.0, 3.0 / max(1, chart.most_tucks))
     drawable(sum(curve.length(period) for curve in curves) / min(finest, EDGE_LENGTH))
-    curves = swollen(curves, period, tightness=tightness, counts=counts, finest=finest)
+    curves = swollen(curves, period, tightness=tightness, counts=counts, finest=finest, radii=relative)
     return [PeriodicCurve(curve.points.round(DIGITS), curve.shift) for curve in curves]
 
 

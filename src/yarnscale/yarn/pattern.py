@@ -19,6 +19,7 @@ from yarnscale.yarn.pattern_fields import (
     first_true,
     float_array,
     material_array,
+    radius_array,
 )
 
 if TYPE_CHECKING:
@@ -52,10 +53,11 @@ class YarnPattern:
     reference_twist: signed angle about the outgoing tangent from the incoming edge's d1, carried over by
         parallel transport, to the outgoing edge's d1, per vertex, shape (n,) [rad].
     period: (px, py), shape (2,) [m].
-    radius: yarn radius [m].
+    radius: yarn radius [m], of the thickest yarn where there are several.
     name: a label; no part of the content.
     yarn_material: number of each yarn's material (0 is the first), in the order of `yarns`, shape (yarns,);
         None stands for all 0.
+    yarn_radius: radius of each yarn [m], shape (yarns,); None where all have ``radius``.
 
     Raises InputError naming the field for shapes, values or a topology that make no pattern. Treat the
     arrays as read-only: `dataclasses.replace` and the methods below give changed copies.
@@ -73,6 +75,7 @@ class YarnPattern:
     radius: float
     name: str = "pattern"
     yarn_material: np.ndarray | None = None
+    yarn_radius: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Store contiguous arrays of the right type and check everything that can be checked cheaply."""
@@ -97,6 +100,7 @@ class YarnPattern:
         object.__setattr__(self, "edges", edge_array(self.edges, n))
         object.__setattr__(self, "radius", float(self.radius))
         object.__setattr__(self, "yarn_material", material_array(self.yarn_material, len(self.yarns)))
+        object.__setattr__(self, "yarn_radius", radius_array(self.yarn_radius, self.radius, len(self.yarns)))
         self._check_values()
 
     def __repr__(self) -> str:
@@ -219,6 +223,13 @@ class YarnPattern:
         steps = np.array([self.edges[chain, 2:].sum(axis=0) for chain in self.yarns])
         return bool(np.linalg.matrix_rank(steps) == 2)
 
+    @cached_property
+    def relative_radius(self) -> np.ndarray:
+        """Radius of each vertex's yarn over ``radius``, shape (n,)."""
+        if self.yarn_radius is None:
+            return np.ones(len(self.edges))
+        return (self.yarn_radius / self.radius)[self.yarn_of_vertex]
+
     # --- geometry -------------------------------------------------------------------------------------
 
     @property
@@ -286,8 +297,9 @@ class YarnPattern:
             radius=self.radius,
             name=self.name if courses * wales == 1 else f"{self.name}-{courses}x{wales}",
         )
-        material = tiled(self.material_of_vertex)
-        return replace(repeated, yarn_material=material[[chain[0] for chain in repeated.yarns]])
+        first = [chain[0] for chain in repeated.yarns]
+        radius = None if self.yarn_radius is None else tiled(self.yarn_radius[self.yarn_of_vertex])[first]
+        return replace(repeated, yarn_material=tiled(self.material_of_vertex)[first], yarn_radius=radius)
 
     def shifted(self, dx: float, dy: float) -> YarnPattern:
         """The pattern moved by (dx, dy) in the plane [m]."""
@@ -313,6 +325,7 @@ class YarnPattern:
             rest_length=self.rest_length * factor,
             period=self.period * factor,
             radius=self.radius * factor,
+            yarn_radius=None if self.yarn_radius is None else self.yarn_radius * factor,
         )
 
     @classmethod
@@ -361,4 +374,6 @@ class YarnPattern:
         if self.material_of_vertex.any():
             # Patterns of one material keep the hash that they had before there were several.
             digest.update(np.ascontiguousarray(self.yarn_material, dtype="<i8").tobytes())
+        if self.yarn_radius is not None:
+            digest.update(np.ascontiguousarray(self.yarn_radius, dtype="<f8").tobytes())
         return digest.hexdigest()

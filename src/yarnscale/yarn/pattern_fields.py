@@ -82,6 +82,19 @@ def material_array(value: object, yarns: int) -> np.ndarray:
     return np.array(array, dtype=np.int64)
 
 
+def radius_array(value: object, radius: float, yarns: int) -> np.ndarray | None:
+    """Radii of the yarns, the largest of them ``radius``; None where all are. InputError for others."""
+    if value is None:
+        return None
+    array = float_array("yarn_radius", value, (yarns,))
+    check_length("yarn_radius", array)
+    if abs(array.max() - radius) > 1e-9 * radius:
+        raise InputError(
+            "radius must be the largest of yarn_radius", expected=f"{array.max():g} m", found=radius
+        )
+    return None if (array == radius).all() else array
+
+
 def check_length(field: str, value: np.ndarray) -> None:
     """Every length is positive, finite and of a size that metres can mean."""
     if (bad := first_true(~(value > 0.0))) is not None:

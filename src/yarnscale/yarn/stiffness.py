@@ -37,7 +37,12 @@ class Yarns(Protocol):
 
     @property
     def radius(self) -> float:
-        """Of all yarns [m]."""
+        """Of the thickest yarns [m]."""
+        ...
+
+    @property
+    def relative_radius(self) -> Any:
+        """Radius of the yarn of every edge and joint over ``radius`` (n,)."""
         ...
 
     @property
@@ -129,10 +134,13 @@ class PatternStiffness:
     def edge_parameters(self) -> Array:
         """Parameters of ``stretch_energy`` of every edge (n, 2 or 4); a linear yarn is a two-phase one of knee 0."""
         r, force = self.pattern.radius, self.unit / self.pattern.radius
-        soft = self._by_kind([m.stretch_stiffness(r) / force for m in self.materials])
+        section = self.pattern.relative_radius**2
+        soft = section * self._by_kind([m.stretch_stiffness(r) / force for m in self.materials])
         columns = [self.pattern.rest_length / r, soft]
         if self.stretch_energy is TWO_PHASE_STRETCH:
-            columns.append(self._by_kind([m.stiff_stretch_stiffness(r) / force for m in self.materials]))
+            columns.append(
+                section * self._by_kind([m.stiff_stretch_stiffness(r) / force for m in self.materials])
+            )
             two_phase = [m.stretch.law == "two_phase" for m in self.materials]
             knees = [m.stretch.knee if w else 0.0 for m, w in zip(self.materials, two_phase, strict=True)]
             columns.append(self._by_kind(knees))
@@ -140,7 +148,8 @@ class PatternStiffness:
 
     def joint_stiffness(self) -> tuple[Array, Array]:
         """Bending and twist stiffness over Voronoi length of every joint (n,)."""
-        r, scale = self.pattern.radius, self.pattern.voronoi_length * self.unit
+        r = self.pattern.radius
+        scale = self.pattern.voronoi_length * self.unit / self.pattern.relative_radius**4
         bend = self._by_kind([m.bending_stiffness(r) for m in self.materials]) / scale
         twist = self._by_kind([m.twist_stiffness(r) for m in self.materials]) / scale
         return bend, twist
@@ -152,12 +161,13 @@ class PatternStiffness:
         """
         rule, unit = self.rule, self.unit / self.pattern.radius**2
         columns = [self.pair_stiffness(first, second) / unit * measure]
+        diameter = self.pattern.relative_radius[first] + self.pattern.relative_radius[second]
         if rule.kernel == "hylc2020":
-            columns.append(np.full(len(first), 0.25))
+            columns.append(diameter**-2.0)
         else:
-            columns.append(np.full(len(first), 0.25 / rule.outer_radius_ratio**2))
+            columns.append((diameter * rule.outer_radius_ratio) ** -2.0)
             columns.append(rule.inner_stiffness / unit * measure)
-            columns.append(np.full(len(first), 0.25 / rule.inner_radius_ratio**2))
+            columns.append((diameter * rule.inner_radius_ratio) ** -2.0)
         return np.column_stack(columns)
 
     def pair_stiffness(self, first: Indices, second: Indices) -> Array:
@@ -177,12 +187,14 @@ class PatternStiffness:
         """Typical stiffness of each edge against being twisted (n,)."""
         r = self.pattern.radius
         twist = self._by_kind([m.twist_stiffness(r) / self.unit for m in self.materials])
+        twist = twist * self.pattern.relative_radius**4
         return np.maximum(twist * (1.0 / self.pattern.voronoi_length).mean(), 1e-12)
 
     def area_density(self) -> float:
         """Mass per reference area [kg/m²]."""
         r = self.pattern.radius
-        lengths = np.bincount(self.kind, self.pattern.rest_length, len(self.materials))
+        volumes = self.pattern.rest_length * self.pattern.relative_radius**2
+        lengths = np.bincount(self.kind, volumes, len(self.materials))
         mass = sum(m.mass_per_length(r) * s for m, s in zip(self.materials, lengths, strict=True))
         return float(mass / self.pattern.area)
 

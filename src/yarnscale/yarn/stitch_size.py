@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Real
+
+import numpy as np
 
 from yarnscale.errors import InputError
 from yarnscale.yarn.clearance import closest_approach
@@ -35,9 +37,9 @@ def positive(name: str, value: object) -> float:
     number = float(value)
     if not (math.isfinite(number) and number > 0.0):
         raise InputError(f"{name} must be positive", expected="> 0", found=number)
-    least, most = RANGES.get(name, (0.1, 1000.0))
+    least, most = RANGES.get("radius" if name.startswith("radius") else name, (0.1, 1000.0))
     if not least <= number <= most:
-        unit = " m" if name == "radius" else ""
+        unit = " m" if name.startswith("radius") else ""
         raise InputError(
             f"{name} is out of range", expected=f"{least:g} to {most:g}{unit}", found=f"{number:g}{unit}"
         )
@@ -81,6 +83,16 @@ def yarn_letters(
             raise InputError(f"{field} entry {place} is no kind of yarn", expected=expected, found=repr(text))
     known = sorted(set("".join(texts)))
     return [tuple(known.index(letter) for letter in text) for text in texts]
+
+
+def relative_radii(letters: Sequence[str], radius: float, given: Mapping[str, float] | None) -> np.ndarray:
+    """Radius of each yarn over ``radius`` [m], from the letters of their kinds and the radii given for some [m]."""
+    for letter, value in (given or {}).items():
+        positive(f"radius_{letter}", value)
+        if letter not in letters:
+            expected = ", ".join(sorted(set(letters)))
+            raise InputError(f"radius_{letter} belongs to no yarn", expected=expected, found=letter)
+    return np.array([(given or {}).get(letter, radius) / radius for letter in letters])
 
 
 def has_room(pattern: YarnPattern) -> bool:

@@ -54,44 +54,55 @@ def swollen(
     tightness: float = 1.0,
     counts: Sequence[int] | None = None,
     finest: float = np.inf,
+    radii: Array | None = None,
     stages: Sequence[Stage] = STAGES,
 ) -> list[PeriodicCurve]:
     """The curves (lengths in radii), rounded and apart; entangled as before.
 
     period: (px, py) [r]. tightness: length that a yarn strives for over the length that it was drawn with.
     counts: vertices of each curve at the end; by default edges of the last stage's length.
+    radii: of each yarn, 1 by default.
     finest: largest edge at the beginning [r], where bends are sharper than yarns allow.
     """
     curves = list(curves)
+    radii = np.ones(len(curves)) if radii is None else radii
     wanted = [tightness * curve.length(period) for curve in curves]
     reached = FIRST_DIAMETER
     for number, stage in enumerate(stages):
         last = number == len(stages) - 1
         edge = min(stage.edge, finest) if number == 0 else stage.edge
-        sizes = [max(3, round(curve.length(period) / edge)) for curve in curves]
+        sizes = [
+            max(3, round(curve.length(period) / (edge * min(radius, 1.0))))
+            for curve, radius in zip(curves, radii, strict=True)
+        ]
         if last and counts is not None:
             sizes = list(counts)
         curves = [curve.resampled(size, period) for curve, size in zip(curves, sizes, strict=True)]
-        curves = _stage(curves, period, wanted, reached, stage)
+        curves = _stage(curves, period, wanted, reached, stage, radii)
         reached = stage.diameter
     return curves
 
 
 def _stage(
-    curves: list[PeriodicCurve], period: Array, wanted: list[float], reached: float, stage: Stage
+    curves: list[PeriodicCurve],
+    period: Array,
+    wanted: list[float],
+    reached: float,
+    stage: Stage,
+    radii: Array,
 ) -> list[PeriodicCurve]:
     """Run one stage; the diameter grows from `reached` at its beginning."""
-    pattern = pattern_from_curves(curves, period, 1.0)
+    pattern = pattern_from_curves(curves, period, float(radii.max()), yarn_radius=radii)
     sizes = np.array([len(curve.points) for curve in curves])
     rest = np.repeat(np.array(wanted) / sizes, sizes)
-    n = len(pattern.edges)
+    n, share = len(pattern.edges), np.repeat(radii, sizes)
     extent = np.ptp(pattern.vertices[:, :2], axis=0)
-    reach = stage.diameter + SKIN
+    reach = stage.diameter * float(radii.max()) + SKIN
     rings = np.ceil((extent + reach + 2.0 * rest.max()) / period).astype(int)
     images = Images.of(pattern, (int(rings[0]), int(rings[1])))
     offset = np.zeros((len(images.tiles), 1, 3))
     offset[:, 0, :2] = images.tiles * period
-    arc = max(3, int(np.ceil(NEIGHBOUR_ARC / rest.min())))
+    arc = max(3, int(np.ceil(NEIGHBOUR_ARC / (rest / share).min())))
     search = PairSearch(pattern, images, neighbours=arc, ordered=False)
     edge_end, tile = pattern.edges[:, 1], np.zeros((n, 3))
     tile[:, :2] = pattern.edges[:, 2:] * period
@@ -110,7 +121,9 @@ def _stage(
             listed_at = x.copy()
             first, second = search.find(nodes(x), reach)
         copies = nodes(x)
-        _forces(x, edge_end, tile, rest, copies, images.segment_end, first, second, n, diameter, force)
+        _forces(
+            x, edge_end, tile, rest, copies, images.segment_end, first, second, n, diameter * share, force
+        )
         if grown == 1.0 and np.abs(force).max() < AT_REST:
             break
         power = float((force * v).sum())
@@ -169,9 +182,10 @@ def _forces(x, end, tile, rest, copies, ends, first, second, n, diameter, force)
         p, q, o, w = copies[a], copies[ends[a]], copies[g], copies[ends[g]]
         s, t, gap = closest_points(p[0], p[1], p[2], q[0], q[1], q[2], o[0], o[1], o[2], w[0], w[1], w[2])
         gap = np.sqrt(gap)
-        if gap >= diameter:
+        touch = 0.5 * (diameter[a] + diameter[g % n])
+        if gap >= touch:
             continue
-        push = REPULSION * np.sqrt(((q - p) ** 2).sum() * ((w - o) ** 2).sum()) * (diameter / gap - 1.0) / gap
+        push = REPULSION * np.sqrt(((q - p) ** 2).sum() * ((w - o) ** 2).sum()) * (touch / gap - 1.0) / gap
         for c in range(3):
             d = (1.0 - s) * copies[a, c] + s * copies[ends[a], c]
             d -= (1.0 - t) * copies[g, c] + t * copies[ends[g], c]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,14 @@ from yarnscale.errors import InputError
 from yarnscale.yarn.chart_error import ChartError
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitch_size import check_drawn, drawable, positive, vertex_count, yarn_letters
+from yarnscale.yarn.stitch_size import (
+    check_drawn,
+    drawable,
+    positive,
+    relative_radii,
+    vertex_count,
+    yarn_letters,
+)
 
 SAMPLES_PER_CROSSING = 200
 LARGEST_DRAFT = 64
@@ -25,6 +32,7 @@ def weave(
     half_thickness: float = 1.1,
     weft_yarns: Sequence[str] | None = None,
     warp_yarns: Sequence[str] | None = None,
+    yarn_radius: Mapping[str, float] | None = None,
     vertices_per_stitch: float | None = None,
     rest_shape: str = "straight",
     name: str = "weave",
@@ -38,6 +46,8 @@ def weave(
     picks, in radii. half_thickness: height of the centre lines above the middle at crossings, in radii.
     weft_yarns, warp_yarns: a letter for the kind of yarn of each pick and end; kinds are numbered in the order
     of their letters (`YarnPattern.yarn_material`).
+    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``. Spacings and heights then count in
+    the mean radius of the yarns that meet.
     vertices_per_stitch: vertices per crossing along a yarn; by default edges are about as long as the radius.
     rest_shape: see `curves.pattern_from_curves`. The geometry touches or nearly touches at the crossings; it
     is a start for a relaxation, not an equilibrium.
@@ -52,22 +62,33 @@ def weave(
     height = positive("half_thickness", half_thickness) * radius
     picks, ends = table.shape
     kinds = _kinds(weft_yarns, warp_yarns, picks, ends)
-    period = np.array([ends * warp_spacing, picks * weft_spacing])
-    side = 2 * table - 1
+    letters = [*(weft_yarns or "a" * picks), *(warp_yarns or "a" * ends)]
+    relative = relative_radii(letters, radius, yarn_radius)
+    thick, high = relative[:picks], relative[picks:]
+    x, wide = _places(high, thick, table)
+    y, tall = _places(thick, high, table.T)
+    period = np.array([wide * warp_spacing, tall * weft_spacing])
+    side = (2 * table - 1) * (0.5 * (thick[:, None] + high))
     curves = [
-        *(_wave(-side[i] * height, 0, warp_spacing, (i + 0.5) * weft_spacing) for i in range(picks)),
-        *(_wave(side[:, j] * height, 1, weft_spacing, (j + 0.5) * warp_spacing) for j in range(ends)),
+        *(_wave(-side[i] * height, 0, x, wide, warp_spacing, y[i] * weft_spacing) for i in range(picks)),
+        *(_wave(side[:, j] * height, 1, y, tall, weft_spacing, x[j] * warp_spacing) for j in range(ends)),
     ]
     counts = [
-        vertex_count(curve.length(period), crossings, vertices_per_stitch, radius)
-        for curve, crossings in zip(curves, [ends] * picks + [picks] * ends, strict=True)
+        vertex_count(curve.length(period), crossings, vertices_per_stitch, radius * share)
+        for curve, crossings, share in zip(curves, [ends] * picks + [picks] * ends, relative, strict=True)
     ]
     drawable(sum(counts))
     sampled = [curve.resampled(count, period) for curve, count in zip(curves, counts, strict=True)]
     level = np.concatenate([curve.points for curve in sampled])[:, 2].mean()
     centred = [PeriodicCurve(curve.points - [0.0, 0.0, level], curve.shift) for curve in sampled]
     pattern = pattern_from_curves(
-        centred, period, radius, name=name, rest_shape=rest_shape, yarn_material=kinds
+        centred,
+        period,
+        radius * relative.max(),
+        name=name,
+        rest_shape=rest_shape,
+        yarn_material=kinds,
+        yarn_radius=radius * relative,
     )
     return check_drawn(pattern)
 
@@ -171,15 +192,32 @@ def _kinds(
     return np.array([kind for (kind,) in letters], dtype=np.int64)
 
 
-def _wave(heights: np.ndarray, axis: int, spacing: float, across: float) -> PeriodicCurve:
+def _places(own: np.ndarray, others: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, float]:
+    """Where parallel yarns lie, and their period [spacings].
+
+    own: radii of the columns of the table, others: of its rows. Columns lie as far apart as their mean radius asks
+    for, or that of a yarn which changes sides between them.
+    """
+    mean = 0.5 * (own + np.roll(own, -1))
+    changes = table != np.roll(table, -1, axis=1)
+    between = np.where(changes, 0.5 * (mean + others[:, None]), 0.0).max(axis=0)
+    gaps = np.maximum(mean, between)
+    return 0.5 * gaps[-1] + np.concatenate([[0.0], np.cumsum(gaps[:-1])]), float(gaps.sum())
+
+
+def _wave(
+    heights: np.ndarray, axis: int, places: np.ndarray, lap: float, spacing: float, across: float
+) -> PeriodicCurve:
     """A yarn along x (axis 0) or y (axis 1) that reaches each height at the middle of its crossing.
 
+    places, lap: of the crossings and of the period [spacings].
     Between two crossings the height follows 3u² - 2u³, level at both.
     """
     u = (np.arange(SAMPLES_PER_CROSSING) / SAMPLES_PER_CROSSING)[None, :]
     step = (np.roll(heights, -1) - heights)[:, None]
     z = heights[:, None] + step * (3.0 * u**2 - 2.0 * u**3)
-    along = (np.arange(len(heights))[:, None] + 0.5 + u) * spacing
+    way = np.diff(places, append=places[0] + lap)
+    along = (places[:, None] + way[:, None] * u) * spacing
     points = np.empty((z.size, 3))
     points[:, axis] = along.ravel()
     points[:, 1 - axis] = across
