@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from yarnscale.cli.notices import given
 from yarnscale.errors import InputError
+from yarnscale.files.run_folder import writable_folder as writable_folder
 
 
 def print_json(values: Mapping[str, object]) -> None:
@@ -36,19 +36,6 @@ def _plain(value: object) -> object:
     if isinstance(value, (np.floating, float)):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
-
-
-def writable_folder(path: Path) -> Path:
-    """Create a folder and make sure that it can be written, before long work begins."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
-    except OSError as error:
-        raise InputError(
-            "output cannot be written", where=path, expected="a folder", found=error.strerror
-        ) from None
-    return path
 
 
 def writable_file(path: Path | None, *suffixes: str) -> None:

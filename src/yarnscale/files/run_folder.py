@@ -52,7 +52,7 @@ class RunFolder:
         self._old: dict[Path, int] = {}
 
     def __enter__(self) -> Path:
-        _writable(self.path)
+        writable_folder(self.path)
         there = [*_matching(self.path, [*self._made, *self._makes])]
         if self._resumed:
             needed = {*_matching(self.path, self._needs)}
@@ -151,7 +151,7 @@ def check_place(folder: Path) -> None:
         raise InputError("output cannot be written", where=folder, expected="a folder", found=found)
 
 
-def _writable(folder: Path) -> None:
+def writable_folder(folder: Path) -> Path:
     """Create a folder and make sure that it can be written, before long work begins."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -161,3 +161,4 @@ def _writable(folder: Path) -> None:
         raise InputError(
             "output cannot be written", where=folder, expected="a folder", found=error.strerror
         ) from None
+    return folder
