@@ -8,6 +8,7 @@ import pytest
 from yarnscale.files.pyp import read_pyp
 from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.rest_frames import (
+    carried_along,
     material_curvature,
     parallel_transport,
     reference_twist,
@@ -110,3 +111,13 @@ def test_a_pattern_from_curves_is_twisted_evenly() -> None:
             assert not pattern.rest_twist.any()
         else:
             assert np.allclose(pattern.rest_twist, joint)
+
+
+def test_a_director_is_carried_from_edge_to_edge() -> None:
+    generator = np.random.default_rng(4)
+    tangent = np.array([2.0, 0.0, 0.0]) + np.cumsum(0.3 * generator.standard_normal((12, 3)), axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    start = np.cross(tangent[0], (0.0, 0.0, 1.0))
+    carried = carried_along(start / np.linalg.norm(start), tangent)
+    assert np.allclose((carried * tangent).sum(axis=1), 0.0, atol=1e-14)
+    assert np.allclose(parallel_transport(carried[:-1], tangent[:-1], tangent[1:]), carried[1:], atol=1e-14)

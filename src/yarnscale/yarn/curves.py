@@ -9,7 +9,7 @@ import numpy as np
 
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.rest_frames import material_curvature, parallel_transport, reference_twist
+from yarnscale.yarn.rest_frames import carried_along, material_curvature, reference_twist
 
 REST_SHAPES = ("straight", "current")
 
@@ -136,15 +136,8 @@ def _tangents(curve: PeriodicCurve, period: np.ndarray) -> np.ndarray:
 def _transported_directors(tangent: np.ndarray) -> np.ndarray:
     """Directors along one yarn without twist, beginning near the z axis; shape (k, 3)."""
     start = np.array([0.0, 0.0, 1.0]) if abs(tangent[0, 2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    director = np.empty_like(tangent)
-    director[0] = start - (start @ tangent[0]) * tangent[0]
-    director[0] /= np.linalg.norm(director[0])
-    for i in range(1, len(tangent)):
-        moved = parallel_transport(director[i - 1 : i], tangent[i - 1 : i], tangent[i : i + 1])[0]
-        # Rounding would add up over a long yarn.
-        moved -= (moved @ tangent[i]) * tangent[i]
-        director[i] = moved / np.linalg.norm(moved)
-    return director
+    director = start - (start @ tangent[0]) * tangent[0]
+    return carried_along(director / np.linalg.norm(director), tangent)
 
 
 def _even_twist(joint_twist: np.ndarray, length: np.ndarray) -> np.ndarray:

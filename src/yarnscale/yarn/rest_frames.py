@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 
@@ -14,6 +15,32 @@ def parallel_transport(vector: np.ndarray, before: np.ndarray, after: np.ndarray
     cosine = np.einsum("ij,ij->i", before, after)[:, None]
     along = np.einsum("ij,ij->i", axis, vector)[:, None]
     return vector * cosine + np.cross(axis, vector) + axis * along / np.maximum(1.0 + cosine, 1e-12)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def carried_along(director, tangent):
+    """A director (3,) of the first edge transported to all edges of a yarn in turn; tangent: (k, 3) -> (k, 3)."""
+    out = np.empty_like(tangent)
+    out[0] = director
+    axis = np.empty(3)
+    for i in range(1, len(tangent)):
+        s, t, d = tangent[i - 1], tangent[i], out[i - 1]
+        cosine = s[0] * t[0] + s[1] * t[1] + s[2] * t[2]
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            axis[a] = s[b] * t[c] - s[c] * t[b]
+        along = (axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2]) / max(1.0 + cosine, 1e-12)
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            out[i, a] = d[a] * cosine + axis[b] * d[c] - axis[c] * d[b] + axis[a] * along
+        # Rounding would add up over a long yarn.
+        tilt = out[i, 0] * t[0] + out[i, 1] * t[1] + out[i, 2] * t[2]
+        for a in range(3):
+            out[i, a] -= tilt * t[a]
+        size = np.sqrt(out[i, 0] ** 2 + out[i, 1] ** 2 + out[i, 2] ** 2)
+        for a in range(3):
+            out[i, a] /= size
+    return out
 
 
 def signed_angle(start: np.ndarray, end: np.ndarray, axis: np.ndarray) -> np.ndarray:

@@ -107,11 +107,8 @@ def _stage(
     edge_end, tile = pattern.edges[:, 1], np.zeros((n, 3))
     tile[:, :2] = pattern.edges[:, 2:] * period
 
-    def nodes(points: Array) -> Array:
-        return (points[None] + offset).reshape(-1, 3)
-
     x, v, force = pattern.vertices.copy(), np.zeros((n, 3)), np.zeros((n, 3))
-    listed_at, first, second = x, np.empty(0, np.int64), np.empty(0, np.int64)
+    listed_at, near = x, _Near.of(x, offset, images, (np.empty(0, np.int64),) * 2)
     dt, mixing, uphill_free = 0.1, 0.1, 0
     for step in range(stage.steps):
         # In a hundred steps at most: the rest of the last, long stage is for rounding.
@@ -119,10 +116,20 @@ def _stage(
         diameter = reached + grown * (stage.diameter - reached)
         if step == 0 or np.abs(x - listed_at).max() > 0.25 * SKIN:
             listed_at = x.copy()
-            first, second = search.find(nodes(x), reach)
-        copies = nodes(x)
+            near = _Near.of(x, offset, images, search.find((x[None] + offset).reshape(-1, 3), reach))
+        copies = x[near.source] + near.offset
         _forces(
-            x, edge_end, tile, rest, copies, images.segment_end, first, second, n, diameter * share, force
+            x,
+            edge_end,
+            tile,
+            rest,
+            copies,
+            near.source,
+            near.end,
+            near.first,
+            near.second,
+            diameter * share,
+            force,
         )
         if grown == 1.0 and np.abs(force).max() < AT_REST:
             break
@@ -142,18 +149,44 @@ def _stage(
         if longest > STEP_LIMIT:
             move *= STEP_LIMIT / longest
             v *= STEP_LIMIT / longest
-        moves = np.tile(move, (len(images.tiles), 1))
-        x = x + move * safe_fraction(copies, moves, images.segment_end, first, second, GAP_SHARE)
+        x = x + move * safe_fraction(copies, move[near.source], near.end, near.first, near.second, GAP_SHARE)
     starts = np.concatenate([[0], np.cumsum(sizes)])
     return [
         PeriodicCurve(x[a:b], curve.shift) for a, b, curve in zip(starts, starts[1:], curves, strict=False)
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class _Near:
+    """Pairs of close segments, and the copies of vertices at their ends alone.
+
+    source, offset: vertex behind each copy (k,), and how far it is moved (k, 3). end: copy at the end of the segment
+    that begins at a copy (k,). first, second: copies at which the segments of each pair begin (m,).
+    """
+
+    source: NDArray[np.int64]
+    offset: Array
+    end: NDArray[np.int64]
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls, x: Array, offset: Array, images: Images, pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
+    ) -> _Near:
+        begins = np.unique(np.concatenate(pairs))
+        nodes = np.unique(np.concatenate([begins, images.segment_end[begins]]))
+        end = np.full(len(nodes), -1)
+        end[np.searchsorted(nodes, begins)] = np.searchsorted(nodes, images.segment_end[begins])
+        first, second = (np.searchsorted(nodes, segments) for segments in pairs)
+        return cls(nodes % len(x), offset[nodes // len(x), 0], end, first, second)
+
+
 @numba.njit(**_JIT)
-def _forces(x, end, tile, rest, copies, ends, first, second, n, diameter, force):
+def _forces(x, end, tile, rest, copies, source, ends, first, second, diameter, force):
     """Forces of springs, joints and repulsion on the vertices of the primary tile."""
     force[:] = 0.0
+    n = len(x)
     edge = np.empty((n, 3))
     for i in range(n):
         size = 0.0
@@ -176,19 +209,18 @@ def _forces(x, end, tile, rest, copies, ends, first, second, n, diameter, force)
             force[i, c] -= bend
             force[end[j], c] -= bend
     for m in range(first.shape[0]):
-        a, g = first[m], second[m]
-        b, h = ends[a] % n, g % n
-        k = ends[g] % n
-        p, q, o, w = copies[a], copies[ends[a]], copies[g], copies[ends[g]]
+        e, g = first[m], second[m]
+        a, b, h, k = source[e], source[ends[e]], source[g], source[ends[g]]
+        p, q, o, w = copies[e], copies[ends[e]], copies[g], copies[ends[g]]
         s, t, gap = closest_points(p[0], p[1], p[2], q[0], q[1], q[2], o[0], o[1], o[2], w[0], w[1], w[2])
         gap = np.sqrt(gap)
-        touch = 0.5 * (diameter[a] + diameter[g % n])
+        touch = 0.5 * (diameter[a] + diameter[h])
         if gap >= touch:
             continue
         push = REPULSION * np.sqrt(((q - p) ** 2).sum() * ((w - o) ** 2).sum()) * (touch / gap - 1.0) / gap
         for c in range(3):
-            d = (1.0 - s) * copies[a, c] + s * copies[ends[a], c]
-            d -= (1.0 - t) * copies[g, c] + t * copies[ends[g], c]
+            d = (1.0 - s) * p[c] + s * q[c]
+            d -= (1.0 - t) * o[c] + t * w[c]
             force[a, c] += push * (1.0 - s) * d
             force[b, c] += push * s * d
             force[h, c] -= push * (1.0 - t) * d
