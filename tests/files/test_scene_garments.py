@@ -91,6 +91,38 @@ def test_garments_meet_themselves_and_sheets_where_told(
         assert cloth.contact.thickness == pytest.approx(1e-3)
 
 
+def test_units_of_sheets_files_and_bodies(folder: Path) -> None:
+    """A sheet in mm, a file with texture in mm, a body in cm; each begins with its sizes."""
+    (folder / "cloth.obj").write_text(
+        obj_text(SQUARE.assembled, SQUARE.triangles, 1e3 * SQUARE.material, SQUARE.corners)
+    )
+    sheet = 'unit = "mm"\nwidth = 100\nheight = 100\nspacing = 20\n'
+    body = '[[obstacles]]\nshape = "mesh"\nfile = "cloth.obj"\nunit = "cm"\nposition = [0, 0, -1]\n'
+    for mesh in (sheet, 'file = "cloth.obj"\nunit = "mm"\n'):
+        scene = scene_of(folder, f"[mesh]\n{mesh}{SCHEDULE}{body}")
+        np.testing.assert_allclose(scene.cloth.mesh.areas.sum(), 0.01)
+        assert scene.notices[0].startswith("fabric 10 × 10 cm, 100 cm²; in space 10 × 10 × 0 cm, 100 cm²; ")
+        assert np.ptp(scene.cloth.obstacles[0].points(0.0)[:, 0]) == pytest.approx(1e-3)
+        assert any("another size" in notice for notice in scene.notices[1:])
+    for text, message in (
+        (
+            'file = "cloth.obj"\n',
+            r'cloth\.obj: sizes; expected .* \(texture coordinates in mm would fit: unit = "mm"',
+        ),
+        (
+            'file = "cloth.obj"\nunit = "km"\n',
+            r"scene\.toml:4: field 'mesh.unit'; expected m or cm or mm or inch",
+        ),
+        ('file = "cloth.obj"\nweld = "yes"\n', r"field 'mesh.weld'; expected true, false or a distance"),
+        (
+            "width = 300\nheight = 300\nspacing = 20\n",
+            r"scene\.toml:2: \[mesh\] size of the fabric; .* found 30000 × ",
+        ),
+    ):
+        with pytest.raises(InputError, match=message):
+            scene_of(folder, f"[mesh]\n{text}{SCHEDULE}")
+
+
 @pytest.mark.parametrize("normal", ["[0, 0, 1]", "[0, 0, -1]"])
 def test_a_floor_below_the_cloth_is_one_whatever_its_normal(folder: Path, normal: str) -> None:
     floor = f'[[obstacles]]\nshape = "plane"\npoint = [0, 0, -0.1]\nnormal = {normal}\n'

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from yarnscale.files.garment_units import Notice, length
+from yarnscale.files.garment_units import LENGTHS, Notice
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.scene_section import Section
 from yarnscale.shell.garments.wardrobe import SEAMS, SWEATER, T_SHIRT, ShirtCut, shirt
@@ -34,7 +34,7 @@ def read_mesh(section: Section, on_notice: Notice) -> TriangleMesh:
             lambda: shirt(shape, cut, section.number_or("spacing", 0.02), rest_angles=angles).mesh
         )
     grain = math.radians(section.number_or("grain", 0.0))
-    metres = section.build(lambda: length(section.text_or("unit", "m")))
+    metres = LENGTHS[section.choice_or("unit", "m", tuple(LENGTHS))]
     if shape == "disk":
         section.known("shape", "unit", "radius", "spacing", "grain", *_PLACE)
         radius, spacing = (metres * section.number(key) for key in ("radius", "spacing"))
@@ -90,13 +90,15 @@ def _from_file(section: Section, on_notice: Notice) -> TriangleMesh:
         if key in section.content
     }
     weld = section.content.get("weld")
+    if isinstance(weld, str):
+        raise section.fault("weld", expected="true, false or a distance [m]", found=repr(weld)[:60])
     if not (weld is None or isinstance(weld, bool)):
         weld = section.number("weld", positive=True)
     return section.build(
         lambda: read_garment(
             section.beside(section.text("file")),
             material=flat,
-            unit=section.text("unit") if "unit" in section.content else None,
+            unit=section.choice_or("unit", "m", tuple(LENGTHS)) if "unit" in section.content else None,
             grain=math.radians(section.number_or("grain", 0.0)),
             weld=weld,
             on_notice=on_notice,

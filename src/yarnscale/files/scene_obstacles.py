@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.errors import InputError
-from yarnscale.files.garment_units import length
+from yarnscale.files.garment_units import LENGTHS
 from yarnscale.files.obj_surface import read_obj_poses, read_obj_surface
 from yarnscale.files.scene_section import MOTION, Section
 from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
@@ -33,7 +33,7 @@ def read_obstacle(section: Section) -> Obstacle:
         return _mannequin(section)
     if "unit" in section.content and "scale" in section.content:
         raise section.fault("unit", expected="none beside 'scale'")
-    metres = section.build(lambda: length(section.text_or("unit", "m")))
+    metres = LENGTHS[section.choice_or("unit", "m", tuple(LENGTHS))]
     scale = section.number("scale", positive=True) if "scale" in section.content else metres
     position = np.array(section.vector_or("position", (0.0, 0.0, 0.0)))
     if "frames" in section.content:
