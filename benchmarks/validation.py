@@ -40,7 +40,6 @@ from yarnscale.fabric.sheet_scene import SheetScene, drape, pulled_apart
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.homogenize.homogenize import homogenize
-from yarnscale.homogenize.plan import StrainRange
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
@@ -206,10 +205,7 @@ def by_cloth(asked: Scenario, folder: Path, options: argparse.Namespace) -> Run:
     path = folder / "material.json"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        sampled = StrainRange(
-            stretch=(options.narrowing, StrainRange().stretch[1]), curvature=options.curvature
-        )
-        write_material(path, homogenize(asked.cell, folder, range=sampled, resume=True).material)
+        write_material(path, homogenize(asked.cell, folder, resume=True).material)
     cloth = cloth_of(asked, read_material(path), options.spacing)
     start, states = ClothState.flat(cloth.mesh), []
     solver = ClothSolver(cloth)
@@ -315,16 +311,6 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=float, default=0.1, help="of yarns on each other")
     parser.add_argument("--time-step", type=float, default=1 / 60, help="of the yarns [s]")
     parser.add_argument("--cloth-step", type=float, default=1 / 60, help="of the cloth [s]")
-    usual = StrainRange()
-    parser.add_argument(
-        "--curvature",
-        type=float,
-        default=usual.curvature,
-        help="largest that is homogenized, times the radius",
-    )
-    parser.add_argument(
-        "--narrowing", type=float, default=usual.stretch[0], help="least stretch that is homogenized"
-    )
     parser.add_argument("--out", type=Path, required=True)
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)

@@ -56,7 +56,7 @@ def main() -> None:
                 material = read_material(ROOT / "tests" / "fabrics" / f"{name}.json")
                 assert isinstance(material, SplineMaterial)
                 if not pairs:
-                    material = replace(material, planes={}, inside=None)
+                    material = replace(material, planes={})
                 positions, force = pulled(material, direction)
                 told = "" if pairs else ", no pairs"
                 title = f"{name}, {direction}{told}: {force / SIZE:.2g} N/m"

@@ -46,7 +46,7 @@ def narrowing(material: SplineMaterial, along: int, stretch: float) -> float:
 
 def without_pairs(material: SplineMaterial) -> SplineMaterial:
     """Only the terms of one strain each (HYLC20 Fig. 17)."""
-    return replace(material, planes={}, inside=None)
+    return replace(material, planes={})
 
 
 def pulled(material: SplineMaterial, along: int, stretch: float) -> np.ndarray:

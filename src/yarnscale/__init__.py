@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from yarnscale.files.material_toml import write_material as write_yarn_material
     from yarnscale.files.measurements import read_measurements
     from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
+    from yarnscale.homogenize.compact_fit import fit_compact_material
     from yarnscale.homogenize.fit import fit_spline_material
-    from yarnscale.homogenize.homogenize import Homogenization, fit
+    from yarnscale.homogenize.homogenize import Homogenization, fit, fit_published
     from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
     from yarnscale.homogenize.plan import StrainGrid, StrainRange, axes_and_planes
-    from yarnscale.homogenize.refine import refine
     from yarnscale.homogenize.sample import create_store, sample
     from yarnscale.homogenize.store import SampleStore
     from yarnscale.kinematics import COMPONENTS, ShellStrain
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from yarnscale.shell import scenes
     from yarnscale.shell.dynamics.cloth import Cloth
     from yarnscale.shell.dynamics.simulate import simulate
+    from yarnscale.shell.materials.compact import CompactMaterial
     from yarnscale.shell.materials.material import ShellMaterial
     from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
     from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -67,6 +68,7 @@ _HOME = {
     "Scene": "shell.scenes.scene",
     "ShellMaterial": "shell.materials.material",
     "ShellStrain": "kinematics",
+    "CompactMaterial": "shell.materials.compact",
     "SplineMaterial": "shell.materials.spline_material",
     "Status": "numerics.newton",
     "StretchRule": "yarn.material",
@@ -80,6 +82,8 @@ _HOME = {
     "axes_and_planes": "homogenize.plan",
     "create_store": "homogenize.sample",
     "fit": "homogenize.homogenize",
+    "fit_compact_material": "homogenize.compact_fit",
+    "fit_published": "homogenize.homogenize",
     "fit_spline_material": "homogenize.fit",
     "fit_shell": "estimate.fabric_shell",
     "homogenize_cell": "homogenize.homogenize:homogenize",
@@ -91,7 +95,6 @@ _HOME = {
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
     "read_yarns": "files.patterns",
-    "refine": "homogenize.refine",
     "run_scene": "shell.scenes.scene",
     "run_tests": "laboratory.programme",
     "sample": "homogenize.sample",
@@ -109,6 +112,7 @@ module itself. The imports above say the same to type checkers."""
 __all__ = [
     "COMPONENTS",
     "Cloth",
+    "CompactMaterial",
     "ContactRule",
     "Equilibrium",
     "FabricShell",
@@ -138,6 +142,8 @@ __all__ = [
     "axes_and_planes",
     "create_store",
     "fit",
+    "fit_compact_material",
+    "fit_published",
     "fit_shell",
     "fit_spline_material",
     "homogenize_cell",
@@ -149,7 +155,6 @@ __all__ = [
     "read_pattern",
     "read_yarn_material",
     "read_yarns",
-    "refine",
     "run_scene",
     "run_tests",
     "sample",

@@ -15,8 +15,7 @@ import numpy as np
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
 from yarnscale.files.material_json import write_material
-from yarnscale.homogenize.fit import FitOptions
-from yarnscale.homogenize.homogenize import fit
+from yarnscale.homogenize.homogenize import fit_published
 from yarnscale.homogenize.plan import StrainRange, axes_and_planes, scattered_axes
 from yarnscale.homogenize.sample import create_store, sample
 from yarnscale.yarn.library import STRUCTURES
@@ -43,7 +42,7 @@ def main() -> None:
             cell = PeriodicCell(rest.pattern, yarn)
             store = create_store(Path(folder) / "samples", cell, scattered_axes(states), scattered=True)
             summary = sample(cell, store, workers=1)
-            material = fit(store, options=FitOptions(in_plane="pairwise"))
+            material = fit_published(store)
         write_material(Path(__file__).with_name(f"{name}.json"), material)
         told = f"{summary.converged} of {summary.states} states in {summary.seconds:.0f} s"
         print(f"{name}: {rest.status.value}; {told}", flush=True)

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from yarnscale.shell.materials.inside import SHAPES, SOLIDS, InsideTerms
+from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import PLANES
-from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, Tail
+from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
 
 REACH = np.array([0.7, 0.6, 0.5, 90.0, 110.0])
 
 
 @pytest.fixture
 def material() -> SplineMaterial:
-    """Growing axes and nine planes with random nodal data."""
+    """Axes and nine planes with random nodal data."""
     rng = np.random.default_rng(5)
     axes, planes = [], {}
     for k, reach in enumerate(REACH):
         knots = np.linspace(-1, 1, 7 + k) * reach
         values, slopes = (knots / reach) ** 2, 2 * knots / reach**2
-        axes.append(CubicSpline(knots, values + 0.05 * rng.normal(size=len(knots)), slopes, Tail.GROWING))
+        axes.append(CubicSpline(knots, values + 0.05 * rng.normal(size=len(knots)), slopes))
     for i, j in PLANES:
         u, v = np.linspace(-1, 1, 4 + i) * REACH[i], np.linspace(-1, 1, 3 + j) * REACH[j]
         data = 0.1 * rng.normal(size=(4, len(u), len(v)))
@@ -36,18 +35,15 @@ def material() -> SplineMaterial:
 
 
 @pytest.fixture
-def inside_material(material) -> SplineMaterial:
-    """The same with terms of all three in-plane strains."""
-    rng = np.random.default_rng(8)
-    knots = tuple(np.linspace(-0.8, 0.9, n) * reach for n, reach in zip((4, 3, 5), REACH, strict=False))
-    nodal = 0.1 * rng.normal(size=(SOLIDS, 2, 2, 2, *(len(k) for k in knots)))
-    shapes = []
-    for reach in REACH[3:]:
-        places = np.array([-1.3, -0.6, 0.2, 1.0]) * reach
-        shapes.append(
-            [CubicSpline(places, rng.normal(size=4), rng.normal(size=4) / reach) for _ in range(SHAPES)]
-        )
-    return replace(material, inside=InsideTerms(knots, nodal, shapes[0], shapes[1], curvature=120.0))
+def compact() -> CompactMaterial:
+    """A small network with every kind of unit."""
+    rng = np.random.default_rng(3)
+    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(4, 6, 2)))
+    positive = {
+        name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")
+    }
+    scale = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
+    return CompactMaterial(0.1, scale, arrays._replace(**positive), density=0.3)
 
 
 @pytest.fixture

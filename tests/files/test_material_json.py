@@ -9,28 +9,22 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import material_text, read_material, write_material
+from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
-from yarnscale.shell.materials.spline_material import SplineMaterial
-from yarnscale.shell.materials.spline_patches import PLANES
-from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, Tail
-
-REACH = np.array([0.8, 0.7, 0.8, 100.0, 90.0])
 
 
-def spline_material() -> SplineMaterial:
-    rng = np.random.default_rng(5)
-    tails = [Tail.GROWING, Tail.LINEAR, Tail.GROWING, Tail.GROWING, Tail.LINEAR]
-    axes = []
-    for axis, tail in enumerate(tails):
-        knots = np.sort(rng.uniform(-1, 1, 4 + axis)) * REACH[axis]
-        axes.append(CubicSpline(knots, *rng.normal(size=(2, 4 + axis)), tail))
-    planes = {}
-    for i, j in PLANES[1:]:
-        u, v = np.sort(rng.normal(size=3)) * REACH[i], np.sort(rng.normal(size=4)) * REACH[j]
-        planes[i, j] = BicubicSpline(u, v, *rng.normal(size=(4, 3, 4)))
-    box = np.stack([-REACH / 3, REACH / 7], axis=1)
-    provenance = {"pattern": "stockinette – 1×1", "solves": 812, "notes": [1.5, None, {"a": "b"}]}
-    return SplineMaterial(np.pi, tuple(axes), planes, 0.1 + 0.2, range=box, provenance=provenance)
+def compact_material(ramps: int, springs: int, walls: int, *, mirrored: bool = True) -> CompactMaterial:
+    """Random numbers of everything."""
+    rng = np.random.default_rng(3)
+    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(ramps, springs, walls)))
+    positive = {
+        name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")
+    }
+    scale = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
+    return CompactMaterial(
+        0.1, scale, arrays._replace(**positive), density=0.3, mirrored=mirrored,
+        samples=0.3 * scale * rng.normal(size=(5, 6)), spacing=0.2, provenance={"pattern": "stockinette – 1×1"},
+    )  # fmt: skip
 
 
 ORTHOTROPIC = OrthotropicMaterial(
@@ -38,26 +32,31 @@ ORTHOTROPIC = OrthotropicMaterial(
 )
 
 
-def test_a_spline_material_comes_back_to_the_last_bit(tmp_path):
-    material = spline_material()
+@pytest.mark.parametrize("counts", [(4, 6, 2), (0, 3, 0)])
+def test_a_compact_material_comes_back_to_the_last_bit(tmp_path, counts):
+    material = compact_material(*counts)
     path = tmp_path / "material.json"
     write_material(path, material)
     back = read_material(path)
-    assert isinstance(back, SplineMaterial)
-    assert (back.constant, back.density) == (material.constant, material.density)
-    np.testing.assert_array_equal(back.range, material.range)
+    assert isinstance(back, CompactMaterial)
     assert dict(back.provenance) == dict(material.provenance)
-    assert list(back.planes) == list(material.planes)
-    for one, two in zip(back.axes, material.axes, strict=True):
-        assert one.tail == two.tail
-        for name in ("knots", "values", "slopes"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-    for pair, plane in material.planes.items():
-        for name in ("knots_u", "knots_v", "values", "slopes_u", "slopes_v", "twists"):
-            np.testing.assert_array_equal(getattr(back.planes[pair], name), getattr(plane, name))
     assert material_text(back) == material_text(material)
     strains = np.random.default_rng(0).uniform(-0.3, 0.5, (20, 6)) * [1, 1, 1, 200, 200, 200]
     np.testing.assert_array_equal(back.energy_density(strains), material.energy_density(strains))
+    np.testing.assert_allclose(back.outside(strains), material.outside(strains), rtol=1e-3, atol=1e-3)
+
+
+def test_a_spline_of_an_older_version_is_refused_with_what_to_do(tmp_path):
+    path = tmp_path / "material.json"
+    path.write_text('{"format": "yarnscale-material", "version": 1, "kind": "spline"}')
+    with pytest.raises(InputError, match="run yarnscale homogenize again"):
+        read_material(path)
+
+
+def test_an_orthotropic_material_of_an_older_version_is_read(tmp_path):
+    path = tmp_path / "fabric.json"
+    path.write_text(changed(ORTHOTROPIC, lambda c: c.update(version=1)))
+    assert read_material(path) == ORTHOTROPIC
 
 
 def test_an_orthotropic_material_comes_back(tmp_path):
@@ -68,11 +67,11 @@ def test_an_orthotropic_material_comes_back(tmp_path):
     assert dict(back.provenance) == {"source": "test"}
 
 
-@pytest.mark.parametrize("material", [spline_material(), ORTHOTROPIC], ids=["spline", "orthotropic"])
+@pytest.mark.parametrize("material", [compact_material(2, 3, 1), ORTHOTROPIC], ids=["compact", "orthotropic"])
 def test_the_file_is_plain_json_with_units(material):
     content = json.loads(material_text(material))
     assert content["format"] == "yarnscale-material"
-    assert content["version"] == 1
+    assert content["version"] == 2
     assert content["units"]["density"] == "kg/m^2"
 
 
@@ -82,12 +81,12 @@ def test_published_files_are_read_too(shared):
     assert energy == pytest.approx(0.66167915, abs=1e-8)
 
 
-def test_a_published_material_can_be_kept_in_our_format(shared, tmp_path):
+def test_a_published_material_can_be_copied(shared, tmp_path):
     published = read_material(shared / "reference" / "stock1.json")
     write_material(tmp_path / "copy.json", published)
     copy = read_material(tmp_path / "copy.json")
     strains = np.random.default_rng(1).uniform(-0.5, 0.9, (200, 6)) * [1, 1, 1, 200, 200, 200]
-    np.testing.assert_array_equal(copy.energy_density(strains), published.energy_density(strains))
+    np.testing.assert_allclose(copy.energy_density(strains), published.energy_density(strains), rtol=1e-12)
 
 
 def changed(material, change) -> str:
@@ -101,30 +100,25 @@ def changed(material, change) -> str:
     [
         (lambda c: c.pop("format"), ["format", "yarnscale-material"]),
         (lambda c: c.update(format="other"), ["format", "other"]),
-        (lambda c: c.update(version=2), ["version", "found 2"]),
+        (lambda c: c.update(version=3), ["version", "found 3"]),
         (lambda c: c.update(kind="magic"), ["kind", "magic"]),
         (lambda c: c.update(kind=[1]), ["kind", "string"]),
-        (lambda c: c["units"].update(lambda_x="1/cm"), ["units.lambda_x", "1/m"]),
-        (lambda c: c["units"].pop("s_x"), ["units.s_x"]),
+        (lambda c: c["units"].update(density="g"), ["units.density", "kg/m^2"]),
+        (lambda c: c["units"].pop("scale, samples"), ["units.scale, samples"]),
         (lambda c: c.update(density=-1), ["density", "positive"]),
-        (lambda c: c["range"].update(s_a=[0.5, -0.5]), ["range"]),
-        (lambda c: c["range"].update(s_a=[0.5]), ["range.s_a", "2 numbers"]),
+        (lambda c: c.update(mirrored=3), ["mirrored"]),
+        (lambda c: c["scale"].pop(), ["scale", "6 numbers"]),
         (lambda c: c.pop("provenance"), ["provenance"]),
-        (lambda c: c["terms"]["axes"].pop(3), ["terms.axes", "lambda_x"]),
-        (lambda c: c["terms"]["axes"][0].update(tail="up"), ["terms.axes[0].tail", "growing"]),
-        (lambda c: c["terms"]["axes"][1].update(strain="s_x"), ["terms.axes[1].strain"]),
-        (lambda c: c["terms"]["axes"][1]["knots"].reverse(), ["terms.axes[1].knots", "increasing"]),
-        (lambda c: c["terms"]["planes"][2].update(strains=["lambda_x", "s_a"]), ["planes[2].strains"]),
-        (lambda c: c["terms"]["planes"][2].update(strains=3), ["planes[2].strains"]),
-        (lambda c: c["terms"]["planes"][2]["twists"].pop(), ["planes[2].twists", "3 × 4"]),
-        (lambda c: c["terms"]["planes"][2]["values"][1].pop(), ["planes[2].values"]),
-        (lambda c: c["terms"]["planes"][0]["knots"].pop(), ["planes[0].knots"]),
-        (lambda c: c["terms"]["planes"][0].pop("values"), ["planes[0].values"]),
+        (lambda c: c["terms"].pop("bends"), ["terms.bends"]),
+        (lambda c: c["terms"]["springs"].pop(), ["terms.springs", "3 × 6"]),
+        (lambda c: c["terms"]["stiffnesses"].__setitem__(0, -1.0), ["stiffnesses", "negative"]),
+        (lambda c: c["trusted"].update(samples=[[1.0]]), ["trusted.samples", "1 × 6"]),
+        (lambda c: c["trusted"].update(spacing=0), ["trusted.spacing", "positive"]),
     ],
 )
 def test_broken_content_names_file_and_field(tmp_path, change, words):
     path = tmp_path / "material.json"
-    path.write_text(changed(spline_material(), change))
+    path.write_text(changed(compact_material(2, 3, 1), change))
     with pytest.raises(InputError) as caught:
         read_material(path)
     message = str(caught.value)

@@ -1,4 +1,4 @@
-"""The fit: recovery of known energies, symmetry, curl, growth, a floor under false wells, reference data."""
+"""The published form: recovery of known energies, symmetry, curl, straight continuation, reference data."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.homogenize.fit import FitOptions, fit_spline_material, strains_of, validate
+from yarnscale.homogenize.fit import FitOptions, fit_spline_material, strains_of
 from yarnscale.shell.materials.spline_patches import PLANES
 
 REACH = np.array([0.6, 0.5, 0.6, 80.0, 80.0])
@@ -56,6 +56,14 @@ def unseen(count: int = 400) -> np.ndarray:
     return np.random.default_rng(1).uniform(-1, 1, (count, 5)) * REACH
 
 
+def energy_errors(material, states: np.ndarray, values: np.ndarray, valid=slice(None)) -> tuple[float, float]:
+    """Median and 95th percentile of the error of the energy over the largest energy above rest."""
+    error = np.abs(material.energy_density(strains_of(states)) - values)[valid]
+    rest = float(material.energy_density(np.zeros(6)))
+    error /= np.abs(values[valid] - rest).max()
+    return float(np.median(error)), float(np.percentile(error, 95))
+
+
 SAMPLES = axes_and_planes()
 SMOOTH = FitOptions(smoothing=1e-6)
 
@@ -66,18 +74,33 @@ def fitted():
 
 
 def test_a_known_energy_is_recovered_from_few_samples(fitted):
-    report = validate(fitted, unseen(), energy(unseen()), stress(unseen()))
-    assert report.energy_median < 1e-4
-    assert report.energy_95 < 3e-4
-    assert np.all(report.stress_median < 1e-3)
-    assert np.all(report.stress_95 < 5e-3)
+    median, high = energy_errors(fitted, unseen(), energy(unseen()))
+    assert median < 1e-4
+    assert high < 3e-4
+    found, expected = fitted.stress(strains_of(unseen()))[:, [0, 1, 2, 3, 5]], stress(unseen())
+    assert np.all(np.percentile(np.abs(found - expected), 95, axis=0) < 5e-3 * np.abs(expected).max(axis=0))
 
 
 def test_energies_alone_do_almost_as_well():
     material = fit_spline_material(SAMPLES, energy(SAMPLES), density=0.2, options=SMOOTH)
-    report = validate(material, unseen(), energy(unseen()), stress(unseen()))
-    assert report.energy_median < 2e-3
-    assert report.energy_95 < 1e-2
+    median, high = energy_errors(material, unseen(), energy(unseen()))
+    assert median < 2e-3
+    assert high < 1e-2
+
+
+def test_without_pairs_the_axes_are_the_same_and_nothing_else_is_there(fitted):
+    alone = fit_spline_material(
+        SAMPLES,
+        energy(SAMPLES),
+        stress(SAMPLES),
+        density=0.2,
+        options=FitOptions(smoothing=1e-6, pairs=False),
+    )
+    assert not alone.planes
+    on_axes = np.diag(REACH) * 0.7
+    np.testing.assert_allclose(
+        alone.energy_density(strains_of(on_axes)), fitted.energy_density(strains_of(on_axes)), rtol=1e-9
+    )
 
 
 def test_two_dimensional_terms_vanish_on_their_axes(fitted):
@@ -105,7 +128,7 @@ def test_shear_is_symmetric_only_if_asked_for():
 def test_half_of_the_shears_are_enough_for_a_symmetric_fit():
     states = SAMPLES[SAMPLES[:, 1] >= 0]
     half = fit_spline_material(states, energy(states), stress(states), density=0.2, options=SMOOTH)
-    assert validate(half, unseen(), energy(unseen())).energy_95 < 1e-3
+    assert energy_errors(half, unseen(), energy(unseen()))[1] < 1e-3
     assert half.range[1, 0] == -half.range[1, 1]
 
 
@@ -127,44 +150,13 @@ def test_one_dimensional_terms_fall_and_then_rise_even_through_noise():
         assert np.all(changes >= 0)
 
 
-def test_energy_grows_outside_the_samples_and_never_falls_below_them(fitted):
-    rng = np.random.default_rng(4)
-    wide = rng.uniform(-1.6, 1.6, (20_000, 5)) * REACH
-    wide[:, 3:] *= 5
-    # Eq. 32 adds the two bending families: doubly bent, the energy may lie as deep as both gain together.
-    twice = fitted.energy_density(strains_of(wide))
-    assert np.all(np.isfinite(twice))
-    assert twice.min() > -0.05
-    wide[np.arange(20_000), rng.integers(3, 5, 20_000)] = 0.0
-    assert fitted.energy_density(strains_of(wide)).min() > energy(SAMPLES).min() - 1e-3
-    for k in range(5):
+def test_terms_go_on_along_straight_lines(fitted):
+    for k in range(3, 5):
         direction = np.zeros((3, 5))
-        direction[:, k] = np.array([1.0, 1.3, 1.6]) * REACH[k]
-        for sign in (-1, 1):
-            assert np.all(np.diff(fitted.energy_density(strains_of(sign * direction))) > 0)
-
-
-def three_way(states: np.ndarray) -> np.ndarray:
-    """Like HYLC20's max(x², y², z²), of which pairwise terms give less than nothing where all three are large."""
-    x = states / REACH
-    squares = np.sort(x[:, :3] ** 2, axis=1)
-    softer_pairs = 0.35 * np.sqrt(squares[:, 1] * squares[:, 2])
-    return 0.01 + squares[:, 2] - softer_pairs + 0.05 * np.sum(x[:, 3:] ** 2, axis=1)
-
-
-def test_false_wells_are_lifted():
-    states = axes_and_planes(9)
-    values = three_way(states)
-    assert values.min() == 0.01
-    sweep = strains_of(np.random.default_rng(5).uniform(-1.3, 1.3, (20_000, 5)) * REACH)
-    free = fit_spline_material(states, values, density=0.2, options=FitOptions(floor=False))
-    lifted = fit_spline_material(states, values, density=0.2)
-    assert free.energy_density(sweep).min() < -0.3
-    assert lifted.energy_density(sweep).min() > 0.01 - 5e-3
-    record = lifted.provenance["fit"]["floor"]
-    assert record["states_held"] > 0
-    report = validate(lifted, states, values)
-    assert report.energy_median < 0.01
+        direction[:, k] = np.array([1.5, 2.0, 2.5]) * REACH[k]
+        first, second = np.diff(fitted.energy_density(strains_of(direction)))
+        assert first == pytest.approx(second, rel=1e-9)
+        assert first > 0
 
 
 def test_invalid_states_do_not_count():
@@ -180,7 +172,7 @@ def test_invalid_states_do_not_count():
         SAMPLES, spoiled, gradients, density=0.2, weights=1.0 - bad, options=SMOOTH
     )
     for material in (masked, weighted):
-        assert validate(material, unseen(), energy(unseen())).energy_95 < 2e-3
+        assert energy_errors(material, unseen(), energy(unseen()))[1] < 1e-2
 
 
 def test_strains_without_samples_have_no_terms():
@@ -194,7 +186,7 @@ def test_strains_without_samples_have_no_terms():
 def test_states_of_more_strains_are_used_lightly():
     more = np.concatenate([SAMPLES, unseen(60)])
     material = fit_spline_material(more, energy(more), density=0.2)
-    assert validate(material, unseen(), energy(unseen())).energy_95 < 2e-2
+    assert energy_errors(material, unseen(), energy(unseen()))[1] < 2e-2
 
 
 def test_what_was_done_is_in_the_provenance(fitted):
@@ -239,10 +231,8 @@ def test_held_out_states_of_reference_planes(shared, name):
     held = (acting == 2) & (np.random.default_rng(0).uniform(size=len(states)) < 0.2) & usable
     train = (acting <= 2) & ~held
     material = fit_spline_material(states[train], values[train], density=0.3, valid=usable[train])
-    report = validate(material, states[held], values[held])
-    three = validate(material, states[acting == 3], values[acting == 3], valid=usable[acting == 3])
-    print(f"\n{name}: held out {report.energy_median:.1e}, 95 % {report.energy_95:.1e}")
-    print(f"{name}: three strains {three.energy_median:.1e}, 95 % {three.energy_95:.1e}")
-    assert report.energy_median < 2e-3
-    assert report.energy_95 < 2.5e-2
-    assert three.energy_median < 1e-2
+    median, high = energy_errors(material, states[held], values[held])
+    three = energy_errors(material, states[acting == 3], values[acting == 3], usable[acting == 3])
+    assert median < 2e-3
+    assert high < 2.5e-2
+    assert three[0] < 1e-2

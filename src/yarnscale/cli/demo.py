@@ -22,7 +22,6 @@ from yarnscale.detail.yarns import YarnDetail
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.patterns import write_pattern
 from yarnscale.files.run_folder import RunFolder
-from yarnscale.homogenize.plan import StrainRange
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
 from yarnscale.shell.materials.material import ShellMaterial
@@ -57,9 +56,7 @@ def _demo(folder: Path, began: float) -> tuple[dict[str, object], bool]:
     yarns, all_converged = _yarn_section(cell, folder / "yarns")
     with results_of_homogenize(folder / "homogenized") as homogenized:
         write_pattern(rest.pattern, homogenized / REST, yarns=cell.material)
-        outcome = homogenize_into(
-            cell, homogenized, solves=SOLVES, box=StrainRange(), workers=WORKERS, resume=False
-        )
+        outcome = homogenize_into(cell, homogenized, solves=SOLVES, workers=WORKERS, resume=False)
     material_section = material_sections(outcome, _embedded(folder / "homogenized" / "pictures"))
     cloth, measures, results = _cloth_section(outcome.material, folder)
     samples = SampleStore(folder / "homogenized" / "samples")
@@ -105,9 +102,8 @@ def _yarn_section(cell: PeriodicCell, folder: Path) -> tuple[Section, bool]:
 
 
 def _embedded(folder: Path) -> list[Picture]:
-    names = {"axes.png": ("Energy and stress along each axis: samples and fit.", True)}
-    names |= {"plane_s_x_s_y.png": ("Energy over the two stretches.", False)}
-    names |= {"errors.png": ("Error of the fitted energy.", False)}
+    names = {"stress.png": ("Error of the stress over its size, lines at 1 and 6 %.", False)}
+    names |= {"errors.png": ("Relative error of the stress.", False)}
     return [Picture(folder / name, text, wide) for name, (text, wide) in names.items()]
 
 

@@ -4,34 +4,68 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+
+import numpy as np
 
 from yarnscale.cli.console import print_json, writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material
+from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
+
+_ENDINGS = {"hylc": ".json", "c": ".c", "warp": ".py"}
 
 
 def export(options: argparse.Namespace) -> int:
-    """Write HYLC JSON or C source; what the format cannot hold goes to the standard error."""
-    writable_file(options.out, ".json" if options.format == "hylc" else ".c")
+    """Write HYLC JSON, C or Warp source; what the published form loses goes to the standard error."""
+    writable_file(options.out, _ENDINGS[options.format])
     material = read_material(options.material)
-    if not isinstance(material, SplineMaterial):
-        raise InputError("material cannot be exported", where=options.material, expected="kind 'spline'")
-    lost: Sequence[str] = ()
+    lost: list[str] = []
     if options.format == "hylc":
-        from yarnscale.files.hylc_export import lost_in_hylc, write_hylc_json
-
-        write_hylc_json(options.out, material)
-        lost = lost_in_hylc(material)
-        for phrase in lost:
-            print(f"yarnscale: note: not in HYLC JSON: {phrase}", file=sys.stderr)
+        lost.append(_hylc(options, material))
     else:
-        from yarnscale.files.c_export import write_c_source
-
-        write_c_source(options.out, material)
+        if not isinstance(material, CompactMaterial):
+            raise InputError(
+                "material cannot be exported", where=options.material,
+                expected="kind 'compact', which homogenize writes",
+            )  # fmt: skip
+        if options.format == "c":
+            from yarnscale.files.c_export import write_c_source as write
+        else:
+            from yarnscale.files.warp_export import write_warp_source as write
+        write(options.out, material)
     if options.json:
-        print_json({"out": str(options.out), "format": options.format, "lost": list(lost)})
+        print_json({"out": str(options.out), "format": options.format, "lost": lost})
     else:
         print(f"{options.out}: exported from {options.material}")
     return 0
+
+
+def _hylc(options: argparse.Namespace, material: object) -> str:
+    """Write HYLC JSON; what it loses."""
+    from yarnscale.files.hylc_export import write_hylc_json
+    from yarnscale.homogenize.compact_problem import StressErrors
+    from yarnscale.homogenize.homogenize import published_form
+
+    lost = "the sampled range and the provenance"
+    if isinstance(material, CompactMaterial):
+        known = np.delete(material.samples, 4, axis=1)
+        box = np.stack([known.min(axis=0), known.max(axis=0)], axis=1)
+        box[1] = np.max(np.abs(box[1])) * np.array([-1, 1])
+        published = published_form(material, box)
+        errors = StressErrors.of(
+            published.stress(material.samples), material.stress(material.samples), material.scale
+        )
+        lost = (
+            "what more than two strains do together: the stress differs by "
+            f"{100 * errors.median:.3g} % (median) and {100 * errors.high:.3g} % (95th percentile) at sampled states"
+        )
+    elif isinstance(material, SplineMaterial):
+        published = material
+    else:
+        raise InputError(
+            "material cannot be exported", where=options.material, expected="kind 'compact' or HYLC JSON"
+        )
+    write_hylc_json(options.out, published)
+    print(f"yarnscale: note: not in HYLC JSON: {lost}", file=sys.stderr)
+    return lost

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from yarnscale.cli.shared_options import (
@@ -32,25 +31,29 @@ def add_material_commands(add: Add) -> None:
     command.add_argument("--material", action="append", help=YARN_MATERIAL)
     add_as_drawn(command)
     command.add_argument(
-        "--solves", type=positive_integer, default=400, metavar="N", help="states to sample (400)"
+        "--solves", type=positive_integer, metavar="N", help="equilibria to sample (600; form hylc2020: 400)"
+    )
+    command.add_argument("--limit", type=float, metavar="N/M", help="largest load in N/m (50)")
+    command.add_argument(
+        "--visited", type=Path, metavar="RUN", help="sample where this simulation went, too; with --resume"
     )
     command.add_argument(
-        "--budget", type=positive_integer, metavar="N",
-        help="then solve more states where the fit errs most, up to N in all (default: none)",
+        "--form", choices=("compact", "hylc2020"), default="compact",
+        help="one compact energy, sampled along loads, or the splines of HYLC20, sampled over strains (compact)",
     )  # fmt: skip
-    command.add_argument(
-        "--target-error", type=number, metavar="E",
-        help="stop before the budget where 95 %% of the energies are estimated to err by less, as a fraction of the "
-        "largest, e.g. 0.005",
-    )  # fmt: skip
-    command.add_argument(
+    published = command.add_argument_group("for the form hylc2020")
+    published.add_argument(
         "--stretch", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help="range of stretch (-0.2,0.7)"
     )
-    command.add_argument("--shear", type=number, metavar="S", help="largest shear (0.6)")
-    command.add_argument(
+    published.add_argument("--shear", type=number, metavar="S", help="largest shear (0.6)")
+    published.add_argument(
         "--curvature", type=number, metavar="C", help="largest curvature times yarn radius (0.1)"
     )
-    _add_in_plane(command)
+    published.add_argument("--one-dimensional", action="store_true", help="no terms of two strains")
+    published.add_argument("--smoothing", type=number, metavar="W", help="weight of smoothness (0.01)")
+    published.add_argument(
+        "--even-knots", action="store_true", help="bending knots spaced evenly, not closer near zero"
+    )
     add_radius(command)
     add_dask(command)
     add_json(command)
@@ -94,15 +97,21 @@ def add_material_commands(add: Add) -> None:
     command.add_argument(
         "--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write"
     )
-    _add_in_plane(command)
     add_json(command)
 
-    command = add("export", "export", "Write a shell material for other programs: HYLC JSON or C source.")
+    command = add(
+        "export", "export", "Write a shell material for other programs: HYLC JSON, C or NVIDIA Warp source."
+    )
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="ours or published HYLC JSON")
     command.add_argument(
-        "--format", choices=("hylc", "c"), required=True, help="published layout, or one C file"
+        "--format",
+        choices=("hylc", "c", "warp"),
+        required=True,
+        help="published layout, one C file, or a function of NVIDIA Warp",
     )
-    command.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write, .json or .c")
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help="file to write, .json, .c or .py"
+    )
     add_json(command)
 
     command = add("evaluate", "materials", "Energy density and stress of a shell material at a strain.")
@@ -145,12 +154,3 @@ def add_material_commands(add: Add) -> None:
     add_radius(command)
     add_overwrite(command)
     add_json(command)
-
-
-def _add_in_plane(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--in-plane",
-        choices=("pairwise", "full"),
-        default="full",
-        help="terms of pairs of strains only, as HYLC20, or of all three in-plane strains together too (full)",
-    )

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
-from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,21 +17,21 @@ from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
 from yarnscale.files.run_folder import RunFolder
+from yarnscale.files.visited import visited_strains
+from yarnscale.homogenize.compact_fit import strain_units
+from yarnscale.homogenize.compact_problem import STRESS_FLOOR
 from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
-from yarnscale.homogenize.observations import InPlane, strains_of
+from yarnscale.homogenize.observations import FitOptions
 from yarnscale.homogenize.plan import StrainRange
-from yarnscale.homogenize.refine import Round
-from yarnscale.homogenize.states import SampledStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain
+from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.show.report import Picture, Section, Table, write_report
 
 PATTERN = "pattern.json"
 """In the folder of a homogenized pattern: what was sampled, a drawing as fabric at rest, with its yarn."""
-SAMPLED = ("s_x", "s_a", "s_y", "II11", "II22")
-"""Strain components behind the columns of sampled states."""
 
 
 def worker_count(options: argparse.Namespace) -> int:
@@ -64,14 +63,36 @@ def evaluate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _range(options: argparse.Namespace) -> StrainRange:
-    given = {"stretch": options.stretch, "shear": options.shear, "curvature": options.curvature}
-    return StrainRange(**{name: value for name, value in given.items() if value is not None})
+def _settings(options: argparse.Namespace) -> dict[str, object]:
+    """Arguments of ``homogenize`` from the options of its form; InputError for an option of the other form."""
+    ranges = {name: getattr(options, name) for name in ("stretch", "shear", "curvature")}
+    published = {**ranges, "one_dimensional": options.one_dimensional or None, "smoothing": options.smoothing}
+    published["even_knots"] = options.even_knots or None
+    loads = {"limit": options.limit, "visited": options.visited}
+    for name, value in (published if options.form == "compact" else loads).items():
+        if value is not None:
+            other = "hylc2020" if options.form == "compact" else "compact"
+            raise InputError(f"--{name.replace('_', '-')}", expected=f"--form {other} with it")
+    solves = {} if options.solves is None else {"solves": options.solves}
+    if options.form == "compact":
+        given: dict[str, object] = {name: value for name, value in loads.items() if value is not None}
+        if options.visited is not None:
+            if not options.resume:
+                raise InputError("--visited", expected="--resume with it")
+            given["visited"] = visited_strains(options.visited)
+        return {**solves, **given}
+    box = StrainRange(**{name: value for name, value in ranges.items() if value is not None})
+    settings = {"pairs": not options.one_dimensional, "grading": 0.0 if options.even_knots else 2.0}
+    if options.smoothing is not None:
+        settings["smoothing"] = options.smoothing
+    return {
+        "form": "hylc2020", "solves": 400, **solves, "range": box, "options": FitOptions(**settings),
+    }  # fmt: skip
 
 
 def homogenize(options: argparse.Namespace) -> int:
     """Sample, fit, draw, report."""
-    box = _range(options)
+    settings = _settings(options)
     drawn = pattern_of(options.pattern, options.radius)
     kept = options.out / PATTERN
     begun = options.resume and kept.is_file()
@@ -92,18 +113,16 @@ def homogenize(options: argparse.Namespace) -> int:
             write_pattern(drawn, kept, yarns=yarn.materials)
         cell = PeriodicCell(read_pattern(kept), yarn.materials)
         outcome = homogenize_into(
-            cell, folder, solves=options.solves, box=box, workers=worker_count(options), resume=options.resume,
-            in_plane=options.in_plane, budget=options.budget, target_error=options.target_error,
-            dask=options.dask,
+            cell, folder, workers=worker_count(options), resume=options.resume, dask=options.dask, **settings
         )  # fmt: skip
     failed = outcome.summary.states - outcome.summary.converged
     if options.json:
-        report = outcome.report
+        errors = outcome.errors
         print_json(
             {
                 **yarn.summary, "states": outcome.summary.states, "converged": outcome.summary.converged,
                 "seconds": outcome.summary.seconds, "density": outcome.material.density,
-                "energy_error_median": report.energy_median, "energy_error_95": report.energy_95,
+                "stress_error_median": errors.median, "stress_error_95": errors.high,
                 "material_file": str(folder / "material.json"),
             }
         )  # fmt: skip
@@ -118,7 +137,7 @@ def homogenize(options: argparse.Namespace) -> int:
 def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool = False) -> RunFolder:
     """The folder of a homogenized pattern."""
     stores = ("samples/", "unseen/")
-    pictures = ("axes", "plane_*", "errors")
+    pictures = ("stress", "errors")
     makes = (*stores, PATTERN, "material.json", "index.html", *(f"pictures/{name}.png" for name in pictures))
     return RunFolder(
         path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN)
@@ -126,15 +145,12 @@ def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool =
 
 
 def homogenize_into(
-    cell: PeriodicCell, folder: Path, *, solves: int, box: StrainRange, workers: int, resume: bool,
-    in_plane: InPlane = "full", budget: int | None = None, target_error: float | None = None,
-    dask: str | None = None,
-) -> Homogenization:  # fmt: skip
+    cell: PeriodicCell, folder: Path, *, workers: int, resume: bool, **settings: Any
+) -> Homogenization:
     """Run the job; write ``material.json``, pictures and ``index.html`` into the folder."""
     line = ProgressLine(f"sampling {cell.pattern.name}")
     outcome = run_homogenize(
-        cell, folder, solves=solves, range=box, workers=workers, resume=resume, in_plane=in_plane,
-        budget=budget, target_error=target_error, judged=_tell_round, dask=dask,
+        cell, folder, workers=workers, resume=resume, **settings,
         progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
     )  # fmt: skip
     write_material(folder / "material.json", outcome.material)
@@ -155,76 +171,38 @@ def homogenize_into(
     return outcome
 
 
-def _tell_round(found: Round) -> None:
-    print(
-        f"{found.states} states: estimated errors of 95 % below {100 * found.energy_95:.2g} % in energy, "
-        f"{100 * found.stress_95:.2g} % in stress",
-        file=sys.stderr, flush=True,
-    )  # fmt: skip
-
-
 def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
-    """Energy and stress along each axis, energy over the planes, errors on unseen states."""
-    from yarnscale.show.plots import AxisSamples, axis_plots, error_histogram, plane_plot
+    """Errors of the stress at unseen and at fitted states."""
+    from yarnscale.show.plots import error_histogram, stress_scatter
 
     folder = writable_folder(folder)
-    material, samples = outcome.material, outcome.samples
-    acting = samples.strains != 0
-    axes = []
-    for k, component in enumerate(SAMPLED):
-        on = acting[:, k] & (acting.sum(axis=1) == 1) | ~acting.any(axis=1)
-        order = np.flatnonzero(on)[np.argsort(samples.strains[on, k])]
-        axes.append(
-            AxisSamples(
-                component, samples.strains[order, k], samples.energies[order], samples.stresses[order, k],
-                samples.converged[order],
-            )
-        )  # fmt: skip
-    axis_plots(folder / "axes.png", axes, material.energy_density, material.stress)
-    pictures = [
-        Picture(folder / "axes.png", "Energy and stress along each axis: samples and fit.", wide=True)
-    ]
-    for i, j in combinations(range(5), 2):
-        others = np.delete(acting, [i, j], axis=1).any(axis=1)
-        if (i, j) == (3, 4) or (~others & acting[:, i] & acting[:, j]).sum() < 4:
+    scale = strain_units(outcome.samples.radius)
+    groups, shares = {}, {}
+    for name, states in (("fitted states", outcome.samples), ("unseen states", outcome.unseen)):
+        if len(states.energies) == 0:
             continue
-        on, name = ~others, f"plane_{SAMPLED[i]}_{SAMPLED[j]}.png"
-        plane_plot(
-            folder / name, (SAMPLED[i], SAMPLED[j]), samples.strains[on][:, [i, j]], samples.energies[on],
-            material.energy_density, converged=samples.converged[on], scale="log",
-        )  # fmt: skip
-        pictures.append(
-            Picture(folder / name, f"Energy over {SAMPLED[i]} and {SAMPLED[j]}: fit and samples.")
-        )
-    errors = {"unseen states": _errors(outcome, outcome.unseen), "fitted states": _errors(outcome, samples)}
-    error_histogram(folder / "errors.png", errors, label="error of Ψ over the largest Ψ − Ψ(0) [%]")
-    pictures.append(Picture(folder / "errors.png", "Error of the fitted energy."))
-    return pictures
-
-
-def _errors(outcome: Homogenization, states: SampledStates) -> np.ndarray:
-    good = states.converged
-    fitted = outcome.material.energy_density(strains_of(states.strains[good]))
-    rest = float(outcome.material.energy_density(np.zeros((1, 6)))[0])
-    return np.abs(fitted - states.energies[good]) / max(
-        float(np.abs(states.energies[good] - rest).max()), 1e-300
-    )
+        norms = np.linalg.norm(states.stresses * scale, axis=1)
+        fitted = outcome.material.stress(states.strains)
+        errors = np.linalg.norm((fitted - states.stresses) * scale, axis=1)
+        groups[name], shares[name] = (norms, errors), errors / (norms + STRESS_FLOOR)
+    stress_scatter(folder / "stress.png", groups, floor=STRESS_FLOOR)
+    error_histogram(folder / "errors.png", shares, label="error of the stress over its size [%]")
+    return [
+        Picture(folder / "stress.png", "Error of the stress over its size; lines at 1 and 6 %."),
+        Picture(folder / "errors.png", "Relative error of the stress."),
+    ]
 
 
 def material_sections(outcome: Homogenization, pictures: list[Picture]) -> list[Section]:
     """What a page says about a homogenized material."""
-    report = outcome.report
-    rows = [["Ψ", 100 * report.energy_median, 100 * report.energy_95]]
-    rows += [
-        [f"d/d{name}", 100 * float(report.stress_median[k]), 100 * float(report.stress_95[k])]
-        for k, name in enumerate(SAMPLED)
-    ]
+    errors = outcome.errors
     table = Table(
-        ["quantity", "median error [%]", "95th percentile [%]"],
-        rows,
-        f"Errors on {report.states} random states that the fit has not seen, over the largest value among them.",
+        ["unseen states", "median error [%]", "95th percentile [%]"],
+        [[errors.states, 100 * errors.median, 100 * errors.high]],
+        f"Error of the stress over its own size plus {STRESS_FLOOR:g} N/m (strains over 0.5, curvatures over 0.1 by "
+        "the yarn radius), at states that the fit has not seen.",
     )
-    text = ["A sum of one- and two-dimensional splines (HYLC20 eq. 31–32), fitted to energies and stresses."]
-    if outcome.material.inside is not None:
-        text.append("Splines of all three in-plane strains add what pairs of strains do not say.")
+    text = ["One energy of one-sided springs, fitted to energies, stresses and moduli of cells under loads."]
+    if not isinstance(outcome.material, CompactMaterial):
+        text = ["A sum of one- and two-dimensional splines (HYLC20 eq. 31–32)."]
     return [Section("Shell material", text, [table], pictures)]

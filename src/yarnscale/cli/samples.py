@@ -113,11 +113,10 @@ def _grid_store(options: argparse.Namespace, cell: PeriodicCell, grid: StrainGri
 def fit(options: argparse.Namespace) -> int:
     """Fit a material."""
     from yarnscale.files.material_json import write_material
-    from yarnscale.homogenize.fit import FitOptions
     from yarnscale.homogenize.homogenize import fit as fit_store
 
     writable_file(options.out, ".json")
-    material = fit_store(SampleStore(options.store), options=FitOptions(in_plane=options.in_plane))
+    material = fit_store(SampleStore(options.store))
     write_material(options.out, material)
     if options.json:
         print_json({"out": str(options.out), "store": str(options.store), "density": material.density})

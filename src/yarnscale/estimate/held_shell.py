@@ -136,7 +136,7 @@ class HeldShell:
         stress = np.empty_like(linear.stress)
         result = np.zeros((len(constants), *linear.positions.shape))
         for row, name in enumerate(constants):
-            factors = np.repeat(material.derivative(name)[:, None], BLOCK, axis=1)
+            factors = material.derivative(name)[:, None]
             for block in range(elements.blocks):
                 kernels.second(BLOCK, BLOCK, forms[block], factors, density, stress[block], moduli)
             gradient_of_blocks(linear.jacobian, stress, elements.areas, elements.stencils, result[row])

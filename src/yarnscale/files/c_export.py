@@ -1,251 +1,120 @@
-"""Writer of a spline material as C source: energy density, gradient and Hessian by the six strains.
-
-The file stands alone (C99 and its mathematics library): patches of all splines as static arrays, the interval search,
-and the element's formula, generated from the same symbolic energy that the package compiles for itself. So the numbers
-agree to rounding with those of the package, which ``tests/files/test_c_export.py`` checks with the C compiler found.
-"""
+"""C source of a compact material: one file, one function, no memory, for other people's engines."""
 
 from __future__ import annotations
 
 import re
-from functools import cache
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
-from yarnscale.kinematics import COMPONENTS
-from yarnscale.shell.materials.spline_material import SplineMaterial, energy_of_strains
-from yarnscale.shell.materials.spline_patches import AXES, MEETING, PARAMETER_COUNT, PackedSplines
+from yarnscale.shell.materials.compact import MIRROR, CompactMaterial
 
 Array = NDArray[np.float64]
 
-_KNOTS = ("x", "a", "y", "bend_x", "bend_y")
-_IN_PLANE = (("plane_xa", 0, 1), ("plane_xy", 0, 2), ("plane_ay", 1, 2))
-_INSIDE = ("x", "a", "y")
-_FAMILIES = (("bend_xx", "bend_ax", "bend_yx"), ("bend_xy", "bend_ay", "bend_yy"))
 
-
-def write_c_source(path: str | Path, material: SplineMaterial) -> None:
-    """Write the C source of a material, whole or not at all; InputError where the file cannot be written."""
+def write_c_source(path: str | Path, material: CompactMaterial) -> None:
+    """Write a C99 file of a material, whole or not at all; InputError where the file cannot be written."""
     write_text(path, c_source(material))
 
 
-def c_source(material: SplineMaterial) -> str:
-    """One C file with the function ``yarnscale_energy`` and a comment that says how to use it."""
-    packed = material.packed
-    parts = [
-        _header(material),
-        "#include <math.h>\n",
-        _tables(packed),
-        _SEARCH,
-        _element(material.parameter_count),
-    ]
-    parts.append(_gather(packed, material.parameter_count))
-    return "\n".join(parts)
+def c_source(material: CompactMaterial) -> str:
+    """The C source: ``int yarnscale_energy(strain[6], *energy, gradient[6], hessian[36])``."""
+    springs = material.springs
+    counts = {name: len(getattr(springs, name)) for name in ("ramps", "springs", "walls")}
+    numbers = [f"enum {{ {', '.join(f'{name.upper()} = {count}' for name, count in counts.items())} }};\n"]
+    numbers += [_array(name, array) for name, array in springs._asdict().items()]
+    numbers.append(_array("inverse_scale", 1.0 / material.scale))
+    images = [np.ones(6), MIRROR] if material.mirrored else [np.ones(6)]
+    numbers.append(_array("images", np.array(images)))
+    body = _BODY.replace("CONSTANT", repr(float(material.constant))).replace("IMAGES", str(len(images)))
+    return "\n".join([_header(material), "#include <math.h>\n", *numbers, body])
 
 
-def _header(material: SplineMaterial) -> str:
-    name = str(material.provenance.get("pattern", material.provenance.get("file", "spline material")))
-    limits = [
-        f"   {n:<9} {low:.6g} to {high:.6g}" for n, (low, high) in zip(AXES, material.range, strict=True)
-    ]
-    lines = [
-        f"/* {_comment(name)}: energy density of a thin shell, written by yarnscale.",
-        "",
-        "   int yarnscale_energy(const double strain[6], double *energy, double gradient[6], double hessian[36]);",
-        "",
-        f"   strain: {', '.join(COMPONENTS)};",
-        "   s_x = sqrt(I11) - 1, s_a = I12 / sqrt(I11 I22), s_y = sqrt(I22) - 1 [-], second form II [1/m].",
-        "   energy [J/m^2] per rest area; gradient and hessian (row by row) are its derivatives by the strain.",
-        "   Any of the three outputs may be null. Returns 0, or 1 for a strain that no surface has",
-        "   (s_x <= -1, s_y <= -1, |s_a| >= 1 or not a number), and then writes nothing.",
-        "   Thread-safe: no state is kept. Compile as C99 or later, without -ffast-math; link with -lm.",
-        "",
-        f"   density: {material.density:.9g} kg/m^2. Sampled range, outside of which the energy is continued:",
-        *limits,
-        "*/",
-    ]
-    return "\n".join(lines) + "\n"
+def _header(material: CompactMaterial) -> str:
+    name = re.sub(r"[^\w .,()+-]", "_", str(material.provenance.get("pattern", "")))[:80]
+    return f"""\
+/* Energy density of a shell material{": " + name if name else ""}, written by yarnscale.
 
+   strain: s_x = sqrt(I11) - 1, s_a = I12/sqrt(I11 I22), s_y = sqrt(I22) - 1, II11, II12, II22 [1/m].
+   energy [J/m^2] per rest area; gradient and hessian (row by row) are its derivatives by the strain.
+   Any of the three outputs may be null. Returns 0, or 1 for a strain that no surface has
+   (s_x <= -1, s_y <= -1, |s_a| >= 1 or not a number), and then writes nothing.
+   Thread-safe: no state is kept. Compile as C99 or later, without -ffast-math; link with -lm.
 
-def _comment(text: str) -> str:
-    """Text that cannot end the comment it stands in."""
-    return re.sub(r"[^\w .,()+-]", "_", text)[:80]
+   density: {material.density:.9g} kg/m^2.
+*/
+"""
 
 
 def _array(name: str, values: Array) -> str:
     flat = values.ravel()
-    if not np.any(flat):
-        return f"static const double {name}[{len(flat)}] = {{0}};\n"
-    words = [repr(float(v)) if np.isfinite(v) else "HUGE_VAL" for v in flat]
-    rows = [", ".join(words[k : k + 8]) for k in range(0, len(words), 8)]
-    return f"static const double {name}[{len(flat)}] = {{\n" + ",\n".join(rows) + "};\n"
+    rows = [", ".join(repr(float(v)) for v in flat[k : k + 6]) for k in range(0, len(flat), 6)]
+    return f"static const double {name}[{max(len(flat), 1)}] = {{\n  " + ",\n  ".join(rows or ["0"]) + "};\n"
 
 
-def _tables(packed: PackedSplines) -> str:
-    # Knots without their padding: the search counts in C.
-    knots = [_array(f"knots_{name}", getattr(packed, f"origins_{name}")[1:]) for name in _KNOTS]
-    origins = [_array(f"origins_{name}", getattr(packed, f"origins_{name}")) for name in _KNOTS]
-    names = [name for name, _, _ in _IN_PLANE] + [name for family in _FAMILIES for name in family]
-    if packed.has_inside:
-        own = [f"inside_origins_{name}" for name in _INSIDE]
-        knots += [_array(name.replace("origins", "knots"), getattr(packed, name)[1:]) for name in own]
-        names += [*own, "solids", "shapes_x", "shapes_y"]
-    return "\n".join(knots + origins + [_array(name, getattr(packed, name)) for name in names])
-
-
-_SEARCH = """\
-/* Interval of x: the number of knots that are not above it. */
-static int interval(const double *knots, int count, double x) {
-  int low = 0, high = count;
-  while (low < high) {
-    int middle = (low + high) / 2;
-    if (knots[middle] <= x) low = middle + 1; else high = middle;
+_BODY = """\
+int yarnscale_energy(const double strain[6], double *energy, double gradient[6], double hessian[36]) {
+  double psi = CONSTANT, first[6] = {0}, second[36] = {0};
+  if (!(strain[0] > -1.0 && strain[2] > -1.0 && fabs(strain[1]) < 1.0)) return 1;
+  for (int i = 0; i < 6; ++i) if (!isfinite(strain[i])) return 1;
+  for (int m = 0; m < IMAGES; ++m) {
+    double x[6], bent[RAMPS + 1], bent1[RAMPS + 1], bent2[RAMPS + 1], through[RAMPS + 1] = {0};
+    const double *sign = images + 6 * m, share = 1.0 / IMAGES;
+    for (int i = 0; i < 6; ++i) x[i] = sign[i] * strain[i] * inverse_scale[i];
+    for (int i = 0; i < 6; ++i) {
+      psi += share * 0.5 * background[i] * x[i] * x[i];
+      first[i] += share * sign[i] * background[i] * x[i];
+      second[7 * i] += share * background[i];
+    }
+    for (int j = 0; j < RAMPS; ++j) {
+      double a = ramp_offsets[j];
+      for (int i = 0; i < 6; ++i) a += ramps[6 * j + i] * x[i];
+      const double root = sqrt(1.0 + a * a);
+      bent[j] = 0.5 * (a + root);
+      bent1[j] = bent[j] / root;
+      bent2[j] = 0.5 / (root * root * root);
+    }
+    for (int k = 0; k < SPRINGS; ++k) {
+      double u = spring_offsets[k], slope[6];
+      for (int i = 0; i < 6; ++i) { slope[i] = springs[6 * k + i]; u += slope[i] * x[i]; }
+      for (int j = 0; j < RAMPS; ++j) {
+        const double w = bends[RAMPS * k + j];
+        u += w * bent[j];
+        for (int i = 0; i < 6; ++i) slope[i] += w * bent1[j] * ramps[6 * j + i];
+      }
+      const double root = sqrt(1.0 + u * u), r = 0.5 * (u + root), r1 = r / root;
+      const double r2 = 0.5 / (root * root * root), e = share * stiffnesses[k];
+      const double e1 = 2.0 * e * r * r1, e2 = 2.0 * e * (r1 * r1 + r * r2);
+      psi += e * r * r;
+      for (int j = 0; j < RAMPS; ++j) through[j] += bends[RAMPS * k + j] * e1 * bent2[j];
+      for (int i = 0; i < 6; ++i) {
+        first[i] += sign[i] * e1 * slope[i];
+        for (int l = 0; l < 6; ++l) second[6 * i + l] += sign[i] * sign[l] * e2 * slope[i] * slope[l];
+      }
+    }
+    for (int j = 0; j < RAMPS; ++j)
+      for (int i = 0; i < 6; ++i)
+        for (int l = 0; l < 6; ++l)
+          second[6 * i + l] += sign[i] * sign[l] * through[j] * ramps[6 * j + i] * ramps[6 * j + l];
+    for (int k = 0; k < WALLS; ++k) {
+      const double *h = walls + 6 * k, f = share * wall_stiffnesses[k];
+      double u = -wall_offsets[k];
+      for (int i = 0; i < 6; ++i) u += h[i] * x[i];
+      if (u <= 0.0) continue;
+      psi += f * u * u * u;
+      for (int i = 0; i < 6; ++i) {
+        first[i] += sign[i] * 3.0 * f * u * u * h[i];
+        for (int l = 0; l < 6; ++l) second[6 * i + l] += sign[i] * sign[l] * 6.0 * f * u * h[i] * h[l];
+      }
+    }
   }
-  return low;
-}
-
-static void copy_patch(const double *patch, double *out) {
-  for (int k = 0; k < 16; ++k) out[k] = patch[k];
-}
-
-/* Patch p less patch q, about the left knot of p, `offset` after that of q; `far` unless they are neighbours. */
-static void difference(const double *p, const double *q, int size, double offset, int far, double *out) {
-  for (int k = 0; k < size; k += 4) {
-    const double q1 = q[k + 1], q2 = q[k + 2], q3 = q[k + 3];
-    out[k] = far ? p[k] - (q[k] + offset * (q1 + offset * (q2 + offset * q3))) : 0.0;
-    out[k + 1] = far ? p[k + 1] - (q1 + offset * (2.0 * q2 + 3.0 * offset * q3)) : 0.0;
-    out[k + 2] = p[k + 2] - (q2 + 3.0 * offset * q3);
-    out[k + 3] = p[k + 3] - q3;
-  }
+  if (energy) *energy = psi;
+  if (gradient) for (int i = 0; i < 6; ++i) gradient[i] = first[i] * inverse_scale[i];
+  if (hessian)
+    for (int i = 0; i < 6; ++i)
+      for (int l = 0; l < 6; ++l) hessian[6 * i + l] = second[6 * i + l] * inverse_scale[i] * inverse_scale[l];
+  return 0;
 }
 """
-
-
-@cache
-def _element(parameter_count: int) -> str:
-    """The C function of energy, gradient and Hessian of one element from its strain and patches."""
-    strain, parameters = ca.SX.sym("strain", 6), ca.SX.sym("p", parameter_count)
-    energy = energy_of_strains(strain, parameters)
-    hessian, gradient = ca.hessian(energy, strain)
-    outputs = [energy, ca.densify(gradient), ca.densify(hessian)]
-    function = ca.Function("element", [strain, parameters], outputs, {"cse": True})
-    generator = ca.CodeGenerator("element.c", {"with_header": False})
-    generator.add(function)
-    found = re.search(r"static int casadi_f0\([^)]*\) \{\n(.*?)\n\}\n", generator.dump(), re.DOTALL)
-    assert found is not None
-    body = found[1].replace("casadi_real", "double").replace("casadi_sq", "square")
-    for k, name in enumerate(("strain", "p")):
-        body = re.sub(rf"arg\[{k}\]\? arg\[{k}\]\[(\d+)\] : 0", rf"{name}[\1]", body)
-    for k, name in enumerate(("energy", "gradient", "hessian")):
-        body = re.sub(rf"if \(res\[{k}\]!=0\) res\[{k}\]\[(\d+)\]=", rf"{name}[\1]=", body)
-    assert "arg[" not in body and "res[" not in body and "casadi" not in body
-    return (
-        "static double square(double x) { return x * x; }\n\n"
-        "static void element(const double *strain, const double *p, double *energy, double *gradient,\n"
-        "                    double *hessian) {\n" + body.replace("  return 0;", "").rstrip() + "\n}\n"
-    )
-
-
-def _gather(packed: PackedSplines, parameter_count: int) -> str:
-    counts = {name: len(getattr(packed, f"origins_{name}")) - 1 for name in _KNOTS}
-    lines = [
-        "int yarnscale_energy(const double strain[6], double *energy, double gradient[6], double hessian[36]) {",
-        f"  double p[{parameter_count}], value[1], first[6], second[36];",
-        "  if (!(strain[0] > -1.0 && strain[2] > -1.0 && fabs(strain[1]) < 1.0)) return 1;",
-        "  for (int k = 3; k < 6; ++k) if (!isfinite(strain[k])) return 1;",
-        "  if (!isfinite(strain[0]) || !isfinite(strain[2])) return 1;",
-        "  const double middle = 0.5 * (strain[3] + strain[5]), half = 0.5 * (strain[3] - strain[5]);",
-        "  const double radius = sqrt(half * half + strain[4] * strain[4]);",
-        f"  const double span = origins_bend_x[{counts['bend_x']}] - origins_bend_x[0];",
-        f"  const double reach = radius < {MEETING!r} * span ? 0.0 : radius;",
-    ]
-    for k, name in enumerate(_KNOTS[:3]):
-        lines.append(f"  const int s{k} = interval(knots_{name}, {counts[name]}, strain[{k}]);")
-    for name in _KNOTS[3:]:
-        for side, sign in (("upper", "+"), ("lower", "-")):
-            value = f"middle {sign} reach"
-            lines.append(f"  const int {side}_{name} = interval(knots_{name}, {counts[name]}, {value});")
-    lines.append(
-        "  p[7] = (upper_bend_x == lower_bend_x && upper_bend_y == lower_bend_y) ? 1.0 : 0.0;"
-        "  /* keeps a root away from 0 */"
-    )
-    lines += [f"  p[{k}] = origins_{name}[s{k}];" for k, name in enumerate(_KNOTS[:3])]
-    for row, name in ((3, "bend_x"), (5, "bend_y")):
-        lines += [
-            f"  p[{row}] = origins_{name}[lower_{name}];",
-            f"  p[{row + 1}] = origins_{name}[upper_{name}];",
-        ]
-    for k, (name, i, j) in enumerate(_IN_PLANE):
-        lines.append(
-            f"  copy_patch({name} + 16 * (s{i} * {counts[_KNOTS[j]] + 1} + s{j}), p + {8 + 16 * k});"
-        )
-    for row, axis, family in ((56, "bend_x", _FAMILIES[0]), (152, "bend_y", _FAMILIES[1])):
-        lines += _family_lines(row, axis, family, counts[axis] + 1)
-    if packed.has_inside:
-        lines += _inside_lines(packed)
-    lines += [
-        "  element(strain, p, value, first, second);",
-        "  if (energy) *energy = value[0];",
-        "  if (gradient) for (int k = 0; k < 6; ++k) gradient[k] = first[k];",
-        "  if (hessian) for (int k = 0; k < 36; ++k) hessian[k] = second[k];",
-        "  return 0;",
-        "}",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _inside_lines(packed: PackedSplines) -> list[str]:
-    """Copy the patches of the splines of three strains, and the pieces of their shapes."""
-    counts = [len(getattr(packed, f"inside_origins_{name}")) - 1 for name in _INSIDE]
-    size, shapes, row = packed.solids.shape[-1], packed.shapes_x.shape[-1], PARAMETER_COUNT
-    lines = [
-        f"  const int t{k} = interval(inside_knots_{name}, {count}, strain[{k}]);"
-        for k, (name, count) in enumerate(zip(_INSIDE, counts, strict=True))
-    ]
-    lines += [f"  p[{row + k}] = inside_origins_{name}[t{k}];" for k, name in enumerate(_INSIDE)]
-    place = f"(t0 * {counts[1] + 1} + t1) * {counts[2] + 1} + t2"
-    lines.append(f"  p[{row + 3}] = {packed.coupling!r};  /* 1/(curvature of the coupling)^2 */")
-    row += 4
-    lines.append(f"  for (int k = 0; k < {size}; ++k) p[{row} + k] = solids[{size} * ({place}) + k];")
-    row += size
-    for name in ("x", "y"):
-        axis = f"bend_{name}"
-        lines.append(
-            f"  for (int k = 0; k < {shapes}; ++k) {{\n"
-            f"    p[{row} + k] = shapes_{name}[{shapes} * lower_{axis} + k];\n"
-            f"    p[{row + shapes} + k] = 0.0;\n"
-            "  }\n"
-            f"  if (upper_{axis} != lower_{axis})\n"
-            f"    difference(shapes_{name} + {shapes} * upper_{axis},\n"
-            f"               shapes_{name} + {shapes} * lower_{axis}, {shapes},\n"
-            f"               origins_{axis}[upper_{axis}] - origins_{axis}[lower_{axis}],\n"
-            f"               upper_{axis} > lower_{axis} + 1, p + {row + shapes});"
-        )
-        row += 2 * shapes
-    return lines
-
-
-def _family_lines(row: int, axis: str, family: tuple[str, str, str], columns: int) -> list[str]:
-    """Copy the patches of one bending family at the lower curvature, and the differences to the upper one."""
-    lines = [
-        f"    copy_patch({name} + 16 * (s{j} * {columns} + lower_{axis}), p + {row + 16 * j});"
-        for j, name in enumerate(family)
-    ]
-    lines.append(
-        f"    if (upper_{axis} == lower_{axis}) for (int k = 0; k < 48; ++k) p[{row + 48} + k] = 0.0;"
-    )
-    lines.append("    else {")
-    lines.append(
-        f"      const double offset = origins_{axis}[upper_{axis}] - origins_{axis}[lower_{axis}];\n"
-        f"      const int far = upper_{axis} > lower_{axis} + 1;"
-    )
-    for j, name in enumerate(family):
-        base = f"{name} + 16 * (s{j} * {columns} + "
-        lines.append(
-            f"      difference({base}upper_{axis}), {base}lower_{axis}), 16, offset, far, p + {row + 48 + 16 * j});"
-        )
-    return ["  {", *lines, "    }", "  }"]

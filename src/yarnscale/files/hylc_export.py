@@ -1,10 +1,7 @@
 """Writer of the layout that was published with HYLC20 ("HYLC JSON").
 
 The layout holds one- and two-dimensional Hermite splines of normalised strains x = strain / scale, continued along
-straight lines. A growing tail is therefore carried on by one more knot on each side, one span of the knots away, up to
-which the file gives the same parabola; beyond it the energy grows only linearly. The sampled range, the provenance and
-terms of three in-plane strains or of both curvatures have no place in the layout; ``lost_in_hylc`` names what a
-material loses.
+straight lines. The sampled range and the provenance have no place in it.
 """
 
 from __future__ import annotations
@@ -16,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
-from yarnscale.shell.materials.inside import COUPLING
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import AXES
-from yarnscale.shell.materials.tables import CubicSpline, Tail
+from yarnscale.shell.materials.tables import CubicSpline
 
 Array = NDArray[np.float64]
 
@@ -29,24 +25,12 @@ STRAIN_SHIFT = (1, 0, 1, 0, 0)
 
 def write_hylc_json(path: str | Path, material: SplineMaterial) -> None:
     """Write a material as HYLC JSON, whole or not at all; InputError where the file cannot be written."""
-    write_text(path, json.dumps(hylc_content(material), indent=1, allow_nan=False) + "\n")
+    write_text(path, hylc_text(material))
 
 
-def lost_in_hylc(material: SplineMaterial) -> list[str]:
-    """What a HYLC JSON file of this material does not say, a phrase each."""
-    lost = ["the sampled range and the provenance"]
-    if material.inside is not None:
-        lost.append("what three in-plane strains do together (the sum over pairs is kept)")
-        if np.any(material.inside.nodal[COUPLING]):
-            lost.append(
-                "the coupling of both curvatures (saddles and domes get the sum of two bending energies)"
-            )
-    growing = [AXES[k] for k, f in enumerate(material.axes) if f.tail is Tail.GROWING]
-    if growing:
-        lost.append(
-            f"the growth of {', '.join(growing)} farther than one span of the knots outside (linear there)"
-        )
-    return lost
+def hylc_text(material: SplineMaterial) -> str:
+    """The HYLC JSON of a material."""
+    return json.dumps(hylc_content(material), allow_nan=False) + "\n"
 
 
 def hylc_content(material: SplineMaterial) -> dict[str, object]:
@@ -54,7 +38,7 @@ def hylc_content(material: SplineMaterial) -> dict[str, object]:
     scale = _scale(material)
     terms: dict[str, object] = {
         "const": material.constant,
-        "1D": [_axis(k, _straightened(f), scale[k]) for k, f in enumerate(material.axes)],
+        "1D": [_axis(k, f, scale[k]) for k, f in enumerate(material.axes)],
         "2D": [
             {
                 "k0": i,
@@ -96,14 +80,3 @@ def _axis(axis: int, spline: CubicSpline, scale: float) -> dict[str, object]:
         "p": spline.values.tolist(),
         "m": (spline.slopes * scale).tolist(),
     }
-
-
-def _straightened(spline: CubicSpline) -> CubicSpline:
-    """The same function up to one span outside the knots, with linear tails after that."""
-    if spline.tail is Tail.LINEAR:
-        return spline
-    span = spline.knots[-1] - spline.knots[0]
-    knots = np.concatenate([spline.knots[:1] - span, spline.knots, spline.knots[-1:] + span])
-    values, slopes = spline(knots), spline(knots, 1)
-    values[1:-1], slopes[1:-1] = spline.values, spline.slopes
-    return CubicSpline(knots, values, slopes)

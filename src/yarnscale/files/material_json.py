@@ -1,6 +1,6 @@
 """Material files: our own versioned JSON, and a reader that also takes published HYLC files.
 
-The format is described in docs/material_file.md. Numbers are written so that reading gives the same floats.
+The format is described in docs/material_format.md. Numbers are written so that reading gives the same floats.
 """
 
 from __future__ import annotations
@@ -16,38 +16,29 @@ from numpy.typing import NDArray
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
+from yarnscale.files.hylc_export import hylc_text
 from yarnscale.files.hylc_json import hylc_material, is_hylc
-from yarnscale.files.inside_json import inside_content, read_inside
 from yarnscale.files.json_fields import Fields, read_json
+from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import CONSTANTS, OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
-from yarnscale.shell.materials.spline_patches import AXES, PLANES
-from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, Tail
 
 Array = NDArray[np.float64]
 
 Built = TypeVar("Built")
 
 FORMAT = "yarnscale-material"
-VERSION = 1
+VERSION = 2
+"""Orthotropic materials of version 1 are the same and are read."""
 
-UNITS = {
-    "energy_density": "J/m^2",
-    "density": "kg/m^2",
-    "s_x": "1",
-    "s_a": "1",
-    "s_y": "1",
-    "lambda_x": "1/m",
-    "lambda_y": "1/m",
-}
-"""Units of version 1; another set in a file is refused, not converted."""
-
+COMPACT_UNITS = {"terms": "J/m^2", "scale, samples": "1, 1, 1, 1/m, 1/m, 1/m", "density": "kg/m^2"}
+"""Another set of units in a file is refused, not converted."""
 ORTHOTROPIC_UNITS = {"stretch, shear, area": "N/m", "bend": "J", "density": "kg/m^2"}
 
 
 @checked
-def read_material(path: str | Path) -> SplineMaterial | OrthotropicMaterial:
+def read_material(path: str | Path) -> CompactMaterial | OrthotropicMaterial | SplineMaterial:
     """Material of a yarnscale material file or a published HYLC JSON file, told apart by content.
 
     Raises InputError (file and field) where the file is neither, or broken.
@@ -60,14 +51,17 @@ def read_material(path: str | Path) -> SplineMaterial | OrthotropicMaterial:
         found = repr(content.get("format", "no format field"))[:60]
         raise fields.fault("format", expected=f"'{FORMAT}', or a HYLC JSON file", found=found)
     version = fields.integer("version")
-    if version != VERSION:
-        raise fields.fault("version", expected=f"{VERSION}, the one this release reads", found=version)
     kind = fields.text("kind")
-    if kind == "spline":
-        return _read_spline(fields)
+    if version < VERSION and kind == "spline":
+        expected = f"{VERSION}, which this release reads: run yarnscale homogenize again"
+        raise fields.fault("version", expected=expected, found=version)
+    if version not in (1, VERSION):
+        raise fields.fault("version", expected=f"{VERSION}, the one this release reads", found=version)
+    if kind == "compact":
+        return _read_compact(fields)
     if kind == "orthotropic":
         return _read_orthotropic(fields)
-    raise fields.fault("kind", expected="'spline' or 'orthotropic'", found=repr(kind)[:60])
+    raise fields.fault("kind", expected="'compact' or 'orthotropic'", found=repr(kind)[:60])
 
 
 def is_material(path: str | Path) -> bool:
@@ -89,14 +83,14 @@ def write_material(path: str | Path, material: ShellMaterial) -> None:
 
 def material_text(material: ShellMaterial) -> str:
     """The content of the material file of a material, ending in a newline."""
-    if isinstance(material, SplineMaterial):
-        body = _spline_content(material)
+    if isinstance(material, CompactMaterial):
+        body = _compact_content(material)
     elif isinstance(material, OrthotropicMaterial):
         body = _orthotropic_content(material)
+    elif isinstance(material, SplineMaterial):
+        return hylc_text(material)
     else:
-        raise InputError(
-            "material", expected="a spline or orthotropic material", found=type(material).__name__
-        )
+        raise InputError("material", expected="a compact or orthotropic one", found=type(material).__name__)
     content = {"format": FORMAT, "version": VERSION, **body}
     try:
         return _layout(content) + "\n"
@@ -117,95 +111,56 @@ def _layout(value: object, indent: str = "") -> str:
     return json.dumps(value, allow_nan=False, ensure_ascii=False)
 
 
-def _spline_content(material: SplineMaterial) -> dict[str, object]:
-    axes = [
-        {
-            "strain": AXES[axis],
-            "tail": f.tail.value,
-            "knots": f.knots.tolist(),
-            "values": f.values.tolist(),
-            "slopes": f.slopes.tolist(),
-        }
-        for axis, f in enumerate(material.axes)
-    ]
-    inside = {} if material.inside is None else {"inside": inside_content(material.inside)}
-    planes = [
-        {
-            "strains": [AXES[i], AXES[j]],
-            "knots": [f.knots_u.tolist(), f.knots_v.tolist()],
-            "values": f.values.tolist(),
-            "slopes_first": f.slopes_u.tolist(),
-            "slopes_second": f.slopes_v.tolist(),
-            "twists": f.twists.tolist(),
-        }
-        for (i, j), f in material.planes.items()
-    ]
+def _compact_content(material: CompactMaterial) -> dict[str, object]:
+    springs = {name: _short(array) for name, array in material.springs._asdict().items()}
     return {
-        "kind": "spline",
-        "units": UNITS,
-        "density": material.density,
-        "range": {name: box.tolist() for name, box in zip(AXES, material.range, strict=True)},
+        "kind": "compact",
+        "units": COMPACT_UNITS,
+        "density": float(material.density),
         "provenance": dict(material.provenance),
-        "terms": {"constant": material.constant, "axes": axes, "planes": planes, **inside},
+        "mirrored": bool(material.mirrored),
+        "scale": material.scale.tolist(),
+        "terms": {"constant": float(material.constant), **springs},
+        "trusted": {"spacing": float(material.spacing), "samples": _short(material.samples, digits=5)},
     }
 
 
-def _read_spline(fields: Fields) -> SplineMaterial:
-    _check_units(fields, UNITS)
-    box = fields.fields("range")
-    limits = np.array([box.numbers(name, shape=(2,)) for name in AXES])
-    terms = fields.fields("terms")
+def _short(array: Array, *, digits: int = 17) -> object:
+    """Nested lists of the numbers, rounded to some significant digits."""
+    return np.array([float(f"{x:.{digits}g}") for x in array.ravel()]).reshape(array.shape).tolist()
+
+
+def _read_compact(fields: Fields) -> CompactMaterial:
+    _check_units(fields, COMPACT_UNITS)
+    terms, trusted = fields.fields("terms"), fields.fields("trusted")
+    mirrored = fields.get("mirrored")
+    if not isinstance(mirrored, bool):
+        raise fields.fault("mirrored", expected="true or false", found=repr(mirrored)[:60])
+    counts = [len(terms.numbers(f"{name}_offsets")) for name in ("ramp", "spring", "wall")]
+    shapes = shapes_of(*counts)._asdict()
+    springs = Springs(**{name: _matrix(terms, name, shape) for name, shape in shapes.items()})
+    found = trusted.get("samples")
+    rows = len(found) if isinstance(found, list) else 0
     return _built(
         fields,
-        lambda: SplineMaterial(
+        lambda: CompactMaterial(
             terms.number("constant"),
-            _read_axes(terms),
-            dict(_read_plane(item) for item in _distinct(terms.items("planes"), "strains")),
+            fields.numbers("scale", shape=(6,)),
+            springs,
             density=fields.number("density", positive=True),
-            range=limits,
+            mirrored=mirrored,
+            samples=trusted.numbers("samples", shape=(rows, 6)),
+            spacing=trusted.number("spacing", positive=True),
             provenance=fields.fields("provenance").content,
-            inside=read_inside(terms.fields("inside")) if "inside" in terms.content else None,
         ),
     )
 
 
-def _read_axes(terms: Fields) -> tuple[CubicSpline, ...]:
-    found: dict[str, CubicSpline] = {}
-    for item in _distinct(terms.items("axes"), "strain"):
-        name, tail = item.text("strain"), item.text("tail")
-        if name not in AXES:
-            raise item.fault("strain", expected=f"one of {', '.join(AXES)}", found=name[:60])
-        if tail not in list(Tail):
-            raise item.fault("tail", expected=f"one of {', '.join(Tail)}", found=tail[:60])
-        knots = item.knots("knots")
-        values, slopes = (item.numbers(key, shape=knots.shape) for key in ("values", "slopes"))
-        found[name] = CubicSpline(knots, values, slopes, Tail(tail))
-    missing = [name for name in AXES if name not in found]
-    if missing:
-        raise terms.fault(
-            "axes", expected=f"a term of each of {', '.join(AXES)}", found=f"no {', '.join(missing)}"
-        )
-    return tuple(found[name] for name in AXES)
-
-
-def _read_plane(item: Fields) -> tuple[tuple[int, int], BicubicSpline]:
-    names = item.get("strains")
-    pairs = {(AXES[i], AXES[j]): (i, j) for i, j in PLANES}
-    pair = (
-        pairs.get(tuple(names))
-        if isinstance(names, list) and all(isinstance(n, str) for n in names)
-        else None
-    )
-    if pair is None:
-        raise item.fault("strains", expected="two different strains, in-plane first", found=repr(names)[:60])
-    both = item.get("knots")
-    if not isinstance(both, list) or len(both) != 2:
-        raise item.fault("knots", expected="two lists of knots", found=repr(both)[:60])
-    sides = Fields({"first": both[0], "second": both[1]}, item.path, item.label("knots"))
-    u, v = sides.knots("first"), sides.knots("second")
-    shape = (len(u), len(v))
-    data = [item.numbers(key, shape=shape) for key in ("values", "slopes_first", "slopes_second", "twists")]
-    return pair, BicubicSpline(u, v, *data)
+def _matrix(terms: Fields, name: str, shape: tuple[int, ...]) -> Array:
+    """Numbers of a shape of which some sides may be zero (JSON has no empty rows)."""
+    if 0 in shape and terms.get(name) in ([], [[]] * shape[0]):
+        return np.zeros(shape)
+    return terms.numbers(name, shape=shape)
 
 
 def _orthotropic_content(material: OrthotropicMaterial) -> dict[str, object]:
@@ -231,17 +186,6 @@ def _check_units(fields: Fields, units: Mapping[str, str]) -> None:
     for name, unit in units.items():
         if found.text(name) != unit:
             raise found.fault(name, expected=f"'{unit}'", found=repr(found.get(name))[:60])
-
-
-def _distinct(items: list[Fields], key: str) -> list[Fields]:
-    """The items, refused if two have the same ``key``."""
-    seen: list[object] = []
-    for item in items:
-        value = item.get(key)
-        if value in seen:
-            raise item.fault(key, expected="each at most once", found=repr(value)[:60])
-        seen.append(value)
-    return items
 
 
 def _built(fields: Fields, build: Callable[[], Built]) -> Built:

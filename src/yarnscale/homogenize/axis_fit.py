@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from yarnscale.homogenize.observations import IN_STRESS, SHEAR, FitOptions, Mask, Observations, of_side
+from yarnscale.homogenize.observations import SHEAR, FitOptions, Observations, of_side
 from yarnscale.homogenize.splines import LineBasis, knots_for
-from yarnscale.shell.materials.tables import CubicSpline, Tail
+from yarnscale.shell.materials.tables import CubicSpline
 
 Array = NDArray[np.float64]
-
-_MODULUS_WEIGHT, _MODULUS_NOISE = 10.0, 0.1
-"""Weight of a squared residual of a modulus; fraction of their median below which residuals stop being relative."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +49,8 @@ def fit_axis(data: Observations, axis: int, constant: float, sides: Array, optio
     nearest = np.argmin(np.abs(basis.centers[:, None] - x), axis=1)
     smooth /= np.array([scale[nearest[k : k + 4]].mean() for k in range(len(smooth))])[:, None]
     energies, slopes = weight[:, None] * basis.active_design(x), basis.active_design(x[known], 1)
-    curved, bends = _modulus_equations(data, axis, use, basis)
-    rows = np.concatenate([energies, steep[:, None] * slopes, smooth, curved])
-    target = np.concatenate([weight * energy, steep * stress[known], np.zeros(len(smooth)), bends])
+    rows = np.concatenate([energies, steep[:, None] * slopes, smooth])
+    target = np.concatenate([weight * energy, steep * stress[known], np.zeros(len(smooth))])
     solve = _quasi_convex if options.quasi_convex else _free
     coefficients = solve(basis, rows, target)
     # Without slopes nothing tells how deep a minimum between samples is: keep to the lowest sample.
@@ -68,19 +64,7 @@ def fit_axis(data: Observations, axis: int, constant: float, sides: Array, optio
         coefficients = solve(basis, rows, target)
     values, slopes = (basis.active_design(knots, order) @ coefficients for order in (0, 1))
     values[np.argmin(np.abs(knots))] = 0.0
-    return AxisTerm(CubicSpline(knots, values, slopes, Tail.GROWING), reach)
-
-
-def _modulus_equations(data: Observations, axis: int, use: Mask, basis: LineBasis) -> tuple[Array, Array]:
-    """Rows and targets of the second derivatives that are known."""
-    place = IN_STRESS[axis]
-    modulus = data.moduli[use, place, place]
-    known = np.isfinite(modulus)
-    found = modulus[known]
-    scale = np.abs(found) + _MODULUS_NOISE * (np.median(np.abs(found)) if len(found) else 1.0)
-    weight = np.sqrt(_MODULUS_WEIGHT * data.weights[use][known]) / scale
-    rows = basis.active_design(data.strains[use, axis][known], 2)
-    return weight[:, None] * rows, weight * found
+    return AxisTerm(CubicSpline(knots, values, slopes), reach)
 
 
 def _free(basis: LineBasis, rows: Array, target: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,57 +13,64 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
-from yarnscale.homogenize.fit import FitOptions, FitReport, fit_spline_material, validate
-from yarnscale.homogenize.observations import InPlane
-from yarnscale.homogenize.plan import (
-    StrainRange,
-    axes_and_planes,
-    axes_planes_and_inside,
-    random_states,
-    scattered_axes,
-)
-from yarnscale.homogenize.refine import Round, check_goal, refine
+from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_compact_material, strain_units
+from yarnscale.homogenize.fit import IN_STRESS, FitOptions, fit_spline_material, strains_of
+from yarnscale.homogenize.load_samples import UNSEEN_SHARE, sample_loads
+from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
+from yarnscale.homogenize.rays import LIMIT, SOLVES
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
-from yarnscale.homogenize.states import SampledStates
+from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
+from yarnscale.shell.materials.compact import CompactMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 
 Array = NDArray[np.float64]
-UNSEEN_SHARE = 0.1
-"""Random states that judge the fit, as a share of the solves for it."""
+Form = Literal["compact", "hylc2020"]
+FEWEST_UNSEEN = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Homogenization:
     """Outcome: the material, the states behind it, the unseen states that judge it, and what the solves cost."""
 
-    material: SplineMaterial
-    samples: SampledStates
-    unseen: SampledStates
-    report: FitReport
+    material: CompactMaterial | SplineMaterial
+    samples: FabricStates
+    unseen: FabricStates
+    errors: StressErrors
+    """Of the stress at the unseen states."""
     summary: SampleSummary
 
 
 @checked
-def fit(store: SampleStore, *, options: FitOptions | None = None) -> SplineMaterial:
-    """Shell material fitted to the energies and stresses of a store's converged states.
+def fit(store: SampleStore, *, options: CompactOptions | None = None) -> CompactMaterial:
+    """Compact shell material of a store's converged states: their energies, stresses and, where kept, moduli."""
+    states = _states_of(store)
+    return fit_compact_material(
+        states.strains, states.energies, states.stresses, states.moduli, density=states.density,
+        radius=states.radius, options=options, provenance=dict(store.attributes["provenance"]),
+    )  # fmt: skip
 
-    options default to terms of all three in-plane strains, where the store has states for them.
-    """
-    states = SampledStates.of(store)
-    if not states.converged.any():
-        raise InputError("no converged state to fit", where=store.path, expected="a finished sampling run")
-    provenance = dict(store.attributes["provenance"])
+
+@checked
+def fit_published(store: SampleStore, *, options: FitOptions | None = None) -> SplineMaterial:
+    """The published pairwise splines (HYLC20 §6) of a store of strains: see ``fit.fit_spline_material``."""
+    if store.rays:
+        raise InputError(
+            "samples along loads", where=store.path, expected="a store of strains for the form hylc2020"
+        )
+    states = _states_of(store)
     return fit_spline_material(
-        states.strains,
-        states.energies,
-        states.stresses,
-        density=float(provenance["area_density"]),
-        moduli=states.moduli,
-        valid=states.converged,
-        options=options or FitOptions(in_plane="full"),
-        provenance=provenance,
-    )
+        np.delete(states.strains, 4, axis=1), states.energies, states.stresses[:, IN_STRESS],
+        density=states.density, options=options, provenance=dict(store.attributes["provenance"]),
+    )  # fmt: skip
+
+
+def _states_of(store: SampleStore) -> FabricStates:
+    states = FabricStates.of(store)
+    if len(states.energies) == 0:
+        raise InputError("no converged state to fit", where=store.path, expected="a finished sampling run")
+    return states
 
 
 @checked
@@ -70,61 +78,71 @@ def homogenize(
     cell: PeriodicCell,
     folder: Path,
     *,
-    solves: int = 400,
+    form: Form = "compact",
+    solves: int = SOLVES,
+    limit: float = LIMIT,
+    visited: Array | None = None,
     range: StrainRange | None = None,
-    in_plane: InPlane = "full",
-    budget: int | None = None,
-    target_error: float | None = None,
+    options: CompactOptions | FitOptions | None = None,
     workers: int = 2,
     dask: str | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
-    judged: Callable[[Round], None] | None = None,
 ) -> Homogenization:
-    """Sample a cell, fit a material, and judge it on random states that it has not seen.
+    """Sample a cell, fit a material, and judge it on states that it has not seen.
 
-    in_plane: "pairwise" samples axes and planes for the sum over pairs of HYLC20; "full" adds states inside the
-    range and terms of all three in-plane strains. budget: after ``solves`` planned states, solve more where the fit
-    errs most, up to so many in all or until the estimated error is below ``target_error`` (see ``refine``);
-    ``judged`` is called before every batch. folder: gets the stores ``samples`` and ``unseen``. resume: go on with the
-    stores that are there. dask: address of a scheduler, whose workers take the place of processes.
-    Raises InputError for a refinement of pairwise samples, or a store of another run.
+    form: "compact" samples along loads up to ``limit`` [N/m] and where a simulation went (strains ``visited``, (n, 6));
+    "hylc2020" samples axes and planes of a ``range`` of strains for the published splines. solves: about how many
+    equilibria. options: of the fit of that form. folder: gets the stores ``samples`` and ``unseen``. resume: go on with
+    the stores that are there. dask: address of a scheduler, whose workers take the place of processes. Raises InputError for a store of another run.
     """
-    if target_error is not None and budget is None:
-        raise InputError("target of the error", expected="a budget of solves with it")
-    if budget is not None:
-        check_goal(budget, target_error)
-        if in_plane != "full":
-            raise InputError("budget of solves", expected='in_plane "full"', found=in_plane)
-    box = (range or StrainRange()).bounds(cell.pattern.radius)
-    # Unseen states follow from the plan alone, so that a budget that is raised later keeps them.
+    if form == "compact":
+        if range is not None:
+            raise InputError("range of strains", expected="the form hylc2020 with it; loads set the range")
+        found = sample_loads(
+            cell, folder, solves=solves, limit=limit, visited=visited, workers=workers, dask=dask,
+            resume=resume, progress=progress,
+        )  # fmt: skip
+        samples, unseen, summary = found.samples, found.unseen, found.summary
+        assert options is None or isinstance(options, CompactOptions)
+        material: CompactMaterial | SplineMaterial = fit(found.store, options=options)
+    else:
+        assert options is None or isinstance(options, FitOptions)
+        stores, summary = _strain_stores(
+            cell, folder, range or StrainRange(), solves, workers, dask, resume, progress
+        )
+        samples, unseen = (FabricStates.of(store) for store in stores)
+        material = fit_published(stores[0], options=options)
+    return Homogenization(material, samples, unseen, errors_at(material, unseen), summary)
+
+
+def errors_at(material: ShellMaterial, states: FabricStates) -> StressErrors:
+    """Errors of a material's stress at some states, relative to each state's own size."""
+    return StressErrors.of(material.stress(states.strains), states.stresses, strain_units(states.radius))
+
+
+def _strain_stores(
+    cell: PeriodicCell, folder: Path, range: StrainRange, solves: int, workers: int, dask: str | None, resume: bool,
+    progress: Callable[[Progress], None] | None,
+) -> tuple[list[SampleStore], SampleSummary]:  # fmt: skip
+    """Stores of the axes and planes of a range of strains, and of random states in it."""
+    box = range.bounds(cell.pattern.radius)
     planned = {
-        "samples": (axes_planes_and_inside if in_plane == "full" else axes_and_planes)(box, solves),
-        "unseen": random_states(box, max(10, round(UNSEEN_SHARE * solves))),
+        "samples": axes_and_planes(box, solves),
+        "unseen": random_states(box, max(FEWEST_UNSEEN, round(UNSEEN_SHARE * solves))),
     }
-    stores, summaries = {}, []
+    stores, summaries = [], []
     for name, states in planned.items():
-        axes = scattered_axes(states)
-        path = Path(folder) / name
+        axes, path = scattered_axes(states), folder / name
         if resume:
             SampleStore.recover(path)
         if resume and path.exists():
-            stores[name] = SampleStore(path)
-            check_resumable(stores[name], cell, axes, more=name == "samples" and budget is not None)
+            store = SampleStore(path)
+            check_resumable(store, cell, axes)
         else:
-            stores[name] = create_store(path, cell, axes, scattered=True, moduli=name == "samples")
-        if name == "samples" and budget is not None:
-            refined = refine(
-                cell, stores[name], budget=budget, target_error=target_error, workers=workers, dask=dask,
-                progress=progress, judged=judged,
-            )  # fmt: skip
-            stores[name] = refined.store
-            summaries.append(refined.summary)
-        else:
-            summaries.append(sample(cell, stores[name], workers=workers, dask=dask, progress=progress))
-    samples, unseen = SampledStates.of(stores["samples"]), SampledStates.of(stores["unseen"])
-    material = fit(stores["samples"], options=FitOptions(in_plane=in_plane))
-    report = validate(material, unseen.strains, unseen.energies, unseen.stresses, valid=unseen.converged)
+            store = create_store(path, cell, axes, scattered=True)
+        summaries.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
+        stores.append(store)
     total = SampleSummary(
         sum(s.states for s in summaries),
         sum(s.converged for s in summaries),
@@ -132,4 +150,13 @@ def homogenize(
         workers,
         max(s.peak_worker_megabytes for s in summaries),
     )
-    return Homogenization(material, samples, unseen, report, total)
+    return stores, total
+
+
+def published_form(material: ShellMaterial, box: Array, *, states: int = 800) -> SplineMaterial:
+    """The published splines (HYLC20 §6) of another material, from its values on axes and planes of a box (5, 2)."""
+    places = axes_and_planes(box, states)
+    six = strains_of(places)
+    return fit_spline_material(
+        places, material.energy_density(six), material.stress(six)[:, IN_STRESS], density=material.density
+    )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,14 +13,11 @@ from yarnscale.shell.materials.spline_patches import AXES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-InPlane = Literal["pairwise", "full"]
 
 SHEAR = 1
 """Index of s_a."""
 IN_STRESS = [0, 1, 2, 3, 5]
 """Components of stress that belong to s_x, s_a, s_y, λ_x and λ_y."""
-TWIST = 4
-"""Component of stress that belongs to II12."""
 _ON_AXIS = 1e-9
 """Strains below this fraction of the sampled range count as zero."""
 
@@ -32,14 +28,12 @@ class FitOptions:
 
     axis_knots, plane_knots: most knots an axis has in one- and two-dimensional terms.
     smoothing: weight of squared third differences of coefficients beside squared relative residuals; little of it
-    lets splines that meet both energies and slopes ring between samples. Where moduli are known, a hundredth of it.
+    lets splines that meet both energies and slopes ring between samples.
     small: energy, as a fraction of the largest along the same side of an axis, below which residuals stop being
     relative. noise: fraction of its energy to which a sampled state is believed.
     reach: distance, as a fraction of the range, over which an error in stress counts as one in energy.
     symmetric_shear: make the energy even in s_a. quasi_convex: of the one-dimensional terms.
-    floor: lift states that lie below all samples. grading: concentration of bending knots around zero.
-    in_plane: "pairwise" as HYLC20, or "full" with terms of all three in-plane strains, for which states inside the
-    range must be sampled. inside_knots: most knots an axis has in those.
+    pairs: two-dimensional terms too. grading: concentration of bending knots around zero.
     """
 
     axis_knots: int = 25
@@ -50,21 +44,18 @@ class FitOptions:
     reach: float = 0.15
     symmetric_shear: bool = True
     quasi_convex: bool = True
-    floor: bool = True
+    pairs: bool = True
     grading: float = 2.0
-    in_plane: InPlane = "pairwise"
-    inside_knots: int = 8
 
 
 @dataclass(frozen=True)
 class Observations:
-    """Samples: strains (n, 5), energies (n,), stresses (n, 5), weights (n,), moduli (n, 6, 6); NaN where unknown."""
+    """Samples: strains (n, 5), energies (n,), stresses (n, 5), weights (n,); NaN where unknown."""
 
     strains: Array
     energies: Array
     stresses: Array
     weights: Array
-    moduli: Array
 
     @cached_property
     def acting(self) -> Mask:
@@ -86,11 +77,6 @@ class Observations:
         return self.acting[:, i] & self.acting[:, j] & (self.acting.sum(axis=1) == 2)
 
     @cached_property
-    def inside(self) -> Mask:
-        """States where all three in-plane strains act, (n,)."""
-        return np.all(self.acting[:, :3], axis=1)
-
-    @cached_property
     def off_planes(self) -> Mask:
         """States of three and more strains or of both curvatures, (n,)."""
         return (self.acting.sum(axis=1) > 2) | (self.acting[:, 3] & self.acting[:, 4])
@@ -101,7 +87,6 @@ def observations(
     energies: ArrayLike,
     stresses: ArrayLike | None = None,
     *,
-    moduli: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     valid: ArrayLike | None = None,
 ) -> Observations:
@@ -111,13 +96,11 @@ def observations(
         raise InputError("strains", expected=f"shape (n, 5), {', '.join(AXES)}", found=strain.shape)
     n = len(strain)
     stress = np.full((n, 5), np.nan) if stresses is None else np.asarray(stresses, dtype=np.float64)
-    modulus = np.full((n, 6, 6), np.nan) if moduli is None else np.asarray(moduli, dtype=np.float64)
     weight = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     keep = np.ones(n, dtype=bool) if valid is None else np.asarray(valid, dtype=bool)
     for name, array, shape in (
         ("energies", energy, (n,)),
         ("stresses", stress, (n, 5)),
-        ("moduli", modulus, (n, 6, 6)),
         ("weights", weight, (n,)),
         ("valid", keep, (n,)),
     ):
@@ -126,7 +109,7 @@ def observations(
     keep = keep & np.all(np.isfinite(strain), axis=1) & np.isfinite(energy) & (weight > 0)
     if not np.any(keep):
         raise InputError("samples", expected="at least one valid state", found="none")
-    return Observations(strain[keep], energy[keep], stress[keep], weight[keep], modulus[keep])
+    return Observations(strain[keep], energy[keep], stress[keep], weight[keep])
 
 
 def strains_of(states: ArrayLike) -> Array:

@@ -103,61 +103,6 @@ def axes_and_planes(bounds: Array, solves: int) -> Array:
     return np.array(states)
 
 
-def axes_planes_and_inside(bounds: Array, solves: int) -> Array:
-    """About ``solves`` states for a fit with three-way terms, (N, 5), rest first.
-
-    bounds: (5, 2). A tenth goes to the axes, a twelfth to the planes; of the others, which lie scattered where all
-    three in-plane strains act, half are bent, about x and y in turn.
-    """
-    per_axis = max(4, round(0.1 * solves / 5))
-    states = [np.zeros(5)]
-    for k in range(5):
-        for value in _points(bounds[k], per_axis):
-            state = np.zeros(5)
-            state[k] = value
-            states.append(state)
-    per_side = max(2, round(np.sqrt(solves / 12 / 9)))
-    for i, j in combinations(range(5), 2):
-        if (i, j) == (3, 4):
-            continue
-        for u in _points(bounds[i], per_side):
-            for v in _points(bounds[j], per_side):
-                state = np.zeros(5)
-                state[i], state[j] = u, v
-                states.append(state)
-    inside = scattered(bounds, max(solves - len(states), 12))
-    return np.concatenate([states, inside])
-
-
-COMPRESSED_SHARE = 0.15
-"""Scattered states that are compressed along a direction: less than its part of the range, for they buckle."""
-
-
-def scattered(bounds: Array, count: int, *, skip: int = 0) -> Array:
-    """States with all in-plane strains, (count, 5), evenly spread and closer to the ends of the range; half are bent.
-
-    bounds: (5, 2). skip: how many states of the sequence are left out at its beginning.
-    """
-    root = 1.0
-    for _ in range(60):
-        root = (1 + root) ** (1 / 5)  # of x⁵ = x + 1: the additive sequence that fills four dimensions evenly
-    places = (0.5 + np.arange(skip + 1, skip + count + 1)[:, None] * root ** -np.arange(1.0, 5.0)) % 1.0
-    places = 0.6 * places + 0.4 * (0.5 - 0.5 * np.cos(np.pi * places))
-    low, high = bounds[:, 0], bounds[:, 1]
-    states = np.zeros((count, 5))
-    for column, k in enumerate((0, 2)):
-        t = places[:, column]
-        left = low[k] * (1 - t / COMPRESSED_SHARE)
-        states[:, k] = np.where(
-            t < COMPRESSED_SHARE, left, high[k] * (t - COMPRESSED_SHARE) / (1 - COMPRESSED_SHARE)
-        )
-    states[:, 1] = low[1] + (high[1] - low[1]) * places[:, 2]
-    for turn, k in ((1, 3), (3, 4)):
-        bent = np.arange(skip, skip + count) % 4 == turn
-        states[bent, k] = low[k] + (high[k] - low[k]) * places[bent, 3]
-    return states
-
-
 def _points(bound: Array, count: int) -> Array:
     """``count`` values of a range without 0, shared between its sides by their length, denser near 0."""
     low, high = float(bound[0]), float(bound[1])

@@ -2,13 +2,14 @@
 
 A CasADi function of dense columns is translated, instruction by instruction, to LLVM IR that works on ``LANES``
 elements at once, and compiled through llvmlite: no compiler on the user's machine. Arrays are structures of arrays:
-component k of element n lies at ``[k, n]``. Object code is kept on disk (``object_cache``).
+component k of element n lies at ``[k, n]``; an input that all elements share is one column. Object code is kept on disk
+(``object_cache``).
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -101,6 +102,14 @@ class _Writer:
         row = self.emit(f"mul i64 %stride, {component}")
         index = self.emit(f"add i64 {row}, %n")
         return self.emit(f"getelementptr double, ptr {base}, i64 {index}")
+
+    def shared(self, base: str, component: int) -> str:
+        """A number that all elements share, on all lanes."""
+        pointer = self.emit(f"getelementptr double, ptr {base}, i64 {component}")
+        scalar = self.emit(f"load double, ptr {pointer}, align 8")
+        first = self.emit(f"insertelement {_VECTOR} undef, double {scalar}, i32 0")
+        lanes = f"<{LANES} x i32>"
+        return self.emit(f"shufflevector {_VECTOR} {first}, {_VECTOR} undef, {lanes} zeroinitializer")
 
     def truth(self, mask: str) -> str:
         return self.emit(f"select {_MASK} {mask}, {_VECTOR} {_constant(1.0)}, {_VECTOR} zeroinitializer")
@@ -228,7 +237,7 @@ def _declarations() -> list[str]:
     return unary + binary + library
 
 
-def _vector_ir(function: ca.Function) -> str:
+def _vector_ir(function: ca.Function, shared: Collection[int]) -> str:
     """LLVM IR of ``kernel(count, stride, pointer table)`` for a CasADi function of dense columns."""
     for kind, n, sparsity in (
         ("input", function.n_in(), function.sparsity_in),
@@ -247,6 +256,9 @@ def _vector_ir(function: ca.Function) -> str:
         if code == ca.OP_CONST:
             values[outputs[0]] = _constant(function.instruction_constant(k))
         elif code == ca.OP_INPUT:
+            if inputs[0] in shared:
+                values[outputs[0]] = body.shared(f"%in{inputs[0]}", inputs[1])
+                continue
             pointer = body.address(f"%in{inputs[0]}", inputs[1])
             values[outputs[0]] = body.emit(f"load {_VECTOR}, ptr {pointer}, align 8")
         elif code == ca.OP_OUTPUT:
@@ -317,12 +329,16 @@ _machine: _Machine | None = None
 
 @dataclass(frozen=True)
 class Kernel:
-    """Compiled code of one CasADi function; arguments are inputs, then outputs, each (size, stride) float64."""
+    """Compiled code of one CasADi function; arguments are inputs, then outputs, each (size, stride) float64.
+
+    shared: places of the inputs of which all elements read the same numbers, (size, 1).
+    """
 
     name: str
     address: int
     sizes: tuple[int, ...]
     operations: int
+    shared: frozenset[int]
     _call: Callable[..., None] = field(repr=False)
 
     def __call__(self, count: int, stride: int, *arrays: NDArray[np.float64]) -> None:
@@ -333,22 +349,26 @@ class Kernel:
             raise ValueError(
                 f"kernel '{self.name}': count {count} must be a multiple of {LANES} up to {stride}"
             )
-        for size, array in zip(self.sizes, arrays, strict=True):
-            if array.size != size * stride or not array.flags.c_contiguous or array.dtype != np.float64:
+        for k, (size, array) in enumerate(zip(self.sizes, arrays, strict=True)):
+            columns = 1 if k in self.shared else stride
+            if array.size != size * columns or not array.flags.c_contiguous or array.dtype != np.float64:
                 raise ValueError(
-                    f"kernel '{self.name}': expected float64 ({size}, {stride}), found {array.shape}"
+                    f"kernel '{self.name}': expected float64 ({size}, {columns}), found {array.shape}"
                 )
         table = (ctypes.c_void_p * len(arrays))(*(a.ctypes.data for a in arrays))
         self._call(count, stride, table)
 
 
-def compile_kernel(function: ca.Function, name: str) -> Kernel:
-    """Machine code for a CasADi function whose inputs and outputs are dense; from the disk cache where it is there."""
+def compile_kernel(function: ca.Function, name: str, *, shared: Collection[int] = ()) -> Kernel:
+    """Machine code for a CasADi function whose inputs and outputs are dense; from the disk cache where it is there.
+
+    shared: places of inputs of which all elements read the same numbers.
+    """
     global _machine
     if _machine is None:
         _machine = _Machine()
     machine = _machine
-    text = _vector_ir(function)
+    text = _vector_ir(function, shared)
     key = "\n".join(
         [llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text]
     )
@@ -356,7 +376,7 @@ def compile_kernel(function: ca.Function, name: str) -> Kernel:
     sizes = [function.numel_in(k) for k in range(function.n_in())]
     sizes += [function.numel_out(k) for k in range(function.n_out())]
     call = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)(address)
-    return Kernel(name, address, tuple(sizes), function.n_instructions(), call)
+    return Kernel(name, address, tuple(sizes), function.n_instructions(), frozenset(shared), call)
 
 
 def run_columns(kernel: Kernel, *inputs: NDArray[np.float64]) -> list[NDArray[np.float64]]:

@@ -11,7 +11,6 @@ from yarnscale.errors import InputError
 from yarnscale.shell.materials.tables import (
     BicubicSpline,
     CubicSpline,
-    Tail,
     find_interval,
     padded_knots,
     shift,
@@ -29,9 +28,9 @@ def bicubic(u, v, du=0, dv=0):
     return cubic(u, du) * np.polynomial.Polynomial([1.0, 0.5, -0.7, 0.9]).deriv(dv)(v)
 
 
-def random_spline(seed: int, tail: Tail = Tail.LINEAR) -> CubicSpline:
+def random_spline(seed: int) -> CubicSpline:
     rng = np.random.default_rng(seed)
-    return CubicSpline(KNOTS, rng.normal(size=5), rng.normal(size=5), tail)
+    return CubicSpline(KNOTS, rng.normal(size=5), rng.normal(size=5))
 
 
 def random_bicubic(seed: int) -> BicubicSpline:
@@ -55,19 +54,8 @@ def test_linear_tail_follows_the_end_slope():
         assert spline(x, 2) == 0
 
 
-def test_growing_tail_keeps_a_positive_curvature_and_grows_anyway():
-    x = np.linspace(-0.7, 1.1, 5)
-    convex = CubicSpline(x, x**2, 2 * x, Tail.GROWING)
-    np.testing.assert_allclose(convex([-4.0, 5.0]), [16.0, 25.0], rtol=1e-12)
-    falling = CubicSpline(x, -(x**2), -2 * x, Tail.GROWING)
-    assert np.all(falling([-1e6, 1e6]) > 0)
-    flat = CubicSpline(x, 0 * x, 0 * x, Tail.GROWING)
-    assert np.all(flat([-5.0, 5.0]) < 1e-200)
-
-
-@pytest.mark.parametrize("tail", list(Tail))
-def test_splines_are_continuously_differentiable(tail):
-    spline = random_spline(2, tail)
+def test_splines_are_continuously_differentiable():
+    spline = random_spline(2)
     for order in range(2):
         left, right = spline(KNOTS - 1e-12, order), spline(KNOTS, order)
         np.testing.assert_allclose(left, right, atol=1e-9)
@@ -91,7 +79,7 @@ def test_refinement_changes_the_table_and_not_the_function():
     finer_v = union_knots(np.array([-30.0, 0.0, 10.0, 50.0]), np.array([-45.0, 3.0, 80.0]))
     rng = np.random.default_rng(3)
     u, v = rng.uniform(-2, 3, 400), rng.uniform(-90, 120, 400)
-    one, two = random_spline(4, Tail.GROWING), random_bicubic(5)
+    one, two = random_spline(4), random_bicubic(5)
     table_one, table_two = one.refined_table(finer_u), two.refined_table(finer_u, finer_v)
     i, j = np.searchsorted(finer_u, u, "right"), np.searchsorted(finer_v, v, "right")
     a = u - np.concatenate([finer_u[:1], finer_u])[i]

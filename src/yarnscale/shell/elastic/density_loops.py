@@ -36,12 +36,12 @@ def spline_densities(
 
 
 @numba.njit(**FAST)
-def gathered_densities(
-    parameters: NDArray, address: int, forms: NDArray, densities: NDArray, stress: NDArray, moduli: NDArray
+def shared_densities(
+    constants: NDArray, address: int, forms: NDArray, densities: NDArray, stress: NDArray, moduli: NDArray
 ) -> None:
-    """The same with parameters gathered before, (nb, P, B)."""
+    """The same of a material whose elements share their parameters, (P, 1)."""
     for b in range(forms.shape[0]):
-        _run(address, forms[b], parameters[b], densities[b], stress, moduli, b)
+        _run(address, forms[b], constants, densities[b], stress, moduli, b)
 
 
 @numba.njit(**FAST)

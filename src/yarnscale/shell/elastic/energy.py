@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kernel import BLOCK, Kernel
 from yarnscale.numerics.threads import available_threads, run_parts
-from yarnscale.shell.elastic.density_loops import gathered_densities, spline_densities
+from yarnscale.shell.elastic.density_loops import shared_densities, spline_densities
 from yarnscale.shell.elastic.element_loops import (
     add_positive_hessian,
     exact_hessian_of_blocks,
@@ -51,10 +51,7 @@ class ElementMaterial(Protocol):
     @property
     def density(self) -> float: ...
 
-    @property
-    def parameter_count(self) -> int: ...
-
-    def gather(self, forms: Floats, count: int, parameters: Floats) -> None: ...
+    def parameters(self, forms: Floats) -> Floats: ...
 
     def kernels(self) -> ElementKernels: ...
 
@@ -191,10 +188,8 @@ class ShellEnergy:
                 material.packed, material.parameter_count, kernel.address, forms, densities, stress, moduli
             )
             return
-        parameters = np.zeros((len(forms), material.parameter_count, BLOCK))
-        for block, gathered in zip(forms, parameters, strict=True):
-            material.gather(block, BLOCK, gathered)
-        gathered_densities(parameters, kernel.address, forms, densities, stress, moduli)
+        constants = np.ascontiguousarray(material.parameters(forms[0]))
+        shared_densities(constants, kernel.address, forms, densities, stress, moduli)
 
 
 LEAST_BLOCKS = 4

@@ -1,8 +1,8 @@
 """What every shell material offers: an energy density of the fundamental forms.
 
 A material writes its energy once, as a symbolic function of the forms (I11, I12, I22, II11, II12, II22) and
-of per-element parameters, and says how to gather the parameters of an element. The cloth solver calls gather
-and kernels on blocks of elements; ``energy_density``, ``stress`` and ``moduli`` serve everyone else.
+of parameters, which all elements share or each has its own. The cloth solver calls the kernels on blocks of elements;
+``energy_density``, ``stress`` and ``moduli`` serve everyone else.
 """
 
 from __future__ import annotations
@@ -40,18 +40,40 @@ class MaterialKernels:
 
 
 def compile_material(
-    energy: Callable[[ca.SX, ca.SX], ca.SX], parameter_count: int, name: str
+    energy: Callable[[ca.SX, ca.SX], ca.SX] | Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX, ca.SX]],
+    parameter_count: int,
+    name: str,
+    *,
+    by_strain: bool = False,
+    shared: bool = False,
 ) -> MaterialKernels:
-    """Kernels of an energy density given as a symbolic function of forms (6) and parameters."""
+    """Kernels of an energy density given as a symbolic function of forms (6) and parameters.
+
+    by_strain: the function returns ψ with its gradient (6) and second derivative (6, 6) by the strains.
+    shared: all elements have the same parameters.
+    """
     forms, parameters = ca.SX.sym("forms", 6), ca.SX.sym("parameters", parameter_count)
-    density = energy(forms, parameters)
-    hessian, gradient = ca.hessian(density, forms)
+    found = energy(forms, parameters)
+    if by_strain:
+        density, gradient, hessian = _by_form(forms, *found)
+    else:
+        density = found
+        hessian, gradient = ca.hessian(density, forms)
     lower = ca.vertcat(*[hessian[i, j] for i, j in LOWER])
     options = {"cse": True}
     value = ca.Function(f"{name}_value", [forms, parameters], [density], options)
     outputs = [density, ca.densify(gradient), ca.densify(lower)]
     second = ca.Function(f"{name}_second", [forms, parameters], outputs, options)
-    return MaterialKernels(compile_kernel(value, value.name()), compile_kernel(second, second.name()))
+    places = (1,) if shared else ()
+    return MaterialKernels(*(compile_kernel(f, f.name(), shared=places) for f in (value, second)))
+
+
+def _by_form(forms: ca.SX, energy: ca.SX, gradient: ca.SX, hessian: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Derivatives by the forms from those by the strains (chain rule of ``strains_of_forms``)."""
+    strains, weights = strains_of_forms(forms), ca.SX.sym("weights", 6)
+    jacobian = ca.jacobian(strains, forms)
+    bent = ca.substitute(ca.hessian(ca.dot(weights, strains), forms)[0], weights, gradient)
+    return energy, jacobian.T @ gradient, jacobian.T @ hessian @ jacobian + bent
 
 
 class ShellMaterial(ABC):
@@ -60,17 +82,12 @@ class ShellMaterial(ABC):
     density: float
     """Mass per rest area [kg/m²]."""
 
-    @property
     @abstractmethod
-    def parameter_count(self) -> int:
-        """Number of parameters of one element."""
+    def parameters(self, forms: Array) -> Array:
+        """Parameters of the kernels: (P, 1) that all elements share, or (P, n) of elements with these forms (6, n).
 
-    @abstractmethod
-    def gather(self, forms: Array, count: int, parameters: Array) -> None:
-        """Fill ``parameters`` (P, stride) for the first ``count`` columns of ``forms`` (6, stride).
-
-        Forms are rows I11, I12, I22 [-], II11, II12, II22 [1/m]; count is a multiple of LANES, and columns
-        that only pad it must hold some valid state (I = identity, II = 0).
+        Forms are rows I11, I12, I22 [-], II11, II12, II22 [1/m]; n is a multiple of LANES, and columns that only pad
+        it hold some valid state.
         """
 
     @abstractmethod
@@ -119,8 +136,7 @@ class ShellMaterial(ABC):
         forms = np.zeros((6, stride))
         forms[[0, 2]] = 1.0
         forms[:, :count] = forms_of_strains(strains).T
-        parameters = np.zeros((self.parameter_count, stride))
-        self.gather(forms, stride, parameters)
+        parameters = self.parameters(forms)
         psi, gradient, lower = np.empty((1, stride)), np.zeros((6, stride)), np.zeros((21, stride))
         kernels = self.kernels()
         if order == 0:
@@ -152,6 +168,12 @@ def forms_of_strains(strains: Array) -> Array:
     """(I11, I12, I22, II11, II12, II22) of strains (n, 6), shape (n, 6) (HYLC20 eq. 30)."""
     a, b = 1 + strains[:, 0], 1 + strains[:, 2]
     return np.column_stack([a * a, strains[:, 1] * a * b, b * b, strains[:, 3:]])
+
+
+def strains_of_forms(forms: ca.SX) -> ca.SX:
+    """The six strains of the forms (6), the inverse of ``forms_of_strains``."""
+    a, b = ca.sqrt(forms[0]), ca.sqrt(forms[2])
+    return ca.vertcat(a - 1, forms[1] / (a * b), b - 1, forms[3:])
 
 
 def _by_strain(strains: Array, gradient: Array, lower: Array) -> tuple[Array, Array]:

@@ -90,10 +90,6 @@ class OrthotropicMaterial(ShellMaterial):
         return f"OrthotropicMaterial({stretch}, bend_weft={self.bend_weft:.4g}, density={self.density:.4g})"
 
     @property
-    def parameter_count(self) -> int:
-        return PARAMETER_COUNT
-
-    @property
     def bending_coupling(self) -> tuple[float, float]:
         """(D12, D33) of the module's text [J]."""
         surplus = 4 * self.bend_bias - self.bend_weft - self.bend_warp
@@ -119,8 +115,8 @@ class OrthotropicMaterial(ShellMaterial):
         column[8:] = (share / 2, 0.0) if surplus < 0 else (0.0, share / 4)
         return column
 
-    def gather(self, forms: Array, count: int, parameters: Array) -> None:
-        parameters[:, :count] = self.coefficients[:, None]
+    def parameters(self, forms: Array) -> Array:
+        return self.coefficients[:, None]
 
     def kernels(self) -> MaterialKernels:
         return _kernels()
@@ -136,12 +132,8 @@ class OrthotropicTerm(ShellMaterial):
     coefficients: Array
     density: float = 0.2
 
-    @property
-    def parameter_count(self) -> int:
-        return PARAMETER_COUNT
-
-    def gather(self, forms: Array, count: int, parameters: Array) -> None:
-        parameters[:, :count] = self.coefficients[:, None]
+    def parameters(self, forms: Array) -> Array:
+        return self.coefficients[:, None]
 
     def kernels(self) -> MaterialKernels:
         return _kernels()
@@ -178,7 +170,7 @@ def orthotropic_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
 
 @cache
 def _kernels() -> MaterialKernels:
-    return compile_material(orthotropic_energy, PARAMETER_COUNT, "orthotropic_material")
+    return compile_material(orthotropic_energy, PARAMETER_COUNT, "orthotropic_material", shared=True)
 
 
 JERSEY = OrthotropicMaterial(

@@ -25,25 +25,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.shell.materials.inside import COUPLING, SHAPES, SOLIDS, InsideTerms
-from yarnscale.shell.materials.material import MaterialKernels, ShellMaterial, compile_material
+from yarnscale.shell.materials.material import (
+    MaterialKernels,
+    ShellMaterial,
+    compile_material,
+    strains_of_forms,
+)
 from yarnscale.shell.materials.spline_patches import (
     AXES,
-    COUPLING_SCALE,
     FAMILY_X,
     FAMILY_Y,
     GUARD,
-    INSIDE_PARAMETER_COUNT,
-    ORIGIN_INSIDE,
     ORIGIN_S,
     ORIGIN_X,
     ORIGIN_Y,
     PARAMETER_COUNT,
     PLANE_ROWS,
     PLANES,
-    SHAPES_X,
-    SHAPES_Y,
-    SOLID_ROWS,
     PackedSplines,
     gather_checked,
     pack_splines,
@@ -61,8 +59,7 @@ class SplineMaterial(ShellMaterial):
     s_y [-], lambda_x, lambda_y [1/m]. planes: f_ij by pair of axes, of which ``PLANES`` are possible; missing
     ones are zero. density: mass per area [kg/m²]. range: sampled box, (5, 2) lowest and highest of each axis
     (default: ends of the knots of the one-dimensional terms). provenance: where it comes from, as plain JSON
-    values. inside: terms of all three in-plane strains and of both curvatures, if any. Raises InputError on a wrong
-    number of terms, unknown planes or values that are not finite.
+    values. Raises InputError on a wrong number of terms, unknown planes or values that are not finite.
     """
 
     constant: float
@@ -71,7 +68,6 @@ class SplineMaterial(ShellMaterial):
     density: float
     range: Array = None  # type: ignore[assignment]
     provenance: Mapping[str, object] = field(default_factory=dict)
-    inside: InsideTerms | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", tuple(self.axes))
@@ -100,64 +96,46 @@ class SplineMaterial(ShellMaterial):
 
     @property
     def parameter_count(self) -> int:
-        return PARAMETER_COUNT if self.inside is None else INSIDE_PARAMETER_COUNT
+        """Number of parameters of one element."""
+        return PARAMETER_COUNT
 
-    def gather(self, forms: Array, count: int, parameters: Array) -> None:
-        gather_checked(self.packed, forms, count, parameters)
+    def parameters(self, forms: Array) -> Array:
+        parameters = np.zeros((self.parameter_count, forms.shape[1]))
+        gather_checked(self.packed, forms, forms.shape[1], parameters)
+        return parameters
 
     def kernels(self) -> MaterialKernels:
-        return _kernels() if self.inside is None else _inside_kernels()
+        return _kernels()
 
     @cached_property
     def packed(self) -> PackedSplines:
         """All terms on shared knots, as the gather reads them; an argument for ``gather_parameters``."""
-        return pack_splines(self.constant, self.axes, self.planes, self.inside)
+        return pack_splines(self.constant, self.axes, self.planes)
 
 
 def spline_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
     """ψ [J/m²] of the forms (6) with the polynomial patches of one element as parameters (eq. 31–32)."""
-    root_x, root_y = ca.sqrt(forms[0]), ca.sqrt(forms[2])
-    strains = ca.vertcat(root_x - 1, forms[1] / (root_x * root_y), root_y - 1, forms[3:])
-    return energy_of_strains(strains, parameters)
+    return energy_of_strains(strains_of_forms(forms), parameters)
 
 
 def energy_of_strains(strains: ca.SX, parameters: ca.SX) -> ca.SX:
-    """ψ [J/m²] of the six strains with the polynomial patches of one element as parameters.
-
-    Parameters beyond ``PARAMETER_COUNT`` are those of ``InsideTerms``.
-    """
+    """ψ [J/m²] of the six strains with the polynomial patches of one element as parameters."""
     u = [strain - parameters[ORIGIN_S + k] for k, strain in enumerate(ca.vertsplit(strains[:3]))]
     energy = ca.SX(0)
     for k, (i, j) in enumerate(PLANES[:3]):
         patch = _by_first(parameters[PLANE_ROWS + 16 * k : PLANE_ROWS + 16 * (k + 1)], u[i])
         energy += _horner(patch, u[j])
     b11, b12, b22 = strains[3], strains[4], strains[5]
-    products = [[], []]
-    if parameters.numel() > PARAMETER_COUNT:
-        u3 = [strains[k] - parameters[ORIGIN_INSIDE + k] for k in range(3)]
-        solids = [
-            _solid(parameters[SOLID_ROWS + 64 * k : SOLID_ROWS + 64 * (k + 1)], u3) for k in range(SOLIDS)
-        ]
-        energy += solids[0]
-        for family in range(2):
-            products[family] = solids[1 + family * SHAPES : 1 + (family + 1) * SHAPES]
-        scale = parameters[COUPLING_SCALE]
-        size = 1 + scale * (b11 * b11 + 2 * b12 * b12 + b22 * b22)
-        energy += solids[COUPLING] * (scale * (b11 * b22 + b12 * b12) / size)
     half = 0.5 * (b11 - b22)
     radius = ca.sqrt(half * half + b12 * b12 + parameters[GUARD])
     largest = 0.5 * (b11 + b22) + radius
     share = 0.5 * (1 + half / radius)  # c², entry 11 of the projector onto the first eigenvector
-    for family, origin, shapes, factors, diagonal, part in (
-        (FAMILY_X, ORIGIN_X, SHAPES_X, products[0], (b11, b12, b22), share),
-        (FAMILY_Y, ORIGIN_Y, SHAPES_Y, products[1], (b22, b12, b11), 1 - share),
+    for family, origin, diagonal, part in (
+        (FAMILY_X, ORIGIN_X, (b11, b12, b22), share),
+        (FAMILY_Y, ORIGIN_Y, (b22, b12, b11), 1 - share),
     ):
         base = _family(parameters[family : family + 48], u)
         difference = _family(parameters[family + 48 : family + 96], u)
-        for m, factor in enumerate(factors):
-            for b in range(4):
-                base[b] += factor * parameters[shapes + 4 * m + b]
-                difference[b] += factor * parameters[shapes + 4 * (SHAPES + m) + b]
         energy += _first_entry(base, diagonal, parameters[origin])
         energy += part * _horner(difference, largest - parameters[origin + 1])
     return energy
@@ -167,12 +145,6 @@ def _family(patches: ca.SX, u: list[ca.SX]) -> list[ca.SX]:
     """Coefficients by power of λ of a bending family at in-plane strains u (about their origins)."""
     rows = [_by_first(patches[16 * j : 16 * (j + 1)], u[j]) for j in range(3)]
     return [rows[0][b] + rows[1][b] + rows[2][b] for b in range(4)]
-
-
-def _solid(coefficients: ca.SX, u: list[ca.SX]) -> ca.SX:
-    """Value of a tricubic patch (64, powers of the last strain fastest)."""
-    rows = [_horner([coefficients[4 * k + c] for c in range(4)], u[2]) for k in range(16)]
-    return _horner([_horner(rows[4 * a : 4 * a + 4], u[1]) for a in range(4)], u[0])
 
 
 def _by_first(patch: ca.SX, u: ca.SX) -> list[ca.SX]:
@@ -194,8 +166,3 @@ def _first_entry(c: list[ca.SX], matrix: tuple[ca.SX, ca.SX, ca.SX], origin: ca.
 @cache
 def _kernels() -> MaterialKernels:
     return compile_material(spline_energy, PARAMETER_COUNT, "spline_material")
-
-
-@cache
-def _inside_kernels() -> MaterialKernels:
-    return compile_material(spline_energy, INSIDE_PARAMETER_COUNT, "inside_material")

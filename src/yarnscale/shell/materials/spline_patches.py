@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.kernel import LANES
-from yarnscale.shell.materials.inside import SHAPES, SOLIDS, InsideTerms
 from yarnscale.shell.materials.tables import (
     BicubicSpline,
     CubicSpline,
@@ -37,13 +36,6 @@ PLANES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3), (0, 4), (1, 4), (2, 4)
 # and three of d.
 ORIGIN_S, ORIGIN_X, ORIGIN_Y, GUARD, PLANE_ROWS, FAMILY_X, FAMILY_Y = 0, 3, 5, 7, 8, 56, 152
 PARAMETER_COUNT = 248
-# More rows where three in-plane strains act together: origins, 1/κ² of the coupling, coefficients of the splines of
-# three strains, and for each family the coefficients of its shapes in q and in d.
-ORIGIN_INSIDE, COUPLING_SCALE, SOLID_ROWS = 248, 251, 252
-SHAPES_X = SOLID_ROWS + 64 * SOLIDS
-SHAPES_Y = SHAPES_X + 8 * SHAPES
-INSIDE_PARAMETER_COUNT = SHAPES_Y + 8 * SHAPES
-
 # Below this fraction of the knots' span, eigenvalues count as equal (the difference to the exact function is
 # of second order in it, and zero away from knots).
 MEETING = 1e-8
@@ -54,8 +46,6 @@ class PackedSplines(NamedTuple):
     intervals.
 
     Two-dimensional tables have shape (intervals, intervals, 16); one-dimensional terms are folded into them.
-    Where there are terms of three strains, they have knots of their own, solids (intervals, intervals, intervals,
-    SOLIDS · 64), and shapes (intervals, SHAPES · 4) on the shared bending knots; coupling is 1/κ² [m²].
     """
 
     knots_x: Array
@@ -77,30 +67,17 @@ class PackedSplines(NamedTuple):
     bend_xy: Array
     bend_ay: Array
     bend_yy: Array
-    has_inside: bool
-    inside_knots_x: Array
-    inside_knots_a: Array
-    inside_knots_y: Array
-    inside_origins_x: Array
-    inside_origins_a: Array
-    inside_origins_y: Array
-    solids: Array
-    shapes_x: Array
-    shapes_y: Array
-    coupling: float
 
 
 def pack_splines(
     constant: float,
     axes: Sequence[CubicSpline],
     planes: Mapping[tuple[int, int], BicubicSpline],
-    inside: InsideTerms | None,
 ) -> PackedSplines:
     """The terms of a material (see ``SplineMaterial``) on shared knots."""
     knots = []
-    shapes = ((), (), (), inside.shapes_x, inside.shapes_y) if inside is not None else ((),) * 5
     for axis in range(5):
-        found = [axes[axis].knots, *(shape.knots for shape in shapes[axis])]
+        found = [axes[axis].knots]
         found += [term.knots_u for (u, _), term in planes.items() if u == axis]
         found += [term.knots_v for (_, v), term in planes.items() if v == axis]
         knots.append(union_knots(*found))
@@ -117,23 +94,7 @@ def pack_splines(
         elif (u, v) in ((0, 2), (0, 3), (0, 4)):
             table[..., 0, :] += single[v][None]
         tables.append(np.ascontiguousarray(table.reshape(*shape[:2], 16)))
-    own, solids = (np.zeros(1),) * 3, np.zeros((1, 1, 1, 64 * SOLIDS))
-    bending = [np.zeros((1, 4 * SHAPES))] * 2
-    if inside is not None:
-        own, solids = inside.knots, inside.table.reshape(*inside.table.shape[:3], -1)
-        bending = [
-            np.ascontiguousarray(
-                np.concatenate([shape.refined_table(knots[k]) for shape in shapes[k]], axis=1)
-            )
-            for k in (3, 4)
-        ]
-    return PackedSplines._make(
-        (
-            *(padded_knots(k) for k in knots), *(origins(k) for k in knots), *tables, inside is not None,
-            *(padded_knots(k) for k in own), *(origins(k) for k in own), solids, *bending,
-            1.0 if inside is None else inside.curvature**-2,
-        )
-    )  # fmt: skip
+    return PackedSplines._make((*(padded_knots(k) for k in knots), *(origins(k) for k in knots), *tables))
 
 
 @numba.njit(cache=True, fastmath={"contract"}, error_model="numpy")
@@ -174,58 +135,6 @@ def gather_parameters(packed, forms, count, parameters):
         _copy_family(family, place, 3, packed.origins_bend_x, parameters, FAMILY_X, start)
         family = (packed.bend_xy, packed.bend_ay, packed.bend_yy)
         _copy_family(family, place, 5, packed.origins_bend_y, parameters, FAMILY_Y, start)
-        if packed.has_inside:
-            _copy_inside(packed, forms, place, parameters, start)
-
-
-@numba.njit(cache=True)
-def _copy_inside(packed, forms, place, parameters, start):
-    """Origins, patches and shapes of the terms of three strains."""
-    cell = np.empty(LANES, np.int64)
-    solids = packed.solids.reshape(-1, 64 * SOLIDS)
-    for lane in range(LANES):
-        n = start + lane
-        root_x, root_y = np.sqrt(forms[0, n]), np.sqrt(forms[2, n])
-        i = find_interval(packed.inside_knots_x, root_x - 1.0)
-        j = find_interval(packed.inside_knots_a, forms[1, n] / (root_x * root_y))
-        k = find_interval(packed.inside_knots_y, root_y - 1.0)
-        parameters[ORIGIN_INSIDE, n] = packed.inside_origins_x[i]
-        parameters[ORIGIN_INSIDE + 1, n] = packed.inside_origins_a[j]
-        parameters[ORIGIN_INSIDE + 2, n] = packed.inside_origins_y[k]
-        parameters[COUPLING_SCALE, n] = packed.coupling
-        cell[lane] = (i * packed.solids.shape[1] + j) * packed.solids.shape[2] + k
-    for c in range(64 * SOLIDS):  # a row of lanes at a time: whole cache lines are written
-        for lane in range(LANES):
-            parameters[SOLID_ROWS + c, start + lane] = solids[cell[lane], c]
-    _copy_shapes(packed.shapes_x, place, 3, packed.origins_bend_x, parameters, SHAPES_X, start)
-    _copy_shapes(packed.shapes_y, place, 5, packed.origins_bend_y, parameters, SHAPES_Y, start)
-
-
-@numba.njit(cache=True)
-def _copy_shapes(table, place, axis, origin, parameters, row, start):
-    for lane in range(LANES):
-        upper, lower, n = place[axis, lane], place[axis + 1, lane], start + lane
-        for c in range(4 * SHAPES):
-            parameters[row + c, n] = table[lower, c]
-            parameters[row + 4 * SHAPES + c, n] = 0.0
-        if upper != lower:
-            offset = origin[upper] - origin[lower]
-            far = upper > lower + 1
-            for c in range(0, 4 * SHAPES, 4):
-                p, q = table[upper, c : c + 4], table[lower, c : c + 4]
-                _difference(p, q, offset, far, parameters, row + 4 * SHAPES + c, n)
-
-
-@numba.njit(cache=True, inline="always")
-def _difference(p, q, offset, far, parameters, row, n):
-    """Cubic p less cubic q, about the left knot of p; values and slopes agree at a shared knot unless ``far``."""
-    parameters[row, n] = 0.0
-    parameters[row + 1, n] = 0.0
-    if far:
-        parameters[row, n] = p[0] - (q[0] + offset * (q[1] + offset * (q[2] + offset * q[3])))
-        parameters[row + 1, n] = p[1] - (q[1] + offset * (2.0 * q[2] + 3.0 * offset * q[3]))
-    parameters[row + 2, n] = p[2] - (q[2] + 3.0 * offset * q[3])
-    parameters[row + 3, n] = p[3] - q[3]
 
 
 @numba.njit(cache=True, inline="always")
@@ -272,7 +181,6 @@ def _copy_differences(table, first, upper, lower, origin, parameters, row, start
 
 def gather_checked(packed: PackedSplines, forms: Array, count: int, parameters: Array) -> None:
     """``gather_parameters`` after a check of the shapes."""
-    size = INSIDE_PARAMETER_COUNT if packed.has_inside else PARAMETER_COUNT
-    if count % LANES or count > forms.shape[1] or parameters.shape != (size, forms.shape[1]):
+    if count % LANES or count > forms.shape[1] or parameters.shape != (PARAMETER_COUNT, forms.shape[1]):
         raise ValueError(f"gather: count {count}, forms {forms.shape}, parameters {parameters.shape}")
     gather_parameters(packed, forms, count, parameters)

@@ -10,7 +10,6 @@ the function, so that all tables along one axis share knots and one interval sea
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cached_property
 
 import numba
@@ -20,19 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from yarnscale.errors import InputError
 
 Array = NDArray[np.float64]
-
-
-class Tail(StrEnum):
-    """How a spline goes on outside its knots."""
-
-    LINEAR = "linear"
-    """Along its end slope, as the published materials do."""
-    GROWING = "growing"
-    """As a parabola with the end's value, slope and curvature, or a small curvature where that is larger."""
-
-
-GROWTH_FLOOR = 1e-3
-"""Least curvature of a growing tail, in units of (largest − smallest knot value) / (span of the knots)²."""
 
 
 # Monomial coefficients about the left knot of the cubic on [0, h] from (p0, p1, m0, m1): powers of 1/h by
@@ -94,21 +80,19 @@ def _inside(knots: Array, coarse: Array) -> NDArray[np.int64]:
 class CubicSpline:
     """A C¹ piecewise cubic of one variable from values and slopes at its knots.
 
-    knots (n,), values (n,), slopes (n,) = d value / d variable; tail: continuation outside. Raises InputError
-    on wrong lengths, knots that do not increase, and numbers that are not finite.
+    knots (n,), values (n,), slopes (n,) = d value / d variable. Outside, the function goes on along its
+    end slopes. Raises InputError on wrong lengths, knots that do not increase, and numbers that are not finite.
     """
 
     knots: Array
     values: Array
     slopes: Array
-    tail: Tail = Tail.LINEAR
 
     def __post_init__(self) -> None:
         knots = checked_knots(self.knots, "knots")
         object.__setattr__(self, "knots", knots)
         object.__setattr__(self, "values", checked_values(self.values, knots.shape, "values"))
         object.__setattr__(self, "slopes", checked_values(self.slopes, knots.shape, "slopes"))
-        object.__setattr__(self, "tail", Tail(self.tail))
 
     @cached_property
     def table(self) -> Array:
@@ -118,12 +102,6 @@ class CubicSpline:
         for i, step in enumerate(np.diff(self.knots)):
             table[i + 1] = hermite_basis(step) @ np.array([p[i], p[i + 1], m[i], m[i + 1]])
         table[0, :2], table[n, :2] = (p[0], m[0]), (p[-1], m[-1])
-        if self.tail is Tail.GROWING:
-            span = self.knots[-1] - self.knots[0]
-            floor = GROWTH_FLOOR * max(p.max() - p.min(), 1e-300) / span**2
-            table[0, 2] = max(table[1, 2], 0.5 * floor)
-            last = table[n - 1, 2] + 3 * table[n - 1, 3] * (self.knots[-1] - self.knots[-2])
-            table[n, 2] = max(last, 0.5 * floor)
         return table
 
     def __call__(self, x: ArrayLike, derivative: int = 0) -> Array:

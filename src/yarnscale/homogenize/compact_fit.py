@@ -1,0 +1,122 @@
+"""Fit a compact energy to energies, stresses and moduli of sampled states.
+
+Strains are in units, so that all stresses are energies by a strain of the size of the fabric's. A start is chosen among
+many springs by their stiffnesses (``compact_start``), then all numbers are refined together (``compact_problem``). Some
+states are held back: they judge the starts, and the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from yarnscale.homogenize.compact_problem import (
+    STRESS_FLOOR,
+    CompactOptions,
+    Problem,
+    Samples,
+    StressErrors,
+)
+from yarnscale.homogenize.compact_start import start_of
+from yarnscale.numerics.threads import on_one_thread
+from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
+
+__all__ = ["CompactOptions", "StressErrors", "fit_compact_material", "strain_units"]
+
+Array = NDArray[np.float64]
+
+STRETCH_UNIT, BEND_UNIT = 0.5, 0.1
+"""Strains that count as one: of stretch and shear; of curvature times the yarn radius."""
+_LAST = 5
+"""Iterations with all states, those that were held back among them."""
+
+
+def strain_units(radius: float) -> Array:
+    """Strains that count as one, for a yarn radius [m], (6,)."""
+    return np.array([STRETCH_UNIT] * 3 + [BEND_UNIT / radius] * 3)
+
+
+@on_one_thread
+def fit_compact_material(
+    strains: ArrayLike,
+    energies: ArrayLike,
+    stresses: ArrayLike,
+    moduli: ArrayLike | None = None,
+    *,
+    density: float,
+    radius: float,
+    options: CompactOptions | None = None,
+    provenance: Mapping[str, object] | None = None,
+) -> CompactMaterial:
+    """Compact material of sampled states.
+
+    strains (n, 6) [-, 1/m] in the order of ``kinematics.COMPONENTS``; energies (n,) [J/m²]; stresses (n, 6) [N/m, N];
+    moduli (n, 6, 6), NaN where unknown; density [kg/m²]; radius of the yarn [m]. The undeformed state should be among
+    them. Raises InputError on arrays that do not match, or fewer than 30 states.
+    """
+    options, scale = options or CompactOptions(), strain_units(radius)
+    data = Samples.of(strains, energies, stresses, moduli, scale)
+    mirrored = _is_symmetric(data) if options.symmetric is None else options.symmetric
+    rng = np.random.default_rng(options.seed)
+    held = rng.permutation(len(data.energies)) < min(100, len(data.energies) // 10)
+    held[data.rest] = False
+    train, test = Problem(data.chosen(~held), mirrored, options), data.chosen(held)
+    starts = [start_of(train, rng) for _ in range(max(1, options.starts))]
+    unknowns = min(starts, key=lambda start: train.errors(start, test).mean)
+    unknowns = train.search(unknowns, STRESS_FLOOR, options.iterations)
+    unseen = train.errors(unknowns, test)
+    springs, constant = Problem(data, mirrored, options).searched(unknowns, STRESS_FLOOR, _LAST)
+    samples, spacing = _representative(data.x, mirrored)
+    record = {
+        "states": len(data.energies),
+        "options": asdict(options),
+        "held_back": unseen._asdict(),
+        "starts": [train.errors(start, test)._asdict() for start in starts],
+    }
+    return CompactMaterial(
+        constant, scale, _walled(springs, data, mirrored), density=density, mirrored=mirrored,
+        samples=samples * scale, spacing=spacing, provenance={**(provenance or {}), "fit": record},
+    )  # fmt: skip
+
+
+def _is_symmetric(data: Samples) -> bool:
+    """Whether the undeformed fabric looks like its own mirror image: no stress and no modulus mixes both kinds."""
+    odd = MIRROR < 0
+    modulus = data.moduli[data.rest]
+    if not np.isfinite(modulus).all():
+        return True
+    mixed, own = modulus[odd][:, ~odd], np.sqrt(np.outer(np.diag(modulus)[odd], np.diag(modulus)[~odd]))
+    return bool(np.max(np.abs(mixed) / (np.abs(own) + STRESS_FLOOR)) < 0.05)
+
+
+def _representative(x: Array, mirrored: bool, *, count: int = 200) -> tuple[Array, float]:
+    """States that cover all samples, and how far from the nearest one a state may lie.
+
+    Each next one is the sample farthest from those before.
+    """
+    images = [x, x * MIRROR] if mirrored else [x]
+    chosen, distance = [0], np.full(len(x), np.inf)
+    while len(chosen) < min(count, len(x)):
+        for image in images:
+            distance = np.minimum(distance, np.linalg.norm(x - image[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(distance)))
+    nearest = cKDTree(x).query(x, k=2)[0][:, 1]
+    return x[chosen], float(max(distance.max(), np.percentile(nearest, 95)))
+
+
+def _walled(springs: Springs, data: Samples, mirrored: bool, *, count: int = 12) -> Springs:
+    """The network with walls around all samples: outside, no state is softer than at the border.
+
+    Walls stand along both directions of every strain, where the samples end.
+    """
+    x = np.concatenate([data.x, data.x * MIRROR]) if mirrored else data.x
+    directions = np.concatenate([np.eye(6), -np.eye(6)])[:count]
+    offsets = (x @ directions.T).max(axis=0)
+    size = np.median(np.abs(np.linalg.norm(data.stresses, axis=1)))
+    return springs._replace(
+        walls=directions, wall_offsets=offsets, wall_stiffnesses=np.full(len(directions), max(size, 1.0))
+    )

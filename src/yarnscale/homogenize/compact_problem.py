@@ -1,0 +1,228 @@
+"""Weighted residuals of a compact energy at sampled states, and the search that lowers them.
+
+A fabric's stresses span five decades: some mN/m where it is worn, tens of N/m where its yarns are straight. Residuals
+are therefore relative to each state's own size, above a floor. Moduli count along their own eigenvectors, which are the
+stiff and soft directions of a state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from yarnscale.errors import InputError
+from yarnscale.homogenize.spring_jacobian import Directional, springs_of
+from yarnscale.numerics.threads import available_threads, run_parts
+from yarnscale.shell.materials.compact import Springs
+
+Array = NDArray[np.float64]
+
+STRESS_FLOOR = 0.02
+"""Stress [N/m], by strains in units, below which errors stop being relative: the weight of a centimetre of fabric."""
+_HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 100, 2.0
+
+
+@dataclass(frozen=True)
+class CompactOptions:
+    """How to fit.
+
+    ramps, springs: units of the first and most units of the second layer. starts: random starts, of which the best by
+    states that were held back is refined. rounds: of a start. iterations: of the refinement. tolerance: relative error
+    of stress and energy that counts as one. modulus_weight: of a relative error of a modulus beside one of stress.
+    symmetric: whether the fabric is its own mirror image, None to find out from the samples. seed: of the starts.
+    """
+
+    ramps: int = 12
+    springs: int = 40
+    starts: int = 2
+    rounds: int = 25
+    iterations: int = 30
+    tolerance: float = 0.03
+    modulus_weight: float = 0.3
+    symmetric: bool | None = None
+    seed: int = 0
+
+
+class StressErrors(NamedTuple):
+    """Errors of the stress of some states, over the norm of their own stress plus ``STRESS_FLOOR``."""
+
+    states: int
+    median: float
+    high: float
+    """95th percentile."""
+    mean: float
+
+    @classmethod
+    def of(cls, fitted: Array, stresses: Array, scale: Array) -> StressErrors:
+        """Of stresses (n, 6) by strains in units of ``scale``."""
+        if len(stresses) == 0:
+            return cls(0, np.nan, np.nan, np.nan)
+        error = np.linalg.norm((fitted - stresses) * scale, axis=1)
+        error /= np.linalg.norm(stresses * scale, axis=1) + STRESS_FLOOR
+        return cls(
+            len(stresses), float(np.median(error)), float(np.percentile(error, 95)), float(error.mean())
+        )
+
+
+@dataclass(frozen=True)
+class Samples:
+    """States x (n, 6), energies (n,), stresses (n, 6) and moduli (n, 6, 6), all in units of strain."""
+
+    x: Array
+    energies: Array
+    stresses: Array
+    moduli: Array
+
+    @classmethod
+    def of(
+        cls,
+        strains: ArrayLike,
+        energies: ArrayLike,
+        stresses: ArrayLike,
+        moduli: ArrayLike | None,
+        scale: Array,
+    ) -> Samples:
+        x, energy, stress = (np.asarray(a, dtype=np.float64) for a in (strains, energies, stresses))
+        modulus = np.full((len(x), 6, 6), np.nan) if moduli is None else np.asarray(moduli, dtype=np.float64)
+        for name, array, shape in (
+            ("strains", x, (len(x), 6)),
+            ("energies", energy, (len(x),)),
+            ("stresses", stress, (len(x), 6)),
+            ("moduli", modulus, (len(x), 6, 6)),
+        ):
+            if array.shape != shape:
+                raise InputError(name, expected=f"shape {shape}", found=array.shape)
+        good = np.isfinite(x).all(axis=1) & np.isfinite(energy) & np.isfinite(stress).all(axis=1)
+        if good.sum() < 30:
+            raise InputError("states to fit", expected="at least 30", found=int(good.sum()))
+        modulus = modulus * scale[:, None] * scale
+        return cls(x[good] / scale, energy[good], stress[good] * scale, modulus[good])
+
+    def chosen(self, states: NDArray[np.bool_]) -> Samples:
+        return Samples(self.x[states], self.energies[states], self.stresses[states], self.moduli[states])
+
+    @cached_property
+    def rest(self) -> int:
+        """The state nearest to the undeformed one."""
+        return int(np.argmin(np.abs(self.x).max(axis=1)))
+
+
+class Problem:
+    """Weighted residuals of a network at some samples."""
+
+    def __init__(self, data: Samples, mirrored: bool, options: CompactOptions) -> None:
+        self.data, self.options = data, options
+        known = np.isfinite(data.moduli).all(axis=(1, 2))
+        moduli = np.where(known[:, None, None], data.moduli, np.eye(6))
+        sizes, vectors = np.linalg.eigh(moduli)
+        x, energies, stresses = data.x, data.energies, data.stresses
+        # The undeformed state three times more, along the bisectors of its eigenvectors: they hold its modulus as a
+        # whole, not its diagonal alone.
+        pairs = [*combinations(range(6), 2), (0, 0), (1, 1), (2, 2)]
+        axes = vectors[data.rest]
+        bisectors = np.stack([axes[:, i] + axes[:, j] for i, j in pairs], axis=1)
+        bisectors /= np.linalg.norm(bisectors, axis=0)
+        means = np.array([np.sqrt(abs(sizes[data.rest, i] * sizes[data.rest, j])) for i, j in pairs])
+        more = np.full(3, data.rest)
+        self.x, self.energies = np.concatenate([x, x[more]]).T, np.append(energies, energies[more])
+        self.v = np.concatenate([vectors, bisectors.reshape(6, 3, 6).transpose(1, 0, 2)]).transpose(1, 2, 0)
+        stresses, moduli = np.concatenate([stresses, stresses[more]]), np.concatenate([moduli, moduli[more]])
+        self.sizes = np.concatenate([np.abs(sizes), means.reshape(3, 6)]).T
+        self.known, self.at_rest = np.append(known, known[more]), np.arange(len(x) + 3) >= len(x)
+        self.at_rest[data.rest] = True
+        slopes = np.einsum("imn,ni->mn", self.v, stresses)
+        seconds = np.einsum("imn,nij,jmn->mn", self.v, moduli, self.v, optimize=True)
+        self.target = np.concatenate([self.energies[None], slopes, seconds])
+        self.norms = np.linalg.norm(stresses, axis=1)
+        self.states = Directional(self.x, self.v, mirrored=mirrored)
+
+    def network(self, unknowns: Array) -> tuple[Springs, float]:
+        """The springs, and the constant, of a vector of unknowns."""
+        ramps = self.options.ramps
+        return springs_of(unknowns, ramps, (len(unknowns) - 7 * ramps - 7) // (8 + ramps))
+
+    def weights(self, floor: float, *, at_rest: float = 1.0) -> Array:
+        """Of the 13 outputs of every state, (13, n); at_rest: factor of the modulus of the undeformed state."""
+        options = self.options
+        added = np.abs(self.energies - self.energies.min())
+        allowed = self.norms + floor
+        # An error of the modulus is one of the stress a tenth of a unit of strain away.
+        modulus_floor = np.where(self.at_rest, 0.3 / at_rest * floor, 10.0 * allowed)
+        modulus = options.modulus_weight * self.known / (self.sizes + modulus_floor)
+        modulus = np.where(self.at_rest, at_rest, 1.0) * modulus
+        weights = np.concatenate([1.0 / (added + floor)[None], np.tile(1.0 / allowed, (6, 1)), modulus])
+        return weights / options.tolerance
+
+    def search(self, unknowns: Array, floor: float, iterations: int) -> Array:
+        """Levenberg–Marquardt at one floor."""
+        weights, damping = self.weights(floor, at_rest=_AT_REST), 1e-2
+        value, residuals = self._loss(unknowns, weights)
+        slow = 0
+        for _ in range(iterations):
+            matrix, gradient = self._normal(unknowns, weights, residuals)
+            diagonal = np.diag(matrix).copy()
+            for _ in range(10):
+                damped = matrix.copy()
+                damped[np.diag_indices(len(damped))] += damping * (diagonal + _LEAST_DIAGONAL)
+                step = cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), gradient)
+                trial, found = self._loss(unknowns - step, weights)
+                if trial < value:
+                    break
+                damping *= 4.0
+            else:
+                return unknowns
+            slow = slow + 1 if value - trial < 5e-3 * value else 0
+            unknowns, value, residuals = unknowns - step, trial, found
+            damping = max(damping / 4.0, 1e-9)
+            if slow == 3:
+                break
+        return unknowns
+
+    def searched(self, unknowns: Array, floor: float, iterations: int) -> tuple[Springs, float]:
+        """The network after a search."""
+        return self.network(self.search(unknowns, floor, iterations))
+
+    def _loss(self, unknowns: Array, weights: Array) -> tuple[float, Array]:
+        with np.errstate(over="ignore", invalid="ignore"):
+            residuals = weights * (self.states.values(*self.network(unknowns)) - self.target)
+        size = np.abs(residuals)
+        if not np.all(np.isfinite(size)):
+            return np.inf, residuals
+        huber = np.where(size < _HUBER, size**2, 2 * _HUBER * size - _HUBER**2).sum()
+        return float(huber + _SMALL * unknowns @ unknowns), residuals
+
+    def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> tuple[Array, Array]:
+        """Matrix and right side of the Gauss–Newton step, states in parts side by side."""
+        springs, _ = self.network(unknowns)
+        factors = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
+        scaled, right = factors * weights, factors * residuals
+        places = [slice(k, k + _AT_ONCE) for k in range(0, self.x.shape[1], _AT_ONCE)]
+
+        def part(mine: list[slice]) -> tuple[Array, Array]:
+            matrix, gradient = np.zeros((len(unknowns),) * 2), np.zeros(len(unknowns))
+            for place in mine:
+                rows = self.states.part(place).jacobian(springs)
+                rows *= scaled[:, place]
+                rows = rows.reshape(len(unknowns), -1)
+                matrix += rows @ rows.T
+                gradient += rows @ right[:, place].ravel()
+            return matrix, gradient
+
+        threads = min(available_threads(), len(places))
+        found = run_parts(part, [places[k::threads] for k in range(threads)])
+        matrix, gradient = (np.sum([one[k] for one in found], axis=0) for k in range(2))
+        matrix[np.diag_indices(len(matrix))] += _SMALL
+        return matrix, gradient + _SMALL * unknowns
+
+    def errors(self, unknowns: Array, states: Samples) -> StressErrors:
+        """At other states."""
+        along = np.repeat(np.eye(6)[:, :, None], len(states.x), axis=2)
+        place = Directional(states.x.T, along, mirrored=len(self.states.images) == 2)
+        fitted = place.values(*self.network(unknowns))[1:7].T
+        return StressErrors.of(fitted, states.stresses, np.ones(6))

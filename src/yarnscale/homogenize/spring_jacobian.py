@@ -1,0 +1,152 @@
+"""Derivatives of a compact energy by its own numbers, for many states at once.
+
+What is fitted of a state are its energy, its slopes along six directions and its second derivatives along them. Along
+a direction v, value, slope and second derivative go through the layers of ``shell.materials.compact`` together:
+
+    a, a' = P v                      →  h = ρ(a), h' = ρ' a', h'' = ρ'' a'²
+    u, u' = Q v + W h', u'' = W h''  →  ψ, ψ' u', ψ'' u'² + ψ' u''
+
+and their derivatives by the numbers follow in reverse. States are the last axis of all arrays, so that loops run along
+memory.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.shell.materials.compact import MIRROR, Springs, shapes_of
+
+Array = NDArray[np.float64]
+
+OUTPUTS = 13
+"""Per state: energy, six slopes, six second derivatives."""
+
+
+def sizes_of(ramps: int, springs: int) -> list[int]:
+    """Lengths of the parts of a vector of unknowns: P, p, Q, W, q, log e, log d, c."""
+    shapes = shapes_of(ramps, springs, 0)[:7]
+    return [int(np.prod(shape)) for shape in shapes] + [1]
+
+
+def unknowns_of(springs: Springs, constant: float) -> Array:
+    """The vector of unknowns of a network without walls."""
+    parts = [*springs[:5], np.log(springs.stiffnesses), np.log(springs.background), [constant]]
+    return np.concatenate([np.ravel(part) for part in parts])
+
+
+def springs_of(unknowns: Array, ramps: int, springs: int) -> tuple[Springs, float]:
+    """The network without walls, and its constant."""
+    parts = np.split(unknowns, np.cumsum(sizes_of(ramps, springs))[:-1])
+    shapes = shapes_of(ramps, springs, 0)
+    arrays = [part.reshape(tuple(shape)) for part, shape in zip(parts, shapes[:7], strict=False)]
+    arrays[5], arrays[6] = np.exp(arrays[5]), np.exp(arrays[6])
+    return Springs(*arrays, np.zeros((0, 6)), np.zeros(0), np.zeros(0)), float(parts[7][0])
+
+
+class Directional:
+    """Energies, slopes and second derivatives at states x (6, n) along six directions each (6, directions 6, n).
+
+    mirrored: the mean of both mirror images.
+    """
+
+    def __init__(self, x: Array, directions: Array, *, mirrored: bool) -> None:
+        signs = (np.ones(6), MIRROR) if mirrored else (np.ones(6),)
+        self.images = [(x * sign[:, None], directions * sign[:, None, None]) for sign in signs]
+
+    def part(self, states: slice) -> Directional:
+        """Some of the states."""
+        found = object.__new__(Directional)
+        found.images = [(x[:, states], v[:, :, states]) for x, v in self.images]
+        return found
+
+    def values(self, springs: Springs, constant: float) -> Array:
+        """(13, n)."""
+        layers = np.mean([_Pass(x, v, springs).outputs().sum(axis=0) for x, v in self.images], axis=0)
+        return layers + np.tensordot(np.append(springs.background, constant), self.by_background(), 1)
+
+    def by_stiffness(self, directions: Array, offsets: Array) -> Array:
+        """Outputs of springs (S, 6), (S,) of unit stiffness without ramps, (S, 13, n)."""
+        none = np.zeros((0, 6)), np.zeros(0)
+        count = len(offsets)
+        alone = Springs(
+            *none, directions, np.zeros((count, 0)), offsets, np.ones(count), np.zeros(6), *none, np.zeros(0)
+        )
+        return np.mean([_Pass(x, v, alone).outputs() for x, v in self.images], axis=0)
+
+    def by_background(self) -> Array:
+        """Outputs of the background's unit stiffnesses and of a constant, (7, 13, n)."""
+        x, v = self.images[0]
+        result = np.zeros((7, OUTPUTS, x.shape[1]))
+        result[:6, 0], result[6, 0] = 0.5 * x * x, 1.0
+        result[:6, 1:7], result[:6, 7:] = v * x[:, None], v * v
+        return result
+
+    def jacobian(self, springs: Springs) -> Array:
+        """Derivatives of ``values`` by the unknowns, (unknowns, 13, n)."""
+        found = [_Pass(x, v, springs).jacobian() for x, v in self.images]
+        layers = found[0] if len(found) == 1 else 0.5 * (found[0] + found[1])
+        tail = self.by_background()
+        tail[:6] *= springs.background[:, None, None]
+        return np.concatenate([layers, tail])
+
+
+class _Pass:
+    """One image of some states through the layers."""
+
+    def __init__(self, x: Array, v: Array, springs: Springs) -> None:
+        self.x, self.v, self.springs = x, v, springs
+        self.rho = _ramp(springs.ramps @ x + springs.ramp_offsets[:, None])
+        self.a1 = np.tensordot(springs.ramps, v, 1)
+        self.h1, self.h2 = self.rho[1][:, None] * self.a1, self.rho[2][:, None] * self.a1**2
+        u = springs.springs @ x + springs.spring_offsets[:, None] + springs.bends @ self.rho[0]
+        self.psi = [springs.stiffnesses[:, None] * part for part in _spring(u)]
+        self.u1 = np.tensordot(springs.springs, v, 1) + np.tensordot(springs.bends, self.h1, 1)
+        self.u2 = np.tensordot(springs.bends, self.h2, 1)
+
+    def outputs(self) -> Array:
+        """Of every spring, (S, 13, n)."""
+        psi, psi1, psi2 = (part[:, None] for part in self.psi[:3])
+        return np.concatenate([psi, psi1 * self.u1, psi2 * self.u1**2 + psi1 * self.u2], axis=1)
+
+    def jacobian(self) -> Array:
+        """By P, p, Q, W, q, log e: (..., 13, n)."""
+        bends = self.springs.bends.T
+        psi1, psi2, psi3 = (part[:, None] for part in self.psi[1:])
+        rho, rho1, rho2, rho3 = (part[:, None] for part in self.rho)
+        # Adjoints of u, of u' (slopes and second derivatives) and of u'' (second derivatives).
+        by_u = np.concatenate([psi1, psi2 * self.u1, psi3 * self.u1**2 + psi2 * self.u2], axis=1)
+        by_u1 = np.concatenate([np.repeat(psi1, 6, axis=1), 2 * psi2 * self.u1], axis=1)
+        by_h, by_h1, by_h2 = (np.tensordot(bends, part, 1) for part in (by_u, by_u1, psi1))
+        by_a, by_a1 = by_h * rho1, by_h1 * rho1
+        by_a[:, 1:] += by_h1 * rho2 * np.tile(self.a1, (1, 2, 1))
+        by_a[:, 7:] += by_h2 * rho3 * self.a1**2
+        by_a1[:, 6:] += 2 * by_h2 * rho2 * self.a1
+        x, v, h1 = self.x[:, None], np.tile(self.v, (1, 2, 1)), np.tile(self.h1, (1, 2, 1))
+        through = _outer(by_u, rho, by_u1, h1)
+        through[:, :, 7:] += psi1[:, None] * self.h2
+        parts = (
+            _outer(by_a, x, by_a1, v), by_a, _outer(by_u, x, by_u1, v), through, by_u, self.outputs(),
+        )  # fmt: skip
+        return np.concatenate([part.reshape(-1, OUTPUTS, self.x.shape[1]) for part in parts])
+
+
+def _outer(by_value: Array, value: Array, by_slope: Array, slope: Array) -> Array:
+    """Derivatives by a matrix M of values M·value and slopes M·slope, (rows, columns, 13, n)."""
+    result = by_value[:, None] * value
+    result[:, :, 1:] += by_slope[:, None] * slope
+    return result
+
+
+def _ramp(u: Array) -> list[Array]:
+    """ρ(u) and three derivatives."""
+    root = np.sqrt(1.0 + u * u)
+    # Without cancellation for u far below zero.
+    value = np.where(u > 0, 0.5 * (u + root), 0.5 / (root - np.minimum(u, 0.0)))
+    return [value, value / root, 0.5 / root**3, -1.5 * u / root**5]
+
+
+def _spring(u: Array) -> list[Array]:
+    """ρ(u)² and three derivatives."""
+    a, b, c, d = _ramp(u)
+    return [a * a, 2 * a * b, 2 * (b * b + a * c), 2 * (3 * b * c + a * d)]

@@ -1,0 +1,228 @@
+"""The energy of a homogenized fabric as a small network of one-sided springs.
+
+With x the six strains (s_x, s_a, s_y, II11, II12, II22) over fixed scales,
+
+    a_j = p_j + P_j·x                      ramps bend the coordinates of the strain space: a fabric that is pulled
+    u_k = q_k + Q_k·x + Σ_j W_kj ρ(a_j)    contracts along a curved valley of low energy
+    ψ   = c + ½ Σ_i d_i x_i² + Σ_k e_k ρ(u_k)²,    ρ(u) = ½ (u + √(1 + u²)),    d, e ≥ 0
+
+Every spring is slack for u ≪ 0 and quadratic for u ≫ 0, as a yarn is before and after it is straight. ψ is smooth,
+not below c anywhere, and grows at least like ½ d·x². Fabrics that are their own mirror image under (s_a, II12) →
+−(s_a, II12) get the mean of both images. Walls where the samples end keep states outside from being
+softer than those at the border: they add f_k max(0, h_k·x − t_k)³ with f ≥ 0.
+
+Only additions, products, divisions and square roots occur, which processors do for many elements at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from types import MappingProxyType
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.shell.materials.material import (
+    MaterialKernels,
+    ShellMaterial,
+    compile_material,
+    strains_of_forms,
+)
+
+Array = NDArray[np.float64]
+
+MIRROR = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
+"""Signs of the strains of the mirror image of a state."""
+
+
+class Springs(NamedTuple):
+    """The numbers of the energy, by the names of the module's text; all are dimensionless but energies [J/m²].
+
+    ramps P (R, 6), ramp_offsets p (R,), springs Q (S, 6), bends W (S, R), spring_offsets q (S,), stiffnesses e (S,),
+    background d (6,), walls h (B, 6), wall_offsets t (B,), wall_stiffnesses f (B,).
+    """
+
+    ramps: Array
+    ramp_offsets: Array
+    springs: Array
+    bends: Array
+    spring_offsets: Array
+    stiffnesses: Array
+    background: Array
+    walls: Array
+    wall_offsets: Array
+    wall_stiffnesses: Array
+
+
+def shapes_of(ramps: int, springs: int, walls: int) -> Springs:
+    """Shapes of the arrays in place of the arrays."""
+    return Springs(
+        *((ramps, 6), (ramps,), (springs, 6), (springs, ramps), (springs,), (springs,), (6,)),
+        *((walls, 6), (walls,), (walls,)),
+    )  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class CompactMaterial(ShellMaterial):
+    """A network of one-sided springs over six strains (see the module's text).
+
+    constant: c [J/m²]. scale: strains for which x is 1, (6,) [-, 1/m]. springs: the numbers. mirrored: whether both
+    mirror images count. samples: some of the fitted states, (m, 6) strains [-, 1/m], which say where the energy may be
+    trusted. spacing: how far in x a state may lie from the nearest of them. density: mass per area [kg/m²].
+    provenance: plain JSON values. Raises InputError on arrays that do not match or energies that fall without bound.
+    """
+
+    constant: float
+    scale: Array
+    springs: Springs
+    density: float
+    mirrored: bool = True
+    samples: Array = field(default_factory=lambda: np.zeros((1, 6)))
+    spacing: float = 1.0
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        given = Springs(*(np.array(array, dtype=np.float64) for array in self.springs))
+        object.__setattr__(self, "springs", given)
+        counts = len(given.ramp_offsets), len(given.spring_offsets), len(given.wall_offsets)
+        for name, array, shape in zip(Springs._fields, given, shapes_of(*counts), strict=True):
+            if array.shape != tuple(shape) or not np.all(np.isfinite(array)):
+                raise InputError(name, expected=f"finite numbers of shape {tuple(shape)}", found=array.shape)
+        for name in ("stiffnesses", "background", "wall_stiffnesses"):
+            if np.any(getattr(given, name) < 0):
+                raise InputError(name, expected="no negative number", found=float(getattr(given, name).min()))
+        for name, shape in (("scale", (6,)), ("samples", (-1, 6))):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.ndim != len(shape) or array.shape[-1] != 6 or not np.all(np.isfinite(array)):
+                raise InputError(name, expected=f"finite numbers of shape {shape}", found=array.shape)
+            object.__setattr__(self, name, array)
+        if not np.all(self.scale > 0):
+            raise InputError("scale", expected="positive numbers", found=self.scale.tolist())
+        for name in ("density", "spacing"):
+            if not getattr(self, name) > 0:
+                raise InputError(name, expected="a positive number", found=getattr(self, name))
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    @cached_property
+    def constants(self) -> Array:
+        """All numbers of the energy, (P, 1), in the order that ``compact_energy`` reads them."""
+        numbers = [np.array([self.constant]), 1.0 / self.scale, *(a.ravel() for a in self.springs)]
+        return np.concatenate(numbers)[:, None]
+
+    def parameters(self, forms: Array) -> Array:
+        return self.constants
+
+    def kernels(self) -> MaterialKernels:
+        ramps, springs, walls = (len(getattr(self.springs, n)) for n in ("ramps", "springs", "walls"))
+        return _kernels(ramps, springs, walls, bool(self.mirrored))
+
+    def outside(self, strains: ArrayLike) -> Array:
+        """How far states (..., 6) lie outside the sampled ones: 0 within, 1 another ``spacing`` away."""
+        from scipy.spatial import cKDTree
+
+        strains = np.asarray(strains, dtype=np.float64)
+        places = self.samples / self.scale
+        if self.mirrored:
+            places = np.concatenate([places, places * MIRROR])
+        distance = cKDTree(places).query(strains.reshape(-1, 6) / self.scale)[0]
+        return np.maximum(distance / self.spacing - 1.0, 0.0).reshape(strains.shape[:-1])
+
+
+def ramp(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """ρ(u) and its two derivatives."""
+    root = ca.sqrt(1 + u * u)
+    value, inverse = 0.5 * (u + root), 1 / root
+    return value, value * inverse, 0.5 * inverse * inverse * inverse
+
+
+def spring(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """ρ(u)² and its two derivatives."""
+    value, first, second = ramp(u)
+    return value * value, 2 * value * first, 2 * (first * first + value * second)
+
+
+def wall(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """max(0, u)³ and its two derivatives."""
+    positive = ca.fmax(u, 0)
+    return positive * positive * positive, 3 * positive * positive, 6 * positive
+
+
+def compact_energy(
+    strains: ca.SX, numbers: ca.SX, shapes: Springs, *, mirrored: bool
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """ψ [J/m²] of the strains (6), its gradient (6) and second derivative (6, 6).
+
+    numbers: ``CompactMaterial.constants``. Derivatives follow the layers, as the energy does: written out by reverse
+    differentiation of the scalar graph they would take four times the operations.
+    """
+    c = _unpacked(numbers, shapes)
+    x = strains * c.inverse_scale
+    energy = c.constant + 0.5 * ca.dot(c.background, x * x)
+    gradient, hessian = c.background * x, ca.diag(c.background)
+    images = (np.ones(6), MIRROR) if mirrored else (np.ones(6),)
+    for signs in images:
+        sign = ca.DM(signs)
+        a, b, d = _image(sign * x, c)
+        energy += a / len(images)
+        gradient += sign * b / len(images)
+        hessian += (sign @ sign.T) * d / len(images)
+    scale = c.inverse_scale
+    return energy, scale * gradient, hessian * (scale @ scale.T)
+
+
+def _image(x: ca.SX, c: _Numbers) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Energy of the springs and walls at x, gradient and second derivative."""
+    bent, bent_1, bent_2 = ramp(c.ramp_offsets + c.ramps @ x)
+    psi, psi_1, psi_2 = spring(c.spring_offsets + c.springs @ x + c.bends @ bent)
+    psi_1, psi_2 = c.stiffnesses * psi_1, c.stiffnesses * psi_2
+    # du/dx, and Σ_k ψ'_k W_kj for the curvature of the ramps.
+    slope = c.springs + (c.bends * ca.repmat(bent_1.T, c.bends.size1(), 1)) @ c.ramps
+    curved = (c.bends.T @ psi_1) * bent_2
+    energy, gradient = ca.dot(c.stiffnesses, psi), slope.T @ psi_1
+    hessian = slope.T @ (ca.repmat(psi_2, 1, 6) * slope) + c.ramps.T @ (ca.repmat(curved, 1, 6) * c.ramps)
+    out, out_1, out_2 = wall(c.walls @ x - c.wall_offsets)
+    energy += ca.dot(c.wall_stiffnesses, out)
+    gradient += c.walls.T @ (c.wall_stiffnesses * out_1)
+    return energy, gradient, hessian + c.walls.T @ (ca.repmat(c.wall_stiffnesses * out_2, 1, 6) * c.walls)
+
+
+class _Numbers(NamedTuple):
+    constant: ca.SX
+    inverse_scale: ca.SX
+    ramps: ca.SX
+    ramp_offsets: ca.SX
+    springs: ca.SX
+    bends: ca.SX
+    spring_offsets: ca.SX
+    stiffnesses: ca.SX
+    background: ca.SX
+    walls: ca.SX
+    wall_offsets: ca.SX
+    wall_stiffnesses: ca.SX
+
+
+def _unpacked(numbers: ca.SX, shapes: Springs) -> _Numbers:
+    parts, first = [], 0
+    for shape in ((1,), (6,), *shapes):
+        size = int(np.prod(shape))
+        part = numbers[first : first + size]
+        # Rows of our arrays lie one behind the other, CasADi's columns do.
+        parts.append(ca.reshape(part, shape[1], shape[0]).T if len(shape) == 2 else part)
+        first += size
+    return _Numbers(*parts)
+
+
+@cache
+def _kernels(ramps: int, springs: int, walls: int, mirrored: bool) -> MaterialKernels:
+    shapes = shapes_of(ramps, springs, walls)
+    count = 7 + sum(int(np.prod(shape)) for shape in shapes)
+
+    def energy(forms: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        return compact_energy(strains_of_forms(forms), numbers, shapes, mirrored=mirrored)
+
+    return compile_material(energy, count, f"compact_{ramps}_{springs}", by_strain=True, shared=True)

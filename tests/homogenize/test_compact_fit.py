@@ -1,0 +1,125 @@
+"""The fit of a compact energy: derivatives by its numbers, recovery of a known energy, symmetry, errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.homogenize.compact_fit import (
+    CompactOptions,
+    StressErrors,
+    fit_compact_material,
+    strain_units,
+)
+from yarnscale.homogenize.spring_jacobian import Directional, sizes_of, springs_of, unknowns_of
+from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
+
+RADIUS = 1e-3
+SCALE = strain_units(RADIUS)
+
+
+def known(*, skewed: bool = False) -> CompactMaterial:
+    """A fabric that is soft at rest and a thousand times stiffer where pulled along a valley."""
+    directions = np.array(
+        [[3.0, 0, 1.2, 0, 0, 0], [0.8, 0, 3.0, 0, 0, 0], [-1.0, 0, -1.0, 0, 0, 0],
+         [0, 2.0, 0, 0, 0.5, 0], [0, -2.0, 0, 0, -0.5, 0], [0.5, 0, 0, 1.5, 0, 0.5], [0, 0, 0.5, -1.0, 0, 1.5]]
+    )  # fmt: skip
+    if skewed:
+        directions[0, 1] = 1.0
+    none = np.zeros((0, 6)), np.zeros(0)
+    springs = Springs(
+        *none, directions, np.zeros((7, 0)), np.array([-2.5, -2.0, -1.0, -0.5, -0.5, -0.3, -0.4]),
+        np.array([5.0, 8.0, 0.3, 0.2, 0.2, 0.01, 0.02]), np.full(6, 0.005), *none, np.zeros(0),
+    )  # fmt: skip
+    return CompactMaterial(0.03, SCALE, springs, density=0.2, mirrored=not skewed)
+
+
+def states(count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(count, 6))
+    x *= (np.geomspace(0.03, 1.0, count) / np.linalg.norm(x, axis=1))[:, None]
+    x[0] = 0.0
+    return np.clip(x * SCALE, [-0.8, -0.9, -0.8, -400, -400, -400], None)
+
+
+def fitted(material: CompactMaterial, **options: object) -> CompactMaterial:
+    z = states(200, 0)
+    return fit_compact_material(
+        z, material.energy_density(z), material.stress(z), material.moduli(z), density=0.2, radius=RADIUS,
+        options=CompactOptions(ramps=2, springs=14, starts=1, rounds=15, iterations=20, **options),  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found() -> CompactMaterial:
+    return fitted(known())
+
+
+def test_derivatives_by_the_numbers_are_those_of_differences():
+    rng = np.random.default_rng(0)
+    unknowns = 0.7 * rng.normal(size=sum(sizes_of(3, 4)))
+    directions = np.linalg.qr(rng.normal(size=(5, 6, 6)))[0].transpose(1, 2, 0)
+    place = Directional(0.5 * rng.normal(size=(6, 5)), directions, mirrored=True)
+    exact = place.jacobian(springs_of(unknowns, 3, 4)[0])
+    for k, step in enumerate(1e-6 * np.eye(len(unknowns))):
+        up, down = (place.values(*springs_of(unknowns + s * step, 3, 4)) for s in (1, -1))
+        np.testing.assert_allclose(exact[k], (up - down) / 2e-6, atol=2e-7)
+    np.testing.assert_allclose(unknowns_of(*springs_of(unknowns, 3, 4)), unknowns, atol=1e-12)
+
+
+def test_outputs_are_those_of_the_material():
+    material, z = known(), states(20, 3)
+    along = np.repeat(np.eye(6)[:, :, None], 20, axis=2)
+    values = Directional((z / SCALE).T, along, mirrored=True).values(material.springs, material.constant)
+    np.testing.assert_allclose(values[0], material.energy_density(z), rtol=1e-12)
+    np.testing.assert_allclose(values[1:7].T, material.stress(z) * SCALE, rtol=1e-10, atol=1e-12)
+    diagonal = np.einsum("nii->ni", material.moduli(z)) * SCALE**2
+    np.testing.assert_allclose(values[7:].T, diagonal, rtol=1e-9, atol=1e-10)
+
+
+def test_a_known_energy_is_recovered_relative_to_each_states_size(found):
+    material, z = known(), states(300, 5)
+    errors = StressErrors.of(found.stress(z), material.stress(z), SCALE)
+    assert errors.median < 0.05
+    assert errors.high < 0.3
+    least = [np.linalg.eigvalsh(m.moduli(np.zeros(6)) * SCALE[:, None] * SCALE)[0] for m in (found, material)]
+    assert least[0] == pytest.approx(least[1], rel=0.2)
+    assert found.provenance["fit"]["held_back"]["states"] == 20
+    assert found.outside(np.zeros(6)) == 0.0
+    assert found.outside(np.array([3.0, 0, 0, 0, 0, 0])) > 1.0
+
+
+def test_it_is_stiffer_outside_than_at_the_border(found):
+    for k, sign in ((0, 1), (2, 1), (3, 1), (5, -1)):
+        line = np.zeros((3, 6))
+        line[:, k] = sign * np.array([1.5, 3.0, 4.5]) * SCALE[k]
+        modulus = found.moduli(line)[:, k, k]
+        assert np.all(np.diff(modulus) > 0)
+
+
+def test_mirror_images_count_only_where_the_fabric_is_one(found):
+    assert found.mirrored
+    skewed = fitted(known(skewed=True))
+    assert not skewed.mirrored
+    z = states(50, 8)
+    assert not np.allclose(skewed.energy_density(z * MIRROR), skewed.energy_density(z), rtol=1e-3)
+
+
+def test_the_same_samples_and_seed_give_the_same_material(found):
+    z = states(20, 9)
+    np.testing.assert_allclose(fitted(known()).energy_density(z), found.energy_density(z), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ((np.zeros((40, 5)), np.zeros(40), np.zeros((40, 6))), "strains"),
+        ((np.zeros((40, 6)), np.zeros(39), np.zeros((40, 6))), "energies"),
+        ((np.zeros((10, 6)), np.zeros(10), np.zeros((10, 6))), "at least 30"),
+        ((np.zeros((40, 6)), np.zeros(40), np.full((40, 6), np.nan)), "at least 30"),
+    ],
+)
+def test_unusable_arrays_are_refused(arguments, word):
+    with pytest.raises(InputError, match=word):
+        fit_compact_material(*arguments, density=0.2, radius=RADIUS)
