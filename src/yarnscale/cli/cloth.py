@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,7 +105,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     if options.json:
         print_json(summary)
     else:
-        for name, value in summary.items():
+        for name, value in _flat(summary).items():
             if name != "unfulfilled":
                 told = (
                     f"{value:.6g}" if isinstance(value, float) else "not tested" if value is None else value
@@ -114,6 +115,15 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
             print(line)
         print(f"{folder}: frames, pictures and a page")
     return 0 if result.succeeded else 1
+
+
+def _flat(summary: Mapping[str, object]) -> dict[str, object]:
+    """A summary in which the shares out of range stand by themselves, or not at all where they are not known."""
+    shares = summary.get("out_of_range")
+    rest = {name: value for name, value in summary.items() if name != "out_of_range"}
+    if isinstance(shares, Mapping):
+        rest |= {f"out_of_range {name}": value for name, value in shares.items()}
+    return rest
 
 
 def _notes(scene: Scene) -> list[str]:
@@ -185,7 +195,7 @@ def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None
 
     numbers = {
         name: "not tested" if value is None else value
-        for name, value in result.summary().items()
+        for name, value in _flat(result.summary()).items()
         if name != "unfulfilled"
     }
     off = [[entry.what, entry.first, entry.distance, entry.remaining] for entry in result.unfulfilled]

@@ -20,6 +20,7 @@ from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
 from yarnscale.shell.dynamics.simulate import ClothSolver, Progress, Schedule, SolverOptions, simulate
 from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.elastic.out_of_range import OutOfRange, out_of_range
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
@@ -80,6 +81,7 @@ class SceneResult:
     intersections: int | None = None
     body_intersections: int | None = None
     unfulfilled: tuple[Unfulfilled, ...] = ()
+    out_of_range: OutOfRange | None = None
 
     def __repr__(self) -> str:
         measures = ", ".join(f"{name}={value:.4g}" for name, value in self.measures.items())
@@ -109,6 +111,7 @@ class SceneResult:
             "intersections": self.intersections,
             "body_intersections": self.body_intersections,
             "unfulfilled": plain(self.unfulfilled),
+            "out_of_range": None if self.out_of_range is None else self.out_of_range.plain(),
             "simulated_seconds": self.simulated_seconds,
             "seconds": self.seconds,
         }
@@ -149,6 +152,7 @@ def run_scene(
         run.intersections,
         run.body_intersections,
         run.unfulfilled,
+        out_of_range(solver.energy, run.state.positions),
     )
 
 
