@@ -17,7 +17,7 @@ from yarnscale.homogenize.homogenize import errors_at, fit, fit_published
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 
-COMMAND = ["homogenize", "plain", "--solves", "40", "--workers", "2"]
+COMMAND = ["homogenize", "plain", "--solves", "60", "--workers", "2"]
 RANGE = ["--form", "hylc2020", "--stretch", "-0.05,0.2", "--shear", "0.15", "--curvature", "0.03"]
 
 
@@ -83,7 +83,7 @@ def test_the_published_form_is_hylc_json(tmp_path: Path) -> None:
 
 def _loads(folder: Path) -> Path:
     out = folder / "loads.zarr"
-    assert main(["sample", "plain", "--solves", "20", "--limit", "1", "--out", str(out)]) in (0, 1)
+    assert main(["sample", "plain", "--solves", "60", "--limit", "1", "--out", str(out)]) in (0, 1)
     return out
 
 
