@@ -94,7 +94,8 @@ def homogenize(
     form: "compact" samples along loads up to ``limit`` [N/m] and where a simulation went (strains ``visited``, (n, 6));
     "hylc2020" samples axes and planes of a ``range`` of strains for the published splines. solves: about how many
     equilibria. options: of the fit of that form. folder: gets the stores ``samples`` and ``unseen``. resume: go on with
-    the stores that are there. dask: address of a scheduler, whose workers take the place of processes. Raises InputError for a store of another run.
+    the stores that are there. dask: address of a scheduler, whose workers take the place of processes. Raises
+    InputError for a store of another run.
     """
     if form == "compact":
         if range is not None:
