@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cli.detail import curve_set
 from yarnscale.detail.fluctuations import FluctuationTable
+from yarnscale.detail.yarns import YarnDetail
 from yarnscale.files.animation import read_animation
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.patterns import write_pattern
@@ -137,3 +140,23 @@ def test_samples_beside_the_pattern_are_used_without_a_solve(
     assert sorted(path.name for path in (folder / "yarns").glob("frame_*")) == [
         "frame_0001.npz", "frame_0002.npz",
     ]  # fmt: skip
+
+
+def test_thick_and_thin_yarns_keep_their_size_and_colour() -> None:
+    """Warp of one kind, weft of another that is half as thick."""
+    plain = library.build("plain")
+    warp = np.array([plain.edges[chain, 3].sum() != 0 for chain in plain.yarns])
+    pattern = replace(
+        plain, yarn_material=(~warp).astype(int), yarn_radius=plain.radius * np.where(warp, 1.0, 0.5)
+    )
+    zero = np.zeros(1)
+    table = FluctuationTable(
+        pattern, (zero, zero, zero, zero, zero), np.zeros((1, 1, 1, 3, len(pattern.edges), 3))
+    )
+    curves = curve_set(YarnDetail.of(table, MESH))
+    assert set(curves.yarn.tolist()) == {0, 1}
+    for kind, radius, yarn in zip(
+        curves.yarn, curves.radii[curves.offsets[:-1]], range(len(curves)), strict=True
+    ):
+        own = slice(curves.offsets[yarn], curves.offsets[yarn + 1])
+        assert radius == pattern.radius * (0.5 if kind else 1.0) and (curves.radii[own] == radius).all()

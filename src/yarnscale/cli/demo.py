@@ -120,13 +120,14 @@ def _detail_section(table: FluctuationTable, results: Sequence[SceneResult], fol
         near = {"about": positions[middle(positions)], "width": 0.06}
         for number, (caption, view) in enumerate(zip(captions, ({}, near), strict=True)):
             path = folder / f"{name}_{number}.png"
-            yarn_cloth_picture(path, curves, points, solids=solids, **view)
+            size = (1200, 900) if number == 0 else (800, 600)
+            yarn_cloth_picture(path, curves, points, solids=solids, size=size, **view)
             pictures.append(Picture(path, caption, wide=number == 0))
     text = [
         f"{count} yarn vertices on the two simulated sheets, each where the relaxed cell has it under the local strain "
         "and curvature of the cloth. The cell's states are those that the shell material below was fitted to."
     ]
-    return Section("Yarns on cloth", text, [], pictures[2:] + pictures[:2])
+    return Section("Yarns on cloth", text, [], [pictures[k] for k in (2, 0, 3, 1)])
 
 
 _ON_CLOTH = (

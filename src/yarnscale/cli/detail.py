@@ -231,10 +231,11 @@ def _write(yarns: YarnDetail, frames: ClothFrames, out: Path, *, resume: bool) -
 
 
 def curve_set(yarns: YarnDetail) -> CurveSet:
-    """The curves, with the colour of the yarn that they are of: courses of one yarn look alike."""
-    layout = yarns.layout
-    kind = yarns.table.pattern.material_of_vertex[layout.vertex[layout.offsets[:-1]]]
-    return CurveSet(layout.offsets, yarns.radius, closed=layout.closed, yarn=kind)
+    """The curves, as thick as their yarns and with a colour for each kind: courses of one yarn look alike."""
+    layout, pattern = yarns.layout, yarns.table.pattern
+    kind = pattern.material_of_vertex[layout.vertex[layout.offsets[:-1]]]
+    radii = pattern.radius * pattern.relative_radius[layout.vertex]
+    return CurveSet(layout.offsets, radii, closed=layout.closed, yarn=kind)
 
 
 def _finished(out: Path, offsets: np.ndarray, frames: ClothFrames) -> set[int]:

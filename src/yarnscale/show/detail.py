@@ -62,7 +62,7 @@ def yarn_cloth_picture(
         light(plotter)
         scale = aim(plotter, seen, camera=camera, margin=1.04 if middle is None else 0.9)
         plotter.add_mesh(
-            _tubes(pieces, radius, near=near, scale=scale),
+            _tubes(pieces, near=near, scale=scale),
             scalars="colour",
             rgb=True,
             interpolation="phong",
@@ -84,23 +84,24 @@ def _pieces(curves: CurveSet, positions: Floats, middle: Floats | None, reach: f
     pieces = []
     for k, yarn in enumerate(curves.yarn.tolist()):
         points = positions[curves.offsets[k] : curves.offsets[k + 1]]
+        radius = float(curves.radii[curves.offsets[k]])
         if middle is None:
-            pieces.append(Curve(points, yarn, bool(curves.closed[k])))
+            pieces.append(Curve(points, yarn, bool(curves.closed[k]), radius=radius))
             continue
         inside = (np.abs(points - middle) < reach).all(axis=1)
         cuts = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-        pieces += [Curve(points[a:b], yarn) for a, b in cuts.reshape(-1, 2) if b - a > 2]
+        pieces += [Curve(points[a:b], yarn, radius=radius) for a, b in cuts.reshape(-1, 2) if b - a > 2]
     return pieces
 
 
-def _tubes(pieces: Sequence[Curve], radius: float, *, near: bool, scale: float) -> pv.PolyData:
+def _tubes(pieces: Sequence[Curve], *, near: bool, scale: float) -> pv.PolyData:
     """Tubes about curves in a picture of a scale [pixels/m], coloured by yarn; near ones smoothed."""
     lines = [smooth_curve(piece, per_segment=4)[0] if near else piece.points for piece in pieces]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
     yarn = np.array([piece.yarn for piece in pieces])
     closed = np.array([piece.closed and not near for piece in pieces])
-    every = np.vstack(lines)
-    sweep, chosen = seen_tubes(CurveSet(offsets, radius, closed=closed, yarn=yarn), every, scale)
+    every, radii = np.vstack(lines), np.array([piece.radius for piece in pieces])
+    sweep, chosen = seen_tubes(CurveSet(offsets, radii, closed=closed, yarn=yarn), every, scale)
     points, normals = sweep.surface(every[chosen], sweep.curves.radii)
     mesh = pv.PolyData.from_regular_faces(points, sweep.triangles)
     mesh.point_data["Normals"] = normals
