@@ -57,18 +57,14 @@ class Motion:
         """From one strain and fluctuation (n, 3) [r] to another, with as many copies as can meet on the way."""
         moved = after[1] - before[1]
         images = energy.copies_within(2.0 * float(np.sqrt((moved * moved).sum(axis=1).max())))
-        reference = energy.placed(images)
-        nodes = []
-        for strain, fluctuation in (before, after):
-            surface = energy.surface if strain is energy.strain else cell_midsurface(energy.pattern, strain)
-            points, rotation = surface.at(reference)
-            copied = np.tile(fluctuation, (len(images.tiles), 1))
-            nodes.append(points + np.einsum("nij,nj->ni", rotation, copied))
+        first, second = (_nodes(energy, images, *state) for state in (before, after))
         bent = next((strain for strain, _ in (after, before) if not strain.is_flat), None)
-        turning = None
-        if bent is not None:
-            turning = Midsurface(bent, length=energy.pattern.radius).rotation_vectors(reference)
-        return cls(energy, images, nodes[0], nodes[1], turning)
+        if bent is None:
+            return cls(energy, images, first, second)
+        if bent is energy.strain and images is energy.images:
+            return cls(energy, images, first, second, energy.turning)
+        surface = Midsurface(bent, length=energy.pattern.radius)
+        return cls(energy, images, first, second, surface.rotation_vectors(energy.placed(images)))
 
     def crossings(self) -> Array:
         """Cuts that are not undone, (k, 6).
@@ -107,6 +103,16 @@ class Motion:
             turned = self.turning[g] - self.turning[i]
             kept &= (turned * turned).sum(axis=1) < math.pi**2
         return found[kept]
+
+
+def _nodes(energy: CellEnergy, images: Images, strain: ShellStrain, fluctuation: Array) -> Array:
+    """Positions (T·n, 3) [r] of copies at a strain and fluctuation (n, 3) [r]."""
+    if strain is energy.strain and images is energy.images:
+        full = energy.nodes.expand(np.concatenate([fluctuation.ravel(), np.zeros(energy.count)]))
+        return full[: 3 * len(energy.nodes.source)].reshape(-1, 3)
+    surface = energy.surface if strain is energy.strain else cell_midsurface(energy.pattern, strain)
+    points, rotation = surface.at(energy.placed(images))
+    return points + np.einsum("nij,nj->ni", rotation, np.tile(fluctuation, (len(images.tiles), 1)))
 
 
 def crossings(energy: CellEnergy, before: Array, after: Array) -> Array:
