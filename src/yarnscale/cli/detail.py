@@ -100,9 +100,10 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
             yarn = YarnChoice(yarn.pattern, origin.yarns, "of the samples")
         table = FluctuationTable.from_store(store, sampled)
         summary = _origin(store, out, resume=options.resume) | yarn.summary
+        used = int((store.status() == CODE_OF["converged"]).sum())
         yarn.say()
-        print(f"states of the yarns: {store.path}, {store.count} samples", file=sys.stderr, flush=True)
-        return table, summary | {"samples": str(store.path)} | _unseen_error(store, pattern)
+        print(f"states of the yarns: {store.path}, {used} states", file=sys.stderr, flush=True)
+        return table, summary | {"samples": str(store.path), "states": used} | _unseen_error(store, pattern)
     reach_dask(options)
     yarn.say()
     cell = PeriodicCell(pattern, yarn.materials)

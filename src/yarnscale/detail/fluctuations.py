@@ -179,12 +179,16 @@ class ScatteredFluctuations:
         return self._interpolant((states / self.size)[:, self._varying])
 
     def error_on(self, store: SampleStore) -> Floats:
-        """‖Δû‖ [m] of every vertex in the converged states of another store that lie in range, (k, n)."""
+        """‖Δû‖ [m] of every vertex in converged states of another store, (k, n).
+
+        Those within the range of these states that are none of them.
+        """
         other = ScatteredFluctuations.of(store, _BEND_SIZE / self.size[3])
         inside = (other.states >= self.states.min(axis=0)) & (other.states <= self.states.max(axis=0))
-        chosen = inside.all(axis=1)
-        difference = (self.at(other.states[chosen]) - other.values[chosen]).reshape(int(chosen.sum()), -1, 3)
-        return np.linalg.norm(difference, axis=2)
+        nearest = KDTree(self.states / self.size).query(other.states / self.size)[0]
+        chosen = inside.all(axis=1) & (nearest > 1e-9)
+        difference = self.at(other.states[chosen]) - other.values[chosen]
+        return np.linalg.norm(difference.reshape(len(difference), self.values.shape[1] // 3, 3), axis=2)
 
 
 def _sorted_grid(
