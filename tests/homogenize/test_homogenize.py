@@ -11,11 +11,15 @@ import pytest
 
 from yarnscale.cli import main
 from yarnscale.errors import InputError
+from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.hylc_json import read_hylc_json
 from yarnscale.files.material_json import read_material
+from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.homogenize import errors_at, fit, fit_published
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
+from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.state import ClothState
 
 COMMAND = ["homogenize", "plain", "--solves", "60", "--workers", "2"]
 RANGE = ["--form", "hylc2020", "--stretch", "-0.05,0.2", "--shear", "0.15", "--curvature", "0.03"]
@@ -44,7 +48,9 @@ def test_the_folder_is_complete(outcome: tuple[Path, int]) -> None:
     assert status == 0
     found = {path.name for path in folder.iterdir()}
     assert {"samples", "unseen", "material.json", "pattern.json", "pictures", "index.html"} <= found
-    assert {"stress.png", "errors.png"} <= {path.name for path in (folder / "pictures").iterdir()}
+    assert {"tension.png", "bending.png", "stress.png", "errors.png"} == {
+        path.name for path in (folder / "pictures").iterdir()
+    }
     assert (folder / "material.json").stat().st_size < 100_000
 
 
@@ -68,6 +74,20 @@ def test_the_material_reads_and_fits_again_alike(outcome: tuple[Path, int]) -> N
     assert errors_at(material, states).median < 0.3
     content = json.loads((folder / "material.json").read_text())
     assert content["provenance"]["pattern"] == "plain"
+
+
+@pytest.mark.slow
+def test_states_that_a_cloth_visited_are_added(outcome: tuple[Path, int], tmp_path: Path) -> None:
+    mesh = rectangle(0.1, 0.05, 0.01)
+    flat = ClothState.flat(mesh)
+    pulled = flat.positions @ np.array([[1.2, 0.3, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    FrameFolder(tmp_path / "run" / "frames", mesh).write(0, ClothState(pulled, 0.0 * pulled))
+    command = [*COMMAND, "--out", str(outcome[0]), "--limit", "5", "--visited", str(tmp_path / "run")]
+    assert main(command) == 2
+    assert main([*command, "--resume"]) == 0
+    states = FabricStates.of(SampleStore(outcome[0] / "samples"))
+    visited = visited_strains(tmp_path / "run")[0]
+    assert states.strains[states.kinds == "visited"][-1] == pytest.approx(visited, abs=1e-6)
 
 
 @pytest.mark.slow

@@ -28,6 +28,7 @@ from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes.scene import SceneResult, drape, stretch
 from yarnscale.show.cloth import Solid
 from yarnscale.show.detail import yarn_cloth_picture
+from yarnscale.show.material import PICTURES
 from yarnscale.show.report import Picture, Section, Table, write_report
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
@@ -102,7 +103,7 @@ def _yarn_section(cell: PeriodicCell, folder: Path) -> tuple[Section, bool]:
 
 
 def _embedded(folder: Path) -> list[Picture]:
-    names = {"stress.png": ("Error of the stress over its size, lines at 1 and 6 %.", False)}
+    names = {name: (text, True) for name, text in PICTURES.items()}
     names |= {"errors.png": ("Relative error of the stress.", False)}
     return [Picture(folder / name, text, wide) for name, (text, wide) in names.items()]
 

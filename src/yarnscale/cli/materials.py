@@ -138,7 +138,7 @@ def homogenize(options: argparse.Namespace) -> int:
 def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool = False) -> RunFolder:
     """The folder of a homogenized pattern."""
     stores = ("samples/", "unseen/")
-    pictures = ("stress", "errors")
+    pictures = ("tension", "bending", "stress", "errors")
     makes = (*stores, PATTERN, "material.json", "index.html", *(f"pictures/{name}.png" for name in pictures))
     return RunFolder(
         path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN)
@@ -173,7 +173,8 @@ def homogenize_into(
 
 
 def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
-    """Errors of the stress at unseen and at fitted states."""
+    """Tension and bending beside the samples; errors of the stress at unseen and at fitted states."""
+    from yarnscale.show.material import PICTURES, draw_curves
     from yarnscale.show.plots import error_histogram, stress_scatter
 
     folder = writable_folder(folder)
@@ -188,7 +189,12 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
         groups[name], shares[name] = (norms, errors), errors / (norms + STRESS_FLOOR)
     stress_scatter(folder / "stress.png", groups, floor=STRESS_FLOOR)
     error_histogram(folder / "errors.png", shares, label="error of the stress over its size [%]")
+    pictures = []
+    if (outcome.samples.kinds == "tension").any():
+        draw_curves(outcome.material, outcome.samples, folder)
+        pictures = [Picture(folder / name, text, wide=True) for name, text in PICTURES.items()]
     return [
+        *pictures,
         Picture(folder / "stress.png", "Error of the stress over its size; lines at 1 and 6 %."),
         Picture(folder / "errors.png", "Relative error of the stress."),
     ]

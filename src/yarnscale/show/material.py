@@ -1,0 +1,84 @@
+"""Pictures of a homogenized material beside its samples: tension and pure bending along courses and wales."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from yarnscale.homogenize.states import FabricStates
+from yarnscale.numerics.loads import FLAT, Held, LoadedState, Loads, equilibrium_under, path_under
+from yarnscale.shell.materials.homogeneous import MaterialFabric
+from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.show import theme
+from yarnscale.show.plots import written_figure
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = (("course", 0.0, 0), ("wale", math.pi / 2, 2))
+"""Name, angle from the course, and place of the stretch along in a strain vector; curvature stands three further."""
+PICTURES = {
+    "tension.png": "Tension along courses and wales, free across: cell (dots) and material (line).",
+    "bending.png": "Moment of pure bending along courses and wales: cell (dots) and material (line).",
+}
+"""File name and what it shows."""
+_NEXT_TO_NOTHING = 0.03
+
+
+def draw_curves(material: ShellMaterial, samples: FabricStates, folder: Path) -> None:
+    """Write ``PICTURES``; samples along loads."""
+    _curves(folder / "tension.png", material, samples, _tension)
+    _curves(folder / "bending.png", material, samples, _bending)
+
+
+def _curves(path: Path, material: ShellMaterial, samples: FabricStates, draw: Any) -> None:
+    fabric = MaterialFabric(material, curvature_scale=0.1 / samples.radius)
+    with written_figure(path, 7.2, 3.2, title="") as figure:
+        for axes, (name, angle, place) in zip(figure.subplots(1, 2), DIRECTIONS, strict=True):
+            axes.set_title(f"along the {name}", fontsize=9)
+            draw(axes, samples, fabric, angle, place)
+
+
+def _line_and_dots(axes: Axes, line: tuple[Array, Array], dots: tuple[Array, Array]) -> None:
+    axes.plot(*line, color=theme.FIT, zorder=2, label="material")
+    axes.plot(*dots, "o", color=theme.SAMPLE, markersize=3.5, zorder=3, label="cell")
+    axes.legend(fontsize=8)
+
+
+def _tension(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: float, place: int) -> None:
+    along = states.stresses[:, place]
+    across = np.abs(np.delete(states.stresses[:, :3], place, axis=1)).max(axis=1)
+    pulled = (states.kinds == "tension") & (along > 0) & (across < _NEXT_TO_NOTHING * along)
+    loads = np.geomspace(
+        max(float(along[pulled].min(initial=0.01)), 1e-3), float(along[pulled].max(initial=1.0)), 40
+    )
+    path = path_under(fabric, [Loads.tension(angle, float(load)) for load in loads], held=FLAT)
+    good = [k for k, state in enumerate(path) if state.converged]
+    line = np.array([path[k].strain[place] for k in good]), loads[good]
+    _line_and_dots(axes, line, (states.strains[pulled, place], along[pulled]))
+    axes.set_yscale("log")
+    axes.set_xlabel("stretch [–]")
+    axes.set_ylabel("load [N/m]")
+
+
+def _bending(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: float, place: int) -> None:
+    curvature, others = states.strains[:, 3 + place], np.delete(states.strains[:, 3:], place, axis=1)
+    bent = (states.kinds == "bending") & (np.abs(others) < _NEXT_TO_NOTHING * np.abs(curvature)[:, None]).all(
+        axis=1
+    )
+    line: list[tuple[float, float]] = []
+    for side in (-1.0, 1.0):
+        state: LoadedState | None = None
+        for value in np.linspace(0.0, np.abs(curvature[bent]).max(initial=0.0), 20):
+            state = equilibrium_under(
+                fabric, Loads(), held=Held.bent(angle, side * float(value)), start=state
+            )
+            line.append((side * float(value), float(state.stress[3 + place])))
+    x, y = np.array(sorted(line)).T
+    _line_and_dots(axes, (x, 1e3 * y), (curvature[bent], 1e3 * states.stresses[bent, 3 + place]))
+    axes.set_xlabel("curvature [1/m]")
+    axes.set_ylabel("moment [mN]")
