@@ -33,6 +33,7 @@ LIMIT = 50.0
 SOLVES = 600
 """Equilibria of the cell by default."""
 _PER_LEVEL = 2.1  # equilibria, as measured over ten patterns
+_FEWEST_RAYS = 9  # of a plan that begins with the axes: tension and bending along both
 _LEAST = 0.05  # of the weight of a centimetre of the fabric
 _GRAVITY = 9.81
 _BENDS = np.array([0.002, 0.008, 0.025, 0.06, 0.1])
@@ -98,7 +99,7 @@ def load_rays(
     rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
     axes = _along_axes(radius, sizes) if fixed else ()
     for ray in chain(axes, _random_rays(radius, sizes, seed)):
-        if spent >= solves:
+        if spent >= solves and (not fixed or len(rays) > _FEWEST_RAYS):
             break
         rays.append(ray)
         spent += len(ray.levels) * (1.0 if ray.kind == "strain" else _PER_LEVEL)
