@@ -347,3 +347,15 @@ def test_a_disk_that_is_full_is_an_error_and_leaves_no_file(tmp_path: Path, suff
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     # Files that were finished before the disk was full may stay; none is cut off.
     assert not path.exists() and not [p for p in tmp_path.rglob("*") if ".part" in p.name]
+
+
+def test_usd_hides_the_cloth_that_yarns_show(tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom
+
+    for animation, shown in ((WHOLE, "invisible"), (replace(WHOLE, yarns=None), "inherited")):
+        path = tmp_path / f"{shown}.usda"
+        write_usd(path, animation)
+        stage = Usd.Stage.Open(str(path))
+        assert UsdGeom.Imageable(stage.GetPrimAtPath("/yarnscale/cloth")).ComputeVisibility() == shown
+        assert UsdGeom.Imageable(stage.GetPrimAtPath("/yarnscale/bodies")).ComputeVisibility() == "inherited"
