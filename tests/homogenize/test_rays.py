@@ -167,7 +167,7 @@ def test_samples_are_equilibria_that_meet_their_loads(
 
 def test_rays_are_added_behind_those_that_are_there(cell: PeriodicCell, sampled: SampleStore) -> None:
     before = FabricStates.of(sampled)
-    longer = sampled.extended(rays=[ray_to(np.array([0.05, 0.02, 0, 0, 0, 0]), 1).plain()])
+    longer = sampled.extended([ray_to(np.array([0.05, 0.02, 0, 0, 0, 0]), 1).plain()])
     assert resumed_ray_store(longer, cell, RAYS) is longer
     assert longer.shape[0] == 4
     summary = sample(cell, longer)
@@ -180,7 +180,7 @@ def test_rays_are_added_behind_those_that_are_there(cell: PeriodicCell, sampled:
 def test_only_the_same_loads_resume(cell: PeriodicCell, tmp_path: Path) -> None:
     store = create_ray_store(tmp_path / "store", cell, RAYS)
     visited = Ray(VISITED, ((Loads(), strains_held(np.full(6, 0.01))),), 3)
-    store = store.extended(rays=[visited.plain()])
+    store = store.extended([visited.plain()])
     more = resumed_ray_store(store, cell, [*RAYS, TENSION])
     assert [ray["kind"] for ray in more.rays] == ["rest", "tension", "strain", VISITED, "tension"]
     assert resumed_ray_store(more, cell, RAYS) is more
@@ -191,8 +191,8 @@ def test_only_the_same_loads_resume(cell: PeriodicCell, tmp_path: Path) -> None:
     grid = create_store(tmp_path / "grid", cell, StrainGrid().axes, scattered=False)
     with pytest.raises(InputError, match="cannot resume: a store without loads"):
         resumed_ray_store(grid, cell, RAYS)
-    with pytest.raises(InputError, match="cannot be added"):
-        grid.extended(rays=[REST.plain()])
+    with pytest.raises(InputError, match="rays cannot be added"):
+        grid.extended([REST.plain()])
 
 
 def test_visited_states_are_reached_from_their_nearest_samples(
@@ -204,7 +204,7 @@ def test_visited_states_are_reached_from_their_nearest_samples(
     rays = visiting_rays(sampled, np.array([near, far, far + 1e-4, np.full(6, np.nan)]), scale)
     assert [ray.kind for ray in rays] == ["visited"]
     assert sampled.read(rays[0].origin, "strain") == pytest.approx(known.strains[-1])
-    longer = sampled.extended(rays=[ray.plain() for ray in rays])
+    longer = sampled.extended([ray.plain() for ray in rays])
     sample(cell, longer)
     states = FabricStates.of(longer)
     assert states.kinds[-1] == "visited"

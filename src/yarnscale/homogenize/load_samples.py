@@ -76,7 +76,7 @@ def sample_loads(
         spent.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
         if name == "samples" and visited is not None:
             further = visiting_rays(store, visited, CellFabric(cell).strain_scale)
-            store = store.extended(rays=[ray.plain() for ray in further])
+            store = store.extended([ray.plain() for ray in further])
             spent.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
         stores[name] = store
     states = {name: FabricStates.of(store) for name, store in stores.items()}

@@ -139,11 +139,10 @@ def check_resumable(
     positions: bool = False,
     moduli: bool = False,
     tiles: tuple[int, int] = (1, 1),
-    more: bool = False,
 ) -> None:
     """InputError unless the store was made for this cell and these states, and keeps what is asked of every state.
 
-    positions, moduli: whether they are asked. more: the store may hold further states behind these.
+    positions, moduli: whether they are asked.
     """
     _check_cell(store, cell, tiles)
     fresh = np.column_stack([axes[n] for n in STRAINS]) if store.dims == ("state",) else None
@@ -151,7 +150,7 @@ def check_resumable(
         fresh = np.stack(np.meshgrid(*(axes[n] for n in STRAINS), indexing="ij"), -1).reshape(
             -1, len(STRAINS)
         )
-    held = store.states[: len(fresh)] if more else store.states
+    held = store.states
     if fresh.shape != held.shape or not np.allclose(fresh, held, atol=1e-12):
         raise InputError("cannot resume: other states", where=store.path, expected="the states of the store")
     for name, asked, there in (
@@ -178,7 +177,7 @@ def resumed_ray_store(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray
     held = [ray for ray in store.rays if ray["kind"] != VISITED]
     if any(one != other for one, other in zip(held, planned, strict=False)):
         raise InputError("cannot resume: other loads", where=store.path, expected="the loads of the store")
-    return store if len(held) >= len(planned) else store.extended(rays=planned[len(held) :])
+    return store if len(held) >= len(planned) else store.extended(planned[len(held) :])
 
 
 def _check_cell(store: SampleStore, cell: PeriodicCell, tiles: tuple[int, int]) -> None:

@@ -187,30 +187,21 @@ class SampleStore:
             ) from None
         return cls(path)
 
-    def extended(
-        self, states: NDArray[np.float64] | None = None, *, rays: Sequence[Mapping[str, object]] = ()
-    ) -> SampleStore:
-        """This store with more scattered states (n, 5), or rays, behind its own, pending; what is finished stays.
+    def extended(self, rays: Sequence[Mapping[str, object]]) -> SampleStore:
+        """This store with more rays (plain descriptions) behind its own, pending; what is finished stays.
 
         Killed at any moment, it leaves the store as it was or extended (``recover`` tells which). Raises InputError for
-        the store of a grid, or a folder that cannot be written.
+        a store without rays, or a folder that cannot be written.
         """
-        axes: dict[str, NDArray[np.float64]] = {}
-        all_rays = [*self.rays, *rays]
-        if self.dims == ("state",) and states is not None:
-            everything = np.concatenate([self.states, states])
-            axes, shape = {name: everything[:, k] for k, name in enumerate(STRAINS)}, (len(everything),)
-        elif self.dims == RAY_DIMS and states is None:
-            shape = (len(all_rays), *self.shape[1:])
-        else:
-            raise InputError(
-                "states cannot be added", where=self.path, expected="a store of scattered states or of rays"
-            )
+        if self.dims != RAY_DIMS:
+            raise InputError("rays cannot be added", where=self.path, expected="a store of rays of loads")
+        everything = [*self.rays, *rays]
+        shape = (len(everything), *self.shape[1:])
         vertices, building = int(self.attributes["vertices"]), _beside(self.path, "building")
         try:
             shutil.rmtree(building, ignore_errors=True)
             provenance = self.attributes["provenance"]
-            _write_empty(building, axes, self.dims, shape, self._fields, vertices, provenance, all_rays)
+            _write_empty(building, {}, self.dims, shape, self._fields, vertices, provenance, everything)
             for name in self._fields:
                 if (self.path / name / "c").is_dir():
                     _link_tree(self.path / name / "c", building / name / "c")
