@@ -229,7 +229,8 @@ def test_existing_results_are_not_overwritten(refused, tmp_path: Path) -> None:
      ("--shear", "2"), ("--curvature", "-1")],
 )  # fmt: skip
 def test_impossible_ranges(refused, tmp_path: Path, option: str, value: str) -> None:
-    assert option.strip("-") in refused("homogenize", "plain", "--out", tmp_path / "out", option, value)
+    form = ("--form", "hylc2020")
+    assert option.strip("-") in refused("homogenize", "plain", "--out", tmp_path / "out", *form, option, value)
     nothing_left(tmp_path)
 
 

@@ -42,7 +42,7 @@ class FabricStates:
             strains = [strain_of(state).vector for state in store.states[good]]
             kinds = np.full(len(good), "strain")
         moduli = np.full((len(good), 6, 6), np.nan)
-        if store.has_moduli:
+        if store.has_moduli and len(good):
             moduli[:] = [store.read(int(i), "moduli") for i in good]
         provenance = store.attributes["provenance"]
         return cls(
