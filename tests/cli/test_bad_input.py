@@ -230,7 +230,9 @@ def test_existing_results_are_not_overwritten(refused, tmp_path: Path) -> None:
 )  # fmt: skip
 def test_impossible_ranges(refused, tmp_path: Path, option: str, value: str) -> None:
     form = ("--form", "hylc2020")
-    assert option.strip("-") in refused("homogenize", "plain", "--out", tmp_path / "out", *form, option, value)
+    assert option.strip("-") in refused(
+        "homogenize", "plain", "--out", tmp_path / "out", *form, option, value
+    )
     nothing_left(tmp_path)
 
 

@@ -10,7 +10,20 @@ import numpy as np
 from yarnscale.files.patterns import read_pattern
 from yarnscale.yarn import library
 
-SMALL = ("--form", "hylc2020", "--solves", 12, "--workers", 1, "--stretch", "-0.05,0.1", "--shear", 0.1, "--curvature", 0.01)
+SMALL = (
+    "--form",
+    "hylc2020",
+    "--solves",
+    12,
+    "--workers",
+    1,
+    "--stretch",
+    "-0.05,0.1",
+    "--shear",
+    0.1,
+    "--curvature",
+    0.01,
+)
 
 
 def _stress(run, folder: Path) -> np.ndarray:  # type: ignore[no-untyped-def]

@@ -116,8 +116,8 @@ def test_the_same_samples_and_seed_give_the_same_material(found):
     [
         ((np.zeros((40, 5)), np.zeros(40), np.zeros((40, 6))), "strains"),
         ((np.zeros((40, 6)), np.zeros(39), np.zeros((40, 6))), "energies"),
-        ((np.zeros((10, 6)), np.zeros(10), np.zeros((10, 6))), "at least 30"),
-        ((np.zeros((40, 6)), np.zeros(40), np.full((40, 6), np.nan)), "at least 30"),
+        ((np.zeros((9, 6)), np.zeros(9), np.zeros((9, 6))), "at least 10"),
+        ((np.zeros((40, 6)), np.zeros(40), np.full((40, 6), np.nan)), "at least 10"),
     ],
 )
 def test_unusable_arrays_are_refused(arguments, word):

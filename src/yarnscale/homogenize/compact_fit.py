@@ -56,7 +56,7 @@ def fit_compact_material(
 
     strains (n, 6) [-, 1/m] in the order of ``kinematics.COMPONENTS``; energies (n,) [J/m²]; stresses (n, 6) [N/m, N];
     moduli (n, 6, 6), NaN where unknown; density [kg/m²]; radius of the yarn [m]. The undeformed state should be among
-    them. Raises InputError on arrays that do not match, or fewer than 30 states.
+    them. Raises InputError on arrays that do not match, or fewer than 10 states.
     """
     options, scale = options or CompactOptions(), strain_units(radius)
     data = Samples.of(strains, energies, stresses, moduli, scale)
@@ -89,7 +89,10 @@ def _is_symmetric(data: Samples) -> bool:
     modulus = data.moduli[data.rest]
     if not np.isfinite(modulus).all():
         return True
-    mixed, own = modulus[odd][:, ~odd], np.sqrt(np.outer(np.diag(modulus)[odd], np.diag(modulus)[~odd]))
+    mixed, own = (
+        modulus[odd][:, ~odd],
+        np.sqrt(np.abs(np.outer(np.diag(modulus)[odd], np.diag(modulus)[~odd]))),
+    )
     return bool(np.max(np.abs(mixed) / (np.abs(own) + STRESS_FLOOR)) < 0.05)
 
 

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 STRESS_FLOOR = 0.02
 """Stress [N/m], by strains in units, below which errors stop being relative: the weight of a centimetre of fabric."""
+FEWEST_STATES = 10
 _HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 100, 2.0
 
 
@@ -99,8 +100,8 @@ class Samples:
             if array.shape != shape:
                 raise InputError(name, expected=f"shape {shape}", found=array.shape)
         good = np.isfinite(x).all(axis=1) & np.isfinite(energy) & np.isfinite(stress).all(axis=1)
-        if good.sum() < 30:
-            raise InputError("states to fit", expected="at least 30", found=int(good.sum()))
+        if good.sum() < FEWEST_STATES:
+            raise InputError("states to fit", expected=f"at least {FEWEST_STATES}", found=int(good.sum()))
         modulus = modulus * scale[:, None] * scale
         return cls(x[good] / scale, energy[good], stress[good] * scale, modulus[good])
 
