@@ -17,8 +17,15 @@ from yarnscale.files.material_json import is_material, read_material
 from yarnscale.files.patterns import is_drawing
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.laboratory.drape import drape_test
-from yarnscale.laboratory.homogeneous_tests import LOADS
-from yarnscale.laboratory.programme import Difference, FabricTests, Programme, difference, run_tests
+from yarnscale.laboratory.homogeneous_tests import LOADS, default_curvatures
+from yarnscale.laboratory.programme import (
+    Difference,
+    FabricTests,
+    Programme,
+    difference,
+    fabric_of,
+    run_tests,
+)
 from yarnscale.shell.materials.material import ShellMaterial
 
 
@@ -46,18 +53,25 @@ def test(options: argparse.Namespace) -> int:
         raise InputError("--radius", expected="a pattern to test", found="shell materials alone")
     makes = ("tests.json", "index.html", "tension.png", "bending.png", "drape.png")
     results = RunFolder(options.out, "test", makes, overwrite=options.overwrite)
-    found = []
+    tested: list[PeriodicCell | ShellMaterial] = []
     for name in subjects:
         if name in shells:
-            material = shells[name]
-            tests = _run(material, name, programme)
-            found.append(_with_drape(tests, material) if options.drape else tests)
+            tested.append(shells[name])
         else:
             pattern, yarn = drawn[name], yarns[name].materials
             yarns[name].say()
             if is_drawing(name) and not options.as_drawn:
                 pattern = settled_drawing(pattern, yarn)
-            found.append(_run(PeriodicCell(pattern, yarn), name, programme))
+            tested.append(PeriodicCell(pattern, yarn))
+    if len(tested) > 1 and programme.curvatures is None:
+        # One list for both, so that their numbers come from the same points: that of the yarns, where there are any.
+        lead = next((subject for subject in tested if isinstance(subject, PeriodicCell)), tested[1])
+        programme = replace(programme, curvatures=default_curvatures(fabric_of(lead)))
+    found = []
+    for name, subject in zip(subjects, tested, strict=True):
+        tests = _run(subject, name, programme)
+        draped = options.drape and isinstance(subject, ShellMaterial)
+        found.append(_with_drape(tests, subject) if draped else tests)
     compared = _compare(found)
     content = found[0].plain() | (yarns[subjects[0]].summary if subjects[0] in yarns else {})
     if compared is not None:
@@ -115,7 +129,9 @@ def _say(found: list[FabricTests], compared: Difference | None) -> None:
                 f"  natural curvature along {roll.direction:g}°: {roll.curvature:.4g} /m, inside: {roll.side}"
             )
         if tests.drape is not None:
-            print(f"  drape coefficient {tests.drape.coefficient:.3f}, {tests.drape.folds} folds")
+            drape = tests.drape
+            found_text = f"{drape.coefficient:.3f}, {drape.folds} folds" if drape.succeeded else drape.status
+            print(f"  drape coefficient {found_text}")
     if compared is not None:
         print(
             f"tension, {compared.points} points: stretch differs by at most {compared.stretch:.3g}, contraction by "

@@ -139,7 +139,7 @@ def add_material_commands(add: Add) -> None:
     )
     command.add_argument(
         "--curvatures", type=number_list, metavar="A,B,…",
-        help="of bending and twist [1/m] (nine, to a tenth of the yarn's own; of a material without yarn, to 100)",
+        help="of bending and twist [1/m] (to a tenth of the yarn's own)",
     )  # fmt: skip
     command.add_argument(
         "--free-curvature",

@@ -32,13 +32,24 @@ _FOLD = 0.03
 class DrapeTest:
     """Outcome. coefficient: shadow of the free ring over the ring itself, 0 to 1 (Cusick's, times 100 in per cent).
 
-    folds: waves of the shadow's outline. outline: its radius [m] at every degree from the course, (360,).
+    folds: waves of the shadow's outline. outline: its radius [m] at every degree from the course, (360,). Coefficient
+    and folds count only where ``succeeded``: the cloth came to rest and crosses itself nowhere.
     """
 
     coefficient: float
     folds: int
     outline: Floats
     result: SceneResult
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the cloth came to rest without crossing itself."""
+        return self.result.succeeded
+
+    @property
+    def status(self) -> str:
+        """How the simulation ended."""
+        return self.result.status.name.lower() if self.succeeded or not self.result.converged else "crossed"
 
 
 def cusick(material: ElementMaterial, *, spacing: float = SPACING, seed: int = 0) -> Scene:

@@ -38,6 +38,8 @@ SHEAR_ANGLES = (0.5, 1.0, 2.5, 5.0, 8.0)
 """Trellis angles [degrees]; KES measures between 0.5° and 5°."""
 SHEAR_TENSION = 9.81
 """Tension of the sheared piece along course and wale in KES: 10 gf/cm [N/m]."""
+KES_CURVATURES = (50.0, 150.0)
+"""Between which KES takes the bending rigidity [1/m]."""
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 """Loads along course and wale of the biaxial test, relative to each other."""
 
@@ -116,7 +118,9 @@ class NaturalCurvature:
 
     @property
     def side(self) -> str:
-        """The side that ends up inside the roll: "face", "back" or "none" (a radius beyond a metre)."""
+        """The side inside the roll: "face", "back", "none" (a radius beyond a metre), "unknown" without equilibrium."""
+        if math.isnan(self.curvature):
+            return "unknown"
         return "none" if abs(self.curvature) < 1.0 else "face" if self.curvature > 0 else "back"
 
 
@@ -179,14 +183,14 @@ def bending(
 ) -> list[BendingPoint]:
     """Bend a sheet to cylinders whose curvature lies along ``direction`` [degrees from the course].
 
-    curvatures: [1/m], both signs; default nine up to a tenth of the yarn's own. In its plane the sheet is free. The
+    curvatures: [1/m], both signs; default ``default_curvatures``. In its plane the sheet is free. The
     moment per width is dΨ/dκ = M11 c² + M12 c s + M22 s², with c, s of the direction and M = dΨ/dII.
     """
     angle = math.radians(_finite("direction", direction))
     c, s = math.cos(angle), math.sin(angle)
     found = []
     if curvatures is None:
-        curvatures = np.linspace(-1.0, 1.0, 9) * fabric.strain_scale[3]
+        curvatures = default_curvatures(fabric)
     for curvature, state in _steps(fabric, curvatures, Loads(), lambda value: Held.bent(angle, value)):
         moment = _number(state, float(state.stress[3:] @ [c * c, c * s, s * s]))
         found.append(BendingPoint(direction, curvature, moment, _status(state)))
@@ -196,7 +200,7 @@ def bending(
 def twist(fabric: HomogeneousFabric, twists: Sequence[float] | None = None) -> list[TwistPoint]:
     """Twist a sheet, free in its plane. twists: II12 [1/m], default as the curvatures of ``bending``."""
     if twists is None:
-        twists = np.linspace(-1.0, 1.0, 9) * fabric.strain_scale[4]
+        twists = default_curvatures(fabric)
     steps = _steps(fabric, twists, Loads(), lambda value: Held.components(II11=0.0, II12=value, II22=0.0))
     return [TwistPoint(value, _number(state, state.stress[4]), _status(state)) for value, state in steps]
 
@@ -215,6 +219,13 @@ def natural_curvature(fabric: HomogeneousFabric, direction: float) -> NaturalCur
     value = float(state.strain[3 if direction == 0.0 else 5])
     saved = _number(state, flat.energy - state.energy)
     return NaturalCurvature(direction, _number(state, value), saved, _status(state))
+
+
+def default_curvatures(fabric: HomogeneousFabric) -> tuple[float, ...]:
+    """Curvatures [1/m] from −0.1/r to 0.1/r, r the radius of the yarn, with those of KES (50 and 150 /m) within."""
+    largest = float(fabric.strain_scale[3])
+    own = set((np.linspace(-1.0, 1.0, 9) * largest).tolist())
+    return tuple(sorted(own | {side * kes for side in (-1, 1) for kes in KES_CURVATURES if kes < largest}))
 
 
 def checked_loads(loads: Sequence[float]) -> tuple[float, ...]:

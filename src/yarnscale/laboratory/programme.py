@@ -41,8 +41,8 @@ Kind = Literal["cell", "shell"]
 class Programme:
     """Which tests: ``directions`` [degrees from the course] and ``loads`` [N/m] of the tension tests.
 
-    curvature: "flat" or "free" under tension, see ``tension``. curvatures: [1/m] of bending and twist; None: up to a
-    tenth of the yarn's own.
+    curvature: "flat" or "free" under tension, see ``tension``. curvatures: [1/m] of bending and twist; None:
+    ``default_curvatures`` of the fabric.
     """
 
     directions: tuple[float, ...] = tests.DIRECTIONS
@@ -117,9 +117,10 @@ class FabricTests:
 
     @property
     def failed(self) -> int:
-        """Points at which the fabric found no equilibrium under the load."""
+        """Points at which the fabric found no equilibrium under the load; a drape that did not end well is one."""
         points = [*self.tension, *self.biaxial, *self.shear, *self.bending, *self.twist, *self.rolls]
-        return sum(p.status != "converged" for p in points)
+        draped = self.drape is None or self.drape.succeeded
+        return sum(p.status != "converged" for p in points) + (not draped)
 
     def plain(self) -> dict[str, object]:
         """Everything as plain values."""
@@ -134,9 +135,16 @@ class FabricTests:
             "shear": asdict(self.sheared),
         }
         if self.drape is not None:
-            content["drape_coefficient"] = self.drape.coefficient
-            content["folds"] = self.drape.folds
+            good = self.drape.succeeded
+            content["drape_coefficient"] = self.drape.coefficient if good else None
+            content["folds"] = self.drape.folds if good else None
+            content["drape_status"] = self.drape.status
         return content
+
+
+def fabric_of(subject: PeriodicCell | ShellMaterial) -> HomogeneousFabric:
+    """A cell of yarns or a shell material as homogeneous fabric."""
+    return CellFabric(subject) if isinstance(subject, PeriodicCell) else MaterialFabric(subject)
 
 
 def run_tests(
@@ -151,11 +159,11 @@ def run_tests(
     name: of the subject, for tables; ``progress`` gets the tests done and in all. A point without equilibrium says so
     in its ``status`` and has NaN for numbers.
     """
-    fabric: HomogeneousFabric
+    fabric, kind, density, own = fabric_of(subject), "shell", 0.0, type(subject).__name__
     if isinstance(subject, PeriodicCell):
-        fabric, kind, density, own = CellFabric(subject), "cell", subject.area_density, subject.pattern.name
+        kind, density, own = "cell", subject.area_density, subject.pattern.name
     else:
-        fabric, kind, density, own = MaterialFabric(subject), "shell", subject.density, type(subject).__name__
+        density = subject.density
     found: dict[str, list[Any]] = {}
     steps = list((programme or Programme()).steps())
     for number, (test_name, test) in enumerate(steps):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.laboratory.cantilever import bending_length
-from yarnscale.laboratory.homogeneous_tests import BendingPoint, ShearPoint, TensionPoint
+from yarnscale.laboratory.homogeneous_tests import KES_CURVATURES, BendingPoint, ShearPoint, TensionPoint
 
 Array = NDArray[np.float64]
 
@@ -23,8 +23,6 @@ FAST_LOADS = tuple(grams * CENTIMETRE_FORCE for grams in (5, 20, 100))
 """Loads of FAST-3 [N/m]: of E5, E20, E100."""
 FAST_SHEAR = 123.0
 """FAST shear rigidity [N/m] times the bias extension at 5 gf/cm [%]."""
-KES_CURVATURES = (50.0, 150.0)
-"""Between which KES takes the bending rigidity [1/m]."""
 KES_ANGLES = (0.5, 2.5)
 """Between which KES takes the shear stiffness [degrees]."""
 

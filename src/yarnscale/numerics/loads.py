@@ -163,14 +163,13 @@ class LoadedState:
     """Outcome of ``equilibrium_under``.
 
     response: the fabric there. moduli: (6, 6), NaN where it has none. residual: norm of what is missing of the loads,
-    in scaled strains [N/m], over those that may move. stable: whether no free strain lowers Π further.
+    in scaled strains [N/m], over those that may move.
     evaluations: strains at which the fabric was asked.
     """
 
     response: Response
     moduli: Array
     residual: float
-    stable: bool
     status: Status
     evaluations: int
 
@@ -269,7 +268,8 @@ class _LoadedNewton:
             if np.abs(gap).max() < 1e-12 and self._missing(gradient) <= self._enough(here):
                 way_out = self._descent_direction(hessian, gradient)
                 if way_out is None or escapes >= _ESCAPES:
-                    return self._outcome(here, Status.CONVERGED, moduli)
+                    ended = Status.CONVERGED if way_out is None else Status.STALLED
+                    return self._outcome(here, ended, moduli)
                 step, escapes = 0.25 * RADIUS * way_out, escapes + 1
             elif iteration == self.max_iterations:
                 break
@@ -357,10 +357,9 @@ class _LoadedNewton:
 
     def _outcome(self, response: Response, status: Status, moduli: Array | None = None) -> LoadedState:
         gradient = self._slope(response) if response.usable else np.full(6, np.inf)
-        stable = response.usable and self._descent_direction(self._curvature(response), gradient) is None
         if moduli is None:
             moduli = np.full((6, 6), np.nan)
-        return LoadedState(response, moduli, self._missing(gradient), stable, status, self.evaluations)
+        return LoadedState(response, moduli, self._missing(gradient), status, self.evaluations)
 
 
 def _shortened(step: Array, longest: float) -> Array:

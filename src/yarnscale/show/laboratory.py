@@ -145,9 +145,7 @@ def _numbers(tests: FabricTests) -> Section:
         ),
     ]  # fmt: skip
     if tests.drape is not None:
-        drape: list[list[Cell]] = [
-            [100 * tests.drape.coefficient, tests.drape.folds, tests.drape.result.status.value]
-        ]
+        drape: list[list[Cell]] = [[100 * tests.drape.coefficient, tests.drape.folds, tests.drape.status]]
         tables.append(
             Table(["drape coefficient [%]", "folds", "status"], drape, "Cusick drape, 30 cm on 18 cm.")
         )

@@ -36,7 +36,7 @@ def draw_curves(material: ShellMaterial, samples: FabricStates, folder: Path) ->
 
 
 def _curves(path: Path, material: ShellMaterial, samples: FabricStates, draw: Any) -> None:
-    fabric = MaterialFabric(material, curvature_scale=0.1 / samples.radius)
+    fabric = MaterialFabric(material)
     with written_figure(path, 7.2, 3.2, title="") as figure:
         for axes, (name, angle, place) in zip(figure.subplots(1, 2), DIRECTIONS, strict=True):
             axes.set_title(f"along the {name}", fontsize=9)

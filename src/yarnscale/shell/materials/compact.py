@@ -108,6 +108,11 @@ class CompactMaterial(ShellMaterial):
                 raise InputError(name, expected="a positive number", found=getattr(self, name))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
+    @property
+    def strain_scale(self) -> Array:
+        """``scale``: of bending, a tenth of the curvature of the yarn's surface."""
+        return self.scale
+
     @cached_property
     def constants(self) -> Array:
         """All numbers of the energy, (P, 1), in the order that ``compact_energy`` reads them."""

@@ -15,15 +15,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MaterialFabric:
-    """A piece of shell under one strain. curvature_scale: curvature [1/m] of like importance as a strain of a half."""
+    """A piece of shell under one strain."""
 
     material: ShellMaterial
-    curvature_scale: float = 100.0
 
     @property
     def strain_scale(self) -> Array:
-        """Scales (6,) of the strains."""
-        return np.array([0.5] * 3 + [self.curvature_scale] * 3)
+        """Strains (6,) of like importance."""
+        return self.material.strain_scale
 
     def response(self, strain: Array, start: Response | None = None) -> Response:
         """Energy and stress at a strain (6,)."""

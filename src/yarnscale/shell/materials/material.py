@@ -82,6 +82,11 @@ class ShellMaterial(ABC):
     density: float
     """Mass per rest area [kg/m²]."""
 
+    @property
+    def strain_scale(self) -> Array:
+        """Strains (6,) of like importance: a half in-plane, 100/m of bending where nothing is known of the yarn."""
+        return np.array([0.5] * 3 + [100.0] * 3)
+
     @abstractmethod
     def parameters(self, forms: Array) -> Array:
         """Parameters of the kernels: (P, 1) that all elements share, or (P, n) of elements with these forms (6, n).
