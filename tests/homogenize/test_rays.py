@@ -115,6 +115,7 @@ def test_box_states_bend_in_every_direction() -> None:
     ("options", "message"),
     [
         ({"limit": 0.0}, "largest load"),
+        ({"limit": 1e9}, "twice as long"),
         ({"limit": float("nan")}, "largest load"),
         ({"solves": 3}, "number of solves"),
     ],

@@ -17,7 +17,7 @@ from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_c
 from yarnscale.homogenize.fit import IN_STRESS, FitOptions, fit_spline_material, strains_of
 from yarnscale.homogenize.load_samples import UNSEEN_SHARE, sample_loads
 from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
-from yarnscale.homogenize.rays import LIMIT, SOLVES
+from yarnscale.homogenize.rays import SOLVES
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
@@ -80,7 +80,7 @@ def homogenize(
     *,
     form: Form = "compact",
     solves: int = SOLVES,
-    limit: float = LIMIT,
+    limit: float | None = None,
     visited: Array | None = None,
     range: StrainRange | None = None,
     options: CompactOptions | FitOptions | None = None,

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from yarnscale.cell.loads import CellFabric
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.homogenize.rays import FEWEST, LIMIT, SOLVES, VISITED, Ray, load_rays, strains_held
+from yarnscale.homogenize.rays import FEWEST, SOLVES, VISITED, Ray, load_rays, strains_held
 from yarnscale.homogenize.sample import (
     Progress,
     SampleSummary,
@@ -52,7 +52,7 @@ def sample_loads(
     folder: Path,
     *,
     solves: int = SOLVES,
-    limit: float = LIMIT,
+    limit: float | None = None,
     visited: Array | None = None,
     workers: int = 2,
     dask: str | None = None,

@@ -82,17 +82,22 @@ class Ray:
 
 
 def load_rays(
-    cell: PeriodicCell, *, solves: int = SOLVES, limit: float = LIMIT, seed: int = 0, fixed: bool = True
+    cell: PeriodicCell, *, solves: int = SOLVES, limit: float | None = None, seed: int = 0, fixed: bool = True
 ) -> list[Ray]:
     """Rays of about ``solves`` equilibria in all, the state of rest first; up to ``limit`` [N/m].
+
+    limit: by default ``LIMIT``, or less where that would stretch all of the yarn by more than a quarter.
 
     fixed: begin with tension and bending along the axes and diagonals, else with random loads at once. The same numbers
     give the same rays, and those of more solves begin with those of fewer. Raises InputError for a limit that is no
     load, or too few solves for all kinds of states.
     """
     least = _LEAST * _GRAVITY * 0.01 * cell.area_density
-    if not (math.isfinite(limit) and limit > 10 * least):
-        raise InputError("largest load [N/m]", expected=f"more than {10 * least:.2g}", found=limit)
+    most = _doubling_load(cell)
+    limit = min(LIMIT, 0.25 * most) if limit is None else limit
+    if not 10 * least < limit <= most:
+        expected = f"between {10 * least:.2g} and {most:.3g}, at which the yarn is twice as long"
+        raise InputError("largest load [N/m]", expected=expected, found=limit)
     if solves < FEWEST:
         raise InputError("number of solves", expected=f"at least {FEWEST}", found=solves)
     radius, sizes = cell.pattern.radius, np.geomspace(least, limit, LEVELS)
@@ -104,6 +109,12 @@ def load_rays(
         rays.append(ray)
         spent += len(ray.levels) * (1.0 if ray.kind == "strain" else _PER_LEVEL)
     return rays
+
+
+def _doubling_load(cell: PeriodicCell) -> float:
+    """Load [N/m] that would stretch all yarn of a fabric to twice its length, if it all lay along it."""
+    moduli = (max(m.young_modulus, m.stretch.stiff_modulus) / m.density for m in cell.materials)
+    return cell.area_density * max(moduli)
 
 
 FEWEST = 30
