@@ -169,6 +169,7 @@ def test_every_column_but_the_width_at_the_middle_is_needed(tmp_path, missing):
         ("area_density = -1.0", "area_density"),
         ("area_density = true", "area_density"),
         ("stretch = 3", "stretch"),
+        ("stretch = []", "field 'stretch'; expected the name of a file"),
         ("[[yarn]]\nmaterial = 'wool'", "denier"),
         ("[[yarn]]\nmaterial = 'wool'\ndenier = 'thick'", "denier"),
         ("[[yarn]]\nmaterial = 'wool'\ndenier = 70\nmass_share = 0.5", "sum of 1"),

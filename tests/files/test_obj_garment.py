@@ -10,7 +10,7 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.files.obj import obj_text
 from yarnscale.files.obj_garment import read_garment
-from yarnscale.files.obj_surface import read_obj, read_obj_poses
+from yarnscale.files.obj_surface import read_obj, read_obj_poses, read_obj_surface
 from yarnscale.shell.garments.wardrobe import T_SHIRT, shirt
 from yarnscale.shell.mesh import TriangleMesh
 
@@ -87,6 +87,23 @@ def test_panels_that_share_texture_are_kept_apart(tmp_path: Path) -> None:
 TRIANGLES = (
     "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\nv 2 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt 2 0\nvt 2 1\n"
 )
+
+
+def test_cloth_without_an_area_in_space_is_refused_whatever_its_units(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    line = "".join(f"v {k} {0.1 * k} {0.3 * k}\n" for k in range(6))
+    path.write_text(line + TRIANGLES[TRIANGLES.index("vt") :] + "f 1/1 2/2 3/3 4/4\nf 2/2 5/5 6/6 3/3\n")
+    for options in ({}, {"unit": "cm"}, {"scale": 1.0, "material_scale": 1.0}):
+        with pytest.raises(InputError, match=r"a.obj: cloth in space; expected faces with an area") as caught:
+            read_garment(path, **options)  # type: ignore[arg-type]
+        assert "\n" not in str(caught.value)
+
+
+def test_faces_of_a_body_that_cross_themselves_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(TRIANGLES + "f 2 5 6 3\nf 1 3 2 4\n")
+    with pytest.raises(InputError, match=r"a.obj:14: face; expected a polygon .* does not cross itself"):
+        read_obj_surface(path)
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,8 @@ def _table(path: Path) -> dict:
             raise InputError(f"unknown field {key!r:.60}", where=path, expected=", ".join(_FIELDS))
         kind = _FIELDS[key]
         number = kind is float and isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not (number or (kind is not float and isinstance(value, kind))):
+        right = number or (kind is not float and isinstance(value, kind))
+        if not right or (key == "stretch" and not value):
             expected = (
                 "the name of a file or tables [[stretch]]" if key == "stretch" else f"a {kind.__name__}"
             )

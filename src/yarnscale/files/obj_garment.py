@@ -66,6 +66,8 @@ def read_garment(
     areas = Areas(*(float(np.abs(polygon_areas(x, cloth.starts)).sum()) for x in (flat, points[corners])))
     if not areas.fabric > 0:
         raise InputError("fabric", where=source.path, expected="faces with an area", found="none")
+    if not areas.space > FLAT * float((np.ptp(cloth.positions, axis=0) ** 2).sum()):
+        raise InputError("cloth in space", where=world.path, expected="faces with an area", found="none")
     in_space, in_fabric = _named(lambda: scales(areas, unit, scale, material_scale), path)
     cloth = replace(cloth, positions=in_space * cloth.positions, material=in_fabric * cloth.material)
     sizes = f"fabric {_extent(cloth.material)}, in space {_extent(cloth.positions)}"

@@ -183,6 +183,10 @@ def test_motion_eases_in_and_out() -> None:
         (lambda m: Cloth(m, fabric(), damping=-1.0), "damping; expected zero or more"),
         (lambda m: Cloth(m, fabric(), gravity=(0.0, 0.0, math.nan)), "gravity; expected three finite"),
         (lambda m: Handle("bar", np.zeros(0, np.int64), np.zeros((0, 3))), "handle 'bar'; expected vertices"),
+        (
+            lambda m: Cloth(m, fabric(), (strip("bar", m, m.panel[:, 0] < 0),) * 2),
+            "handles; expected names that differ; found 'bar' twice",
+        ),
         (lambda m: Schedule(1.0, 0.0), "time_step; expected a positive number"),
         (lambda m: SolverOptions(tolerance=-1.0), "tolerance; expected between"),
         (

@@ -60,9 +60,22 @@ def test_a_polygon_in_space_is_seen_along_its_normal() -> None:
     assert polygon_areas(seen, np.array([0, 7]))[0] > 0
 
 
-def test_what_cannot_be_cut_is_refused_with_its_number() -> None:
-    whole = star(np.random.default_rng(6), 5)
-    for broken in ([[0, 0], [1, 1], [1, 0], [0, 1], [0.5, 2]], [[0, 0], [1, 1], [2, 2], [3, 3], [4, 4]]):
-        with pytest.raises(PolygonError) as caught:
-            triangulated(np.concatenate([whole, np.array(broken, float)]), np.array([0, 5, 10]))
-        assert caught.value.face == 1
+@pytest.mark.parametrize(
+    "broken",
+    [
+        [[0, 0], [1, 1], [1, 0], [0, 1], [0.5, 2]],
+        [[0, 0], [1, 1], [2, 2], [3, 3], [4, 4]],
+        [[0, 0], [1, 1], [1, 0], [0, 1]],
+        [[0, 0], [2, 1], [1, 0], [0, 1]],  # crosses itself, with an area left over
+        [[0, 0], [1, 0.1], [2, 0.2], [3, 0.3]],
+        [[0, 0], [1, 0.1], [2, 0.2]],
+        [[1, 1], [1, 1], [1, 1]],
+    ],
+)
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_what_cannot_be_cut_is_refused_with_its_number(broken: list[list[float]], size: float) -> None:
+    count = len(broken)
+    points = np.concatenate([star(np.random.default_rng(6), count), size * np.array(broken, float)])
+    with pytest.raises(PolygonError) as caught:
+        triangulated(points, np.array([0, count, 2 * count]))
+    assert caught.value.face == 1

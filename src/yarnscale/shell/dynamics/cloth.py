@@ -80,6 +80,10 @@ class Cloth:
             raise InputError("stiffness_damping", expected="zero or more [s]", found=self.stiffness_damping)
         if not (math.isfinite(self.air_drag) and self.air_drag >= 0):
             raise InputError("air_drag", expected="zero or more [kg/m³]", found=self.air_drag)
+        names = [handle.name for handle in self.handles]
+        twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
+        if twice is not None:
+            raise InputError("handles", expected="names that differ", found=f"'{twice:.40}' twice")
         if self.obstacles and self.contact is None:
             raise InputError("obstacles", expected="contact settings with them", found="none")
 

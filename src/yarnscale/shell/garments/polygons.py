@@ -35,9 +35,12 @@ def triangulated(coordinates: Floats, starts: Integers) -> tuple[Integers, Integ
         chosen = np.flatnonzero(sizes == size)
         corners = starts[chosen][:, None] + np.arange(size)
         if size == 3:
+            flat = np.flatnonzero(flatness(coordinates[corners]) <= FLAT)
+            if len(flat):
+                raise PolygonError(int(chosen[flat[0]]), expected="a triangle with an area", found="no area")
             local = np.broadcast_to(np.arange(3), (len(chosen), 1, 3))
         elif size == 4:
-            local = _quadrilaterals(coordinates[corners])
+            local = _quadrilaterals(coordinates[corners], chosen)
         else:
             local = np.stack(
                 [_ears(coordinates[row], int(face)) for row, face in zip(corners, chosen, strict=True)]
@@ -87,13 +90,24 @@ def flatness(triangles: Floats) -> Floats:
     return np.abs(areas_of(triangles)) / np.where(longest > 0, longest, 1.0)
 
 
+_WHOLE = "a polygon with an area that does not cross itself"
 _DIAGONALS = np.array([[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [1, 3, 0]]])
 
 
-def _quadrilaterals(points: Floats) -> Integers:
+def _quadrilaterals(points: Floats, faces: Integers) -> Integers:
     """Triangles (k, 2, 3) of quadrilaterals (k, 4, 2), by the first diagonal unless only the other lies inside."""
     both = points[:, _DIAGONALS]
-    signed = areas_of(both) * np.sign(areas_of(both).sum(axis=2, keepdims=True))
+    turning = areas_of(both).sum(axis=2, keepdims=True)
+    signed = areas_of(both) * np.sign(turning)
+    size = np.ptp(points, axis=1).max(axis=1)
+    # Both diagonals of one that crosses itself leave a triangle that turns the other way.
+    crosses = signed.min(axis=2).max(axis=1) < -FLAT * size**2
+    flat = np.abs(turning[:, 0, 0]) <= FLAT * size**2
+    if (flat | crosses).any():
+        first = int(np.argmax(flat | crosses))
+        raise PolygonError(
+            int(faces[first]), expected=_WHOLE, found="no area" if flat[first] else "4 corners"
+        )
     worst = np.where(signed > 0, flatness(both), -1.0).min(axis=2)
     return _DIAGONALS[np.where(worst[:, 0] > FLAT, 0, np.argmax(worst, axis=1))]
 
@@ -124,5 +138,5 @@ def _ears(points: Floats, face: int) -> Integers:
             break
     if best is None:
         found = "no area" if abs(turning) <= FLAT * size**2 else f"{count} corners"
-        raise PolygonError(face, expected="a polygon with an area that does not cross itself", found=found)
+        raise PolygonError(face, expected=_WHOLE, found=found)
     return best
