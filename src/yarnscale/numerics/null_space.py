@@ -105,7 +105,7 @@ def _across(unit: Array) -> tuple[Array, Array]:
     least = np.eye(3)[np.abs(unit).argmin(axis=1)]
     first = np.cross(unit, least)
     first /= np.linalg.norm(first, axis=1)[:, None]
-    return first, np.cross(unit, first)
+    return first, np.asarray(np.cross(unit, first), np.float64)
 
 
 @dataclass(eq=False)
