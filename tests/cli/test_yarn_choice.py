@@ -138,10 +138,10 @@ def test_a_run_knows_its_pattern_and_yarn(
     said = refused("detail", folder, "--pattern", fabric, "--samples", wool)
     assert "expected cotton (of the run)" in said and "found wool" in said
     for place in (folder, folder / "frames"):
-        outcome = run("detail", place, "--pattern", fabric, "--samples", own, "--json")
+        outcome = run("detail", place, "--pattern", fabric, "--samples", own, "--json", "--overwrite")
         assert outcome.status == 0
         assert json.loads(outcome.out)["material"] == "cotton"
-    taken = run("detail", folder, "--pattern", fabric, "--samples", wool, "--material", "wool")
+    taken = run("detail", folder, "--pattern", fabric, "--samples", wool, "--material", "wool", "--overwrite")
     assert taken.status == 0 and "wool (--material), instead of cotton that came with it" in taken.err
 
 
