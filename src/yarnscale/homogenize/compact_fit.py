@@ -12,7 +12,7 @@ from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from yarnscale.homogenize.compact_problem import (
     STRESS_FLOOR,
@@ -107,7 +107,7 @@ def _representative(x: Array, mirrored: bool, *, count: int = 200) -> tuple[Arra
         for image in images:
             distance = np.minimum(distance, np.linalg.norm(x - image[chosen[-1]], axis=1))
         chosen.append(int(np.argmax(distance)))
-    nearest = cKDTree(x).query(x, k=2)[0][:, 1]
+    nearest = KDTree(x).query(x, k=2)[0][:, 1]
     return x[chosen], float(max(distance.max(), np.percentile(nearest, 95)))
 
 

@@ -119,7 +119,7 @@ class Problem:
 
     def __init__(self, data: Samples, mirrored: bool, options: CompactOptions) -> None:
         self.data, self.options = data, options
-        known = np.isfinite(data.moduli).all(axis=(1, 2))
+        known = np.asarray(np.isfinite(data.moduli).all(axis=(1, 2)))
         moduli = np.where(known[:, None, None], data.moduli, np.eye(6))
         sizes, vectors = np.linalg.eigh(moduli)
         x, energies, stresses = data.x, data.energies, data.stresses

@@ -39,9 +39,14 @@ def springs_of(unknowns: Array, ramps: int, springs: int) -> tuple[Springs, floa
     """The network without walls, and its constant."""
     parts = np.split(unknowns, np.cumsum(sizes_of(ramps, springs))[:-1])
     shapes = shapes_of(ramps, springs, 0)
-    arrays = [part.reshape(tuple(shape)) for part, shape in zip(parts, shapes[:7], strict=False)]
-    arrays[5], arrays[6] = np.exp(arrays[5]), np.exp(arrays[6])
-    return Springs(*arrays, np.zeros((0, 6)), np.zeros(0), np.zeros(0)), float(parts[7][0])
+    first, offsets, directions, bends, thresholds, stiffnesses, background = (
+        part.reshape(tuple(shape)) for part, shape in zip(parts[:7], shapes[:7], strict=True)
+    )
+    network = Springs(
+        first, offsets, directions, bends, thresholds, np.exp(stiffnesses), np.exp(background),
+        np.zeros((0, 6)), np.zeros(0), np.zeros(0),
+    )  # fmt: skip
+    return network, float(parts[7][0])
 
 
 class Directional:

@@ -128,13 +128,13 @@ class CompactMaterial(ShellMaterial):
 
     def outside(self, strains: ArrayLike) -> Array:
         """How far states (..., 6) lie outside the sampled ones: 0 within, 1 another ``spacing`` away."""
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
         strains = np.asarray(strains, dtype=np.float64)
         places = self.samples / self.scale
         if self.mirrored:
             places = np.concatenate([places, places * MIRROR])
-        distance = cKDTree(places).query(strains.reshape(-1, 6) / self.scale)[0]
+        distance = KDTree(places).query(strains.reshape(-1, 6) / self.scale)[0]
         return np.maximum(distance / self.spacing - 1.0, 0.0).reshape(strains.shape[:-1])
 
 
@@ -230,4 +230,4 @@ def _kernels(ramps: int, springs: int, walls: int, mirrored: bool) -> MaterialKe
     def energy(forms: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         return compact_energy(strains_of_forms(forms), numbers, shapes, mirrored=mirrored)
 
-    return compile_material(energy, count, f"compact_{ramps}_{springs}", by_strain=True, shared=True)
+    return compile_material(energy, count, f"compact_{ramps}_{springs}", shared=True)

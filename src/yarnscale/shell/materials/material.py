@@ -44,17 +44,16 @@ def compile_material(
     parameter_count: int,
     name: str,
     *,
-    by_strain: bool = False,
     shared: bool = False,
 ) -> MaterialKernels:
     """Kernels of an energy density given as a symbolic function of forms (6) and parameters.
 
-    by_strain: the function returns ψ with its gradient (6) and second derivative (6, 6) by the strains.
+    Where the function returns a tuple, it is ψ with its gradient (6) and second derivative (6, 6) by the strains.
     shared: all elements have the same parameters.
     """
     forms, parameters = ca.SX.sym("forms", 6), ca.SX.sym("parameters", parameter_count)
     found = energy(forms, parameters)
-    if by_strain:
+    if isinstance(found, tuple):
         density, gradient, hessian = _by_form(forms, *found)
     else:
         density = found
