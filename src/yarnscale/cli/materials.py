@@ -26,6 +26,7 @@ from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.observations import FitOptions
 from yarnscale.homogenize.plan import StrainRange
+from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.shell.materials.compact import CompactMaterial
@@ -106,6 +107,9 @@ def homogenize(options: argparse.Namespace) -> int:
             "cannot resume: another pattern", where=kept, expected=drawn.name, found=read_pattern(kept).name
         )
     reach_dask(options)
+    if options.form == "compact":  # refuses impossible loads before anything is written
+        plan = {name: settings[name] for name in ("solves", "limit") if name in settings}
+        load_rays(PeriodicCell(drawn, yarn.materials), **plan)  # type: ignore[arg-type]
     yarn.say()
     with results as folder:
         if not begun:

@@ -119,7 +119,7 @@ def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int =
     if len(strains) > _CANDIDATES:
         strains = strains[np.random.default_rng(0).choice(len(strains), _CANDIDATES, replace=False)]
     places = strains / scale
-    distance, nearest = KDTree(known).query(places)
+    distance, nearest = (np.asarray(found) for found in KDTree(known).query(places))
     rays: list[Ray] = []
     while len(rays) < count and len(places) and distance.max() > NEAR:
         farthest = int(np.argmax(distance))

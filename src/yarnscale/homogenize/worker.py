@@ -138,7 +138,7 @@ def climb(
     before = None
     if start is not None:
         there = Response(start.strain.vector, start.energy, start.stress, state=start)
-        before = LoadedState(there, start.moduli, 0.0, True, Status.CONVERGED, 0)
+        before = LoadedState(there, start.moduli, 0.0, Status.CONVERGED, 0)
     outcome = equilibrium_under(
         CellFabric(cell), loads, held=held, start=before, tolerance=LEVEL_TOLERANCE, floor=LEVEL_FLOOR,
         radius=LEVEL_STEP, max_iterations=iterates, visit=keep,
