@@ -247,3 +247,71 @@ def test_faults_of_stretch_tables_are_told(tmp_path, entry, word):
     with pytest.raises(InputError, match=r"fabric\.toml") as caught:
         fabric_of(tmp_path, f"[[stretch]]\n{entry}\n", name="fabric.toml")
     assert word in str(caught.value)
+
+
+def cut(*pieces, notes, header="Extension (mm),Load (N)\n", time: bool = False) -> str:
+    """A log of pieces of stretch, a line of text before each."""
+    text, clock = header, 0.0
+    for note, piece in zip(notes, pieces, strict=True):
+        text += note
+        for s in piece:
+            clock += 0.1
+            text += (f"{clock:.1f}," if time else "") + f"{100 * s:.4f},{force_of(s):.4f}\n"
+    return text
+
+
+@pytest.mark.parametrize(
+    "note", ["Break detected\n", "Sample slipped 2 mm\n", "Event,paused\n", "broke in a wale\n"]
+)
+@pytest.mark.parametrize("at", [2, 40, 79])
+@pytest.mark.parametrize("time", [False, True])
+def test_a_note_within_a_pull_begins_no_swatch(tmp_path, note, at, time):
+    header = ("Time (s)," if time else "") + "Extension (mm),Load (N)\n"
+    text = cut(STRETCH[:at], STRETCH[at:], notes=["", note], header=header, time=time)
+    fabric = fabric_of(tmp_path, text)
+    check(fabric)
+    line = at + 2
+    assert any(f"line {line}" in remark and "swatch above" in remark for remark in fabric.notes)
+    whole = fabric_of(tmp_path, text.replace(note, ""))
+    np.testing.assert_array_equal(fabric.stretch[0].runs[0].force, whole.stretch[0].runs[0].force)
+
+
+@pytest.mark.parametrize("again", ["", "Extension (mm),Load (N)\n"])
+def test_cycles_with_titles_are_one_swatch(tmp_path, again):
+    up, softer = STRETCH, 0.02 + 0.95 * STRETCH
+    text = cut(
+        [*up, *up[::-1]], [*up[:5], *softer[5:], *up[::-1]],
+        notes=["Specimen 1\nCycle 1\n", "Cycle 2\n" + again],
+    )  # fmt: skip
+    text = again + text.removeprefix("Extension (mm),Load (N)\n") if again else text
+    for cycle, said in (("first", "the first is used"), ("last", "the second is used")):
+        settings = LogSettings(swatch_width=0.05, swatch_length=0.1, cycle=cycle)
+        fabric = fabric_of(tmp_path, text, settings=settings)
+        assert len(fabric.stretch[0].runs) == 1
+        assert any(said in note for note in fabric.notes)
+
+
+@pytest.mark.parametrize(
+    "titles", [("Specimen 1", "Specimen 2"), ("A1", "A2"), ("one", "other"), ("Probe A", "Probe B")]
+)
+def test_specimens_below_titles_alone_are_swatches(tmp_path, titles):
+    check(fabric_of(tmp_path, cut(STRETCH, STRETCH, notes=[f"{title}\n" for title in titles])), runs=2)
+
+
+def test_directions_below_titles_alone_are_swatches(tmp_path):
+    both = [*STRETCH, *STRETCH[::-1]]
+    fabric = fabric_of(tmp_path, cut(both, both, notes=["weft\n", "warp\n"]), name="log.csv")
+    assert [test.direction for test in fabric.stretch] == [Direction.WEFT, Direction.WARP]
+
+
+def test_a_time_that_goes_on_keeps_a_swatch_together(tmp_path):
+    header = "Time (s),Extension (mm),Load (N)\n"
+    text = cut(STRETCH, STRETCH, notes=["", "second pull\n"], header=header, time=True)
+    check(fabric_of(tmp_path, text))
+
+
+def test_rows_of_results_are_remarked_on(tmp_path):
+    text = GOOD + "Results\nSpecimen,Max load (N)\n1,12.5\n"
+    fabric = fabric_of(tmp_path, text)
+    check(fabric)
+    assert any("row 85" in note and "not read" in note and "Max load" in note for note in fabric.notes)

@@ -228,3 +228,33 @@ def test_tracked_pins_whose_stress_contradicts_force_and_width_are_refused(tmp_p
         )
     with pytest.raises(InputError, match="X or Y"):
         read_measurements(table(tmp_path, [row.replace("Wool X", "Wool") for row in rows], header))
+
+
+@pytest.mark.parametrize("between", ["then the weft\n", BEND.splitlines()[0] + "\n"])
+def test_all_tables_of_a_bend_file_are_read(tmp_path, between):
+    (tmp_path / "fabric.toml").write_text(FABRIC)
+    table(tmp_path, ROWS)
+    weft = "".join(line + "\n" for line in BEND.replace("warp", "weft").splitlines()[1:3])
+    (tmp_path / "bend.csv").write_text(BEND + between + weft)
+    fabric = read_measurements(tmp_path / "fabric.toml")
+    assert [test.direction.value for test in fabric.bend] == ["weft", "warp"]
+    np.testing.assert_allclose(fabric.bend[0].ratio, [2.5, 1.2])
+
+
+def test_specimens_side_by_side_in_a_bend_file_and_unknown_columns(tmp_path):
+    (tmp_path / "fabric.toml").write_text(FABRIC)
+    table(tmp_path, ROWS)
+    lines = [f"{line},{'Humidity' if not k else 65}" for k, line in enumerate(BEND.splitlines()[:3])]
+    sides = [f"{line},{line.replace('warp', 'weft')}" for line in lines]
+    (tmp_path / "bend.csv").write_text("\n".join(sides) + "\n")
+    fabric = read_measurements(tmp_path / "fabric.toml")
+    assert [test.direction.value for test in fabric.bend] == ["weft", "warp"]
+    assert any("bend.csv" in note and "Humidity" in note for note in fabric.notes)
+
+
+def test_bend_tables_with_other_sizes_are_refused(tmp_path):
+    (tmp_path / "fabric.toml").write_text(FABRIC)
+    table(tmp_path, ROWS)
+    (tmp_path / "bend.csv").write_text(BEND + BEND.replace("10,6", "12,6"))
+    with pytest.raises(InputError, match=r"bend\.csv:7: column 'swatch_length_cm'"):
+        read_measurements(tmp_path / "fabric.toml")

@@ -61,7 +61,8 @@ def _from_toml(path: Path, sample: str | None, single_run: bool, settings: LogSe
         readings = read_logs(logs, fabric=fabric, single_run=single_run)
         tests, notes = readings.tests, readings.notes
     if "bend" in table:
-        bend = read_bend(path.parent / table["bend"], fabric=fabric)
+        bend, remarks = read_bend(path.parent / table["bend"], fabric=fabric)
+        notes = tuple(dict.fromkeys((*notes, *remarks)))
     try:
         return SwatchMeasurements(
             table.get("name", path.stem), tests, bend, tuple(_yarn(entry) for entry in table.get("yarn", ())),

@@ -81,43 +81,51 @@ def read_logs(
     return StretchReadings(name, tuple(tests), tuple(dict.fromkeys(notes)))
 
 
-def read_bend(path: str | os.PathLike[str], *, fabric: str | None = None) -> tuple[BendTest, ...]:
-    """Pear-loop tests of one fabric, chosen as in ``read_logs``; runs are averaged at equal distance."""
-    table = read_tables(
+def read_bend(
+    path: str | os.PathLike[str], *, fabric: str | None = None
+) -> tuple[tuple[BendTest, ...], tuple[str, ...]]:
+    """Pear-loop tests of one fabric, chosen as in ``read_logs``, and remarks; runs are averaged at equal distance."""
+    tables = read_tables(
         path, read_source(path, other_encodings=True), needed=("loop_ratio", "clamp_distance")
-    )[0]
+    )
     quantities = ("clamp_distance", "swatch_length", "swatch_width", "direction", "loop_ratio", "run")
-    columns = {name: column for name in quantities if (column := table.find(name)) is not None}
-    if (sample := table.find("fabric", needed=False)) is not None:
-        columns["fabric"] = sample
-    one_unit(table, columns)
-    swatches = swatches_of(table, columns, LogSettings(), 1)
-    name = chosen_fabric({swatch.fabric for swatch in swatches}, fabric, table.path)
+    swatches: list[Swatch] = []
+    for number, table in enumerate(tables, 1):
+        columns = {name: column for name in quantities if (column := table.find(name)) is not None}
+        if (sample := table.find("fabric", needed=False)) is not None:
+            columns["fabric"] = sample
+        one_unit(table, columns)
+        swatches += swatches_of(table, columns, LogSettings(), number)
+    name = chosen_fabric({swatch.fabric for swatch in swatches}, fabric, tables[0].path)
     tests = []
     for direction in Direction:
-        rows = [
-            row
-            for swatch in swatches
-            if swatch.fabric == name and swatch.direction is direction
-            for row in swatch.rows
-        ]
-        if rows:
-            tests.append(_bend_test(table, columns, direction, rows))
-    return tuple(tests)
+        chosen = [swatch for swatch in swatches if swatch.fabric == name and swatch.direction is direction]
+        if chosen:
+            tests.append(_bend_test(direction, chosen))
+    return tuple(tests), tuple(_unread(tables))
 
 
-def _bend_test(
-    table: MeasuredTable, columns: dict[str, Column], direction: Direction, rows: list[Row]
-) -> BendTest:
-    length = constant(table, columns["swatch_length"], rows)
-    width = constant(table, columns["swatch_width"], rows)
-    distance = table.numbers(columns["clamp_distance"], rows, positive=True)
-    ratio = table.numbers(columns["loop_ratio"], rows, positive=True)
+def _bend_test(direction: Direction, swatches: Sequence[Swatch]) -> BendTest:
+    length, width = (_one_size(swatches, name) for name in ("swatch_length", "swatch_width"))
+    distance, ratio = (
+        np.concatenate([s.table.numbers(s.columns[name], s.rows, positive=True) for s in swatches])
+        for name in ("clamp_distance", "loop_ratio")
+    )
     levels, place = np.unique(distance.round(7), return_inverse=True)
     groups = [ratio[place == k] for k in range(len(levels))]
     spread = [float(group.std(ddof=1)) if len(group) > 1 else 0.0 for group in groups]
     mean = np.array([group.mean() for group in groups])
     return BendTest(direction, length, width, levels, mean, np.array(spread))
+
+
+def _one_size(swatches: Sequence[Swatch], quantity: str) -> float:
+    """The length or width that all swatches of a pear-loop test share [m]."""
+    sizes = [constant(swatch.table, swatch.columns[quantity], swatch.rows) for swatch in swatches]
+    for swatch, size in zip(swatches, sizes, strict=True):
+        if abs(size - sizes[0]) > 1e-6 * sizes[0]:
+            expected = f"one size of a swatch, {sizes[0]:g} m"
+            raise swatch.table.fault(swatch.rows[0][0], swatch.columns[quantity], expected, f"{size:g} m")
+    return sizes[0]
 
 
 def _stretch_columns(table: MeasuredTable, settings: LogSettings) -> dict[str, Column]:
@@ -301,9 +309,12 @@ def _refuse_shrinking(
 
 
 def _unread(tables: Sequence[MeasuredTable]) -> list[str]:
-    """Columns that nothing is known of."""
+    """Columns that nothing is known of, and lines that are no readings."""
+    file = Path(tables[0].path).name
     names = dict.fromkeys(name.text for table in tables for name in table.names if name.quantity is None)
-    return [f"{Path(tables[0].path).name}: columns not read: {', '.join(names)}"] if names else []
+    notes = [f"columns not read: {', '.join(names)}"] if names else []
+    notes += dict.fromkeys(remark for table in tables for remark in table.remarks)
+    return [f"{file}: {note}" for note in notes]
 
 
 def _remarks(test: StretchTest) -> list[str]:

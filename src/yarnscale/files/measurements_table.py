@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.files.measurements_blocks import CYCLE_OR_DATE, Block, joined
 from yarnscale.files.measurements_names import KINDS, USUAL_UNITS, ColumnName, column_name, factor, is_unit
 
 Array = NDArray[np.float64]
@@ -54,7 +55,8 @@ class MeasuredTable:
 
     names: what the columns hold; header: line of the names. rows: line in the file and cells. decimal: mark of
     decimals. text: all that stands above since the last table; title, above: its last line, and the cells of that.
-    settings: quantity → value in SI, as lines of text above give it.
+    settings: quantity → value in SI, as lines of text above give it. lines: lines of text above since the last table.
+    remarks: lines of the file that are not read.
     """
 
     path: str
@@ -66,6 +68,8 @@ class MeasuredTable:
     above: tuple[str, ...] = ()
     text: str = ""
     settings: tuple[tuple[str, float], ...] = ()
+    lines: tuple[Row, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def find(self, quantity: str, *, needed: bool = True) -> Column | None:
         """The column of a quantity with its unit; InputError where it stands twice, lacks a unit or is missed."""
@@ -237,6 +241,7 @@ class _Reader:
             MeasuredTable(
                 self.path, line, names, title=" ".join(filter(None, above)), above=above,
                 text=" ".join(cell for _, cells in self.text for cell in cells), settings=tuple(self.settings.items()),
+                lines=tuple(self.text),
             )
         )  # fmt: skip
         self.rows.append([])
@@ -278,11 +283,11 @@ class _Reader:
 
     def tables(self, separator: str) -> tuple[MeasuredTable, ...]:
         """What was found. Raises InputError where that is nothing."""
-        tables = []
-        for table, rows in zip(self.found, self.rows, strict=True):
-            # A few numbers below a line of text, without names of their own, are results and no readings.
-            if rows and not (tables and tables[-1].header == table.header and len(rows) < 3):
-                tables.append(replace(table, rows=tuple(rows)))
+        tables = [
+            replace(table, rows=tuple(rows))
+            for table, rows in zip(self.found, self.rows, strict=True)
+            if rows
+        ]
         if not self.found and self.first is not None:
             line, cells = self.first
             names = ", ".join(cells)
@@ -295,8 +300,37 @@ class _Reader:
             raise InputError(
                 "readings", where=self.path, expected="a line of column names and rows", found="none"
             )
-        mark = _decimal_mark(tables, self.needed, separator)
-        return tuple(replace(single, decimal=mark) for table in tables for single in _side_by_side(table))
+        # A few numbers below a line of text, without names of their own, may be results in another form.
+        long = [
+            table
+            for k, table in enumerate(tables)
+            if not k or len(table.rows) > 2 or table.header != tables[k - 1].header
+        ]
+        mark = _decimal_mark(long, self.needed, separator)
+        tables = [replace(table, decimal=mark) for table in tables]
+        tables = joined(tables, [_block(table) for table in tables]) if len(tables) > 1 else tables
+        return tuple(single for table in tables for single in _side_by_side(table))
+
+
+def _block(table: MeasuredTable) -> Block:
+    """The readings of a table, or of its first specimen side by side, as numbers; nan where a cell holds none."""
+
+    def numbers(*quantities: str) -> Array:
+        places = (k for k, name in enumerate(table.names) if name.quantity in quantities)
+        place = next((k for k in places if not CYCLE_OR_DATE.match(table.names[k].text)), None)
+        return np.array([np.nan if place is None else table._number(cells[place]) for _, cells in table.rows])
+
+    count = numbers("ignored")
+    cells = table.lines[-1][1] if table.lines else ()
+    other = len(cells) == len(table.names) and not any(
+        not c or _looks_like_number(c) or is_unit(c) for c in cells
+    )
+    return Block(
+        table.lines[-1][0] if table.lines else table.header,
+        tuple(" ".join(filter(None, cells)) for _, cells in table.lines),
+        numbers("clamp_distance", "extension"), numbers("force", "loop_ratio"),
+        count if np.isfinite(count).all() else None, other,
+    )  # fmt: skip
 
 
 def _side_by_side(table: MeasuredTable) -> list[MeasuredTable]:
