@@ -120,7 +120,10 @@ def test_another_scene_is_not_resumed(tmp_path: Path, capsys) -> None:
     out = tmp_path / "run"
     assert main(["simulate", str(short), "--out", str(out), "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
+    assert main(["convert", str(out), "--to", "gltf", "--out", str(out / "later.glb"), "--json"]) == 0
+    capsys.readouterr()
     assert main(["simulate", str(short), "--out", str(out), "--resume", "--json"]) == 0
+    assert (out / "later.glb").exists(), "nothing was added to the run"
     again = json.loads(capsys.readouterr().out)
     assert again["steps"] == first["steps"] and again["newton_iterations"] == first["newton_iterations"]
     written(short.parent, 0.05, stretch=61.0)
@@ -133,9 +136,13 @@ def test_another_scene_is_not_resumed(tmp_path: Path, capsys) -> None:
     assert sorted((out / "frames").iterdir()) == frames
 
 
-def test_a_run_owns_its_folder(tmp_path: Path) -> None:
+def test_a_run_owns_its_folder(tmp_path: Path, capsys) -> None:
     """A shorter run over a longer one leaves no frame, export or sequence of that, and all of the user's files."""
     scene, out = written(tmp_path / "scene", 0.08), tmp_path / "run"
+    (scene.parent / "index.html").write_text("mine")
+    assert main(["simulate", str(scene), "--out", str(scene.parent)]) == 2
+    assert "index.html: output exists; expected a new folder, or --overwrite" in capsys.readouterr().err
+    assert (scene.parent / "index.html").read_text() == "mine" and not (scene.parent / "frames").exists()
     exports = ["--format", "obj", "--format", "gltf", "--format", "vtk"]
     assert main(["simulate", str(scene), "--out", str(out), *exports]) == 0
     assert main(["convert", str(out), "--to", "gltf", "--out", str(out / "later.glb")]) == 0

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from yarnscale.cli.convert import made_by
 from yarnscale.errors import InputError
 from yarnscale.files.run_folder import RECORD, RunFolder, note_result
 
@@ -54,6 +55,61 @@ def test_a_resumed_run_keeps_its_frames_and_drops_stale_exports(tmp_path: Path) 
     # The record still lists all: the next run removes them.
     run(folder, 1, overwrite=True)
     assert names(folder) == {"frames/frame_0000.npz"}
+
+
+def test_a_resumed_run_that_adds_nothing_keeps_exports(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    run(folder, 2, others=("cloth.glb",))
+    note_result(written(folder / "film.mp4"), folder)
+    before = names(folder)
+    with RunFolder(folder, "cloth", MAKES, resume=True, goes_on_from=("frames/frame_*.npz",)) as path:
+        written(path / "frames/frame_0001.npz")
+    assert names(folder) == before
+
+
+def test_files_that_no_run_made_are_refused_and_named(tmp_path: Path) -> None:
+    """A run in a folder of the user's own: files of the names it makes go with --overwrite only."""
+    valued = ("frames/frame_*.npz",)
+    mine = written(tmp_path / "last.png")
+    for options in ({}, {"resume": True}):
+        with pytest.raises(InputError, match=r"last.png: output exists; expected .*--overwrite"):
+            RunFolder(tmp_path, "cloth", MAKES, valued=valued, goes_on_from=valued, **options)  # type: ignore[arg-type]
+    assert {p.name for p in tmp_path.iterdir()} == {mine.name}
+    # What a run did not list is no more its own: here a format that the first run was not asked for.
+    mine.unlink()
+    run(tmp_path, 1)
+    written(tmp_path / "cloth.glb")
+    with pytest.raises(InputError, match=r"cloth.glb: output exists"):
+        run(tmp_path, 1, others=("cloth.glb",), resume=True)
+    run(tmp_path, 1, others=("cloth.glb",), overwrite=True)
+    run(tmp_path, 1, overwrite=True)
+    assert names(tmp_path) == {"frames/frame_0000.npz"}
+
+
+def test_a_run_that_began_before_another_ended_does_not_remove_that(tmp_path: Path) -> None:
+    late = RunFolder(tmp_path, "test", ("tests.json",))
+    with RunFolder(tmp_path, "test", ("tests.json",)) as folder:
+        written(folder / "tests.json")
+    with pytest.raises(InputError, match=r"tests.json: output exists"), late:
+        pytest.fail("the second run began")
+    assert names(tmp_path) == {"tests.json"}
+
+
+def test_names_of_the_user_are_taken_as_they_are(tmp_path: Path) -> None:
+    run(tmp_path, 1)
+    for name in ("film[1].mp4", "all*.mp4"):
+        note_result(written(tmp_path / name), tmp_path)
+    (tmp_path / "yarns?").mkdir()
+    note_result(tmp_path / "yarns?", tmp_path)
+    for name in ("a[1].pvd", "a[1]/cloth_0001.vtp"):
+        written(tmp_path / name)
+    note_result(tmp_path, tmp_path, made_by("vtk", "a[1].pvd"))
+    mine = {"film1.mp4", "all of mine.mp4", "yarns2/mine.txt", "a1.pvd", "a1/cloth_0001.vtp"}
+    for name in mine:
+        written(tmp_path / name)
+    run(tmp_path, 1, overwrite=True)
+    assert names(tmp_path) == mine | {"frames/frame_0000.npz"}
+    assert not (tmp_path / "yarns?").exists() and not (tmp_path / "a[1]").exists()
 
 
 def test_what_is_made_of_a_run_goes_with_it_and_nothing_else(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import glob
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -48,8 +49,7 @@ def convert(options: argparse.Namespace) -> int:
     kind, out = options.to, options.out
     if kind in _FILES:
         writable_file(out, *_FILES[kind])
-        for name in made_by(kind, out.name):
-            note_result(out.parent / name, options.frames)
+        note_result(out.parent, options.frames, made_by(kind, out.name))
         write(animation, kind, out, options)
     else:
         makes = [Path(name).name for name in made_by(kind, "")]
@@ -72,7 +72,8 @@ def convert(options: argparse.Namespace) -> int:
 
 
 def made_by(kind: str, name: str) -> list[str]:
-    """Names of the files that a conversion writes as ``name``, beside and below it."""
+    """Names, with ``*``, of the files that a conversion writes as ``name``, beside and below it."""
+    name = glob.escape(name)
     if kind == "vtk":
         return [name, *(f"{Path(name).stem}/{part}_*.vtp" for part in ("cloth", "bodies", "yarns"))]
     return [name] if kind in _FILES else [f"{name}/frame_*.{kind}"]

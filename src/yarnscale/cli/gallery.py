@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import glob
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, print_json
@@ -18,7 +19,7 @@ def gallery(options: argparse.Namespace) -> int:
     require_renderer()
     line = ProgressLine("gallery")
     drawn = (*library.names(), *(Path(name).stem for name in names or ()))
-    makes = ["index.html", *(f"{name}-[0-9].png" for name in drawn)]
+    makes = ["index.html", *(f"{glob.escape(name)}-[0-9].png" for name in drawn)]
     with RunFolder(options.out, "gallery", makes, overwrite=options.overwrite) as folder:
         exhibits = write_gallery(
             folder, names=names, at_rest=not options.as_drawn,

@@ -6,6 +6,7 @@ slash at the end. It is written before the first result, so that it holds for ru
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import shutil
@@ -25,9 +26,10 @@ class RunFolder:
     makes: what the run will write, as names relative to the folder. goes_on_from: those that a resumed run needs.
     valued: those that only ``overwrite`` or ``resume`` may touch, by default all.
     When it is made, nothing is changed; InputError where the folder holds valued results and neither ``overwrite`` nor
-    ``resume`` is asked for, or results of another command. On entry the folder is created, and results of an earlier
-    run are removed, of a resumed one at the end and only those that it neither wrote nor needed. Whatever else lies in
-    the folder stays.
+    ``resume`` is asked for, results of another command, or, without ``overwrite``, files of these names that no record
+    lists. On entry all this is tested again, the folder is created, and results of an earlier run are removed; of a
+    resumed one at the end, if it added to what it went on from, and only those that it neither wrote nor needed.
+    Whatever else lies in the folder stays.
     """
 
     def __init__(
@@ -42,43 +44,69 @@ class RunFolder:
         valued: Sequence[str] | None = None,
     ) -> None:
         self.path, self._command, self._makes, self._needs = path, command, makes, goes_on_from
-        check_place(path)
-        self._made = _made(path, command)
-        there = [*_matching(path, [*self._made, *makes] if valued is None else valued)]
-        if there and not (overwrite or resume):
-            expected = "a new folder, or --overwrite" + (" or --resume" if goes_on_from else "")
-            raise InputError("output exists", where=there[0], expected=expected)
-        self._resumed = resume and any(True for _ in _matching(path, goes_on_from))
+        self._overwrite, self._resume, self._valued = overwrite, resume, valued
         self._old: dict[Path, int] = {}
+        self._began_with: set[Path] = set()
+        self._check()
 
     def __enter__(self) -> Path:
+        made = self._check()
         writable_folder(self.path)
-        there = [*_matching(self.path, [*self._made, *self._makes])]
-        if self._resumed:
-            needed = {*_matching(self.path, self._needs)}
+        there = [*_matching(self.path, [*made, *self._makes])]
+        needed = {*_matching(self.path, self._needs)}
+        resumed = self._resume and bool(needed)
+        if resumed:
             self._old = {path: path.stat().st_mtime_ns for path in there if path not in needed}
+            self._began_with = self._gone_on_from()
         else:
             _remove(self.path, there)
-        _write(self.path, self._command, [*self._made, *self._makes] if self._resumed else self._makes)
+        _write(self.path, self._command, [*made, *self._makes] if resumed else self._makes)
         return self.path
 
+    def _check(self) -> list[str]:
+        """What the record lists; InputError where the run must not begin."""
+        check_place(self.path)
+        made = _made(self.path, self._command)
+        if self._overwrite:
+            return made
+        valued = [*made, *self._makes] if self._valued is None else self._valued
+        there = next(_matching(self.path, valued), None)
+        if there is not None and not self._resume:
+            expected = "a new folder, or --overwrite" + (" or --resume" if self._needs else "")
+            raise InputError("output exists", where=there, expected=expected)
+        known = {*_matching(self.path, made)}
+        if self._resume:
+            known |= {*_matching(self.path, self._needs)}
+        for path in _matching(self.path, self._makes):
+            if not known & {path, *path.parents}:
+                expected, found = "a new folder, or --overwrite, which removes it", "not of an earlier run"
+                raise InputError("output exists", where=path, expected=expected, found=found)
+        return made
+
+    def _gone_on_from(self) -> set[Path]:
+        """All files that a resumed run goes on from."""
+        places = [*_matching(self.path, self._needs)]
+        return {*places, *(path for place in places if place.is_dir() for path in place.rglob("*"))}
+
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
+        if kind is None and self._old and self._gone_on_from() - self._began_with:
             left = [path for path in self._old if path.exists()]
             _remove(self.path, [path for path in left if path.stat().st_mtime_ns == self._old[path]])
 
 
-def note_result(path: Path, source: Path) -> None:
+def note_result(path: Path, source: Path, names: Sequence[str] = ()) -> None:
     """Add what is made of a run to the record of that run, where it lies in the run's folder: both go together.
 
-    path: a file, files (``*`` in the name) or a folder; source: the run's folder, or that of its frames within.
+    path: a file or a folder; with ``names``, which may have ``*``, the folder of these. source: the run's folder, or
+    that of its frames within.
     """
     path, source = path.absolute(), source.absolute()
     for folder in (source, source.parent):
-        if (folder / RECORD).is_file() and folder in path.parents:
+        if (folder / RECORD).is_file() and folder in (path / "any" if names else path).parents:
             command, made = _read(folder)
-            name = path.relative_to(folder).as_posix() + ("/" if path.is_dir() else "")
-            _write(folder, command, [*made, name])
+            place = PurePosixPath(glob.escape(path.relative_to(folder).as_posix()))
+            found = [str(place / name) for name in names] or [f"{place}/" if path.is_dir() else str(place)]
+            _write(folder, command, [*made, *found])
             return
 
 
