@@ -9,7 +9,15 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.kinematics import line_stretch
-from yarnscale.numerics.loads import FLAT, Held, Loads, Response, equilibrium_under, path_under
+from yarnscale.numerics.loads import (
+    FLAT,
+    Held,
+    LoadedState,
+    Loads,
+    Response,
+    equilibrium_under,
+    path_under,
+)
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.materials.homogeneous import MaterialFabric
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
@@ -127,3 +135,25 @@ def test_names_and_numbers_are_checked() -> None:
         Held.components(II21=1.0)
     with pytest.raises(InputError, match="finite"):
         Loads.tension(float("nan"), 1.0)
+
+
+def test_a_start_without_moduli_is_gone_on_from():
+    @dataclass(frozen=True, eq=False)
+    class Remembering:
+        """A quadratic energy that has moduli for its own responses only."""
+
+        strain_scale = SCALE
+
+        def response(self, strain, start=None):
+            own = np.array(strain, float)
+            return Response(own, 0.5 * float(own @ (own / SCALE**2)), own / SCALE**2, state="own")
+
+        def moduli(self, response):
+            assert response.state == "own"
+            return np.diag(1 / SCALE**2)
+
+    there = Response(np.zeros(6), 0.0, np.zeros(6), state="of another process")
+    start = LoadedState(there, np.full((6, 6), np.nan), 0.0, Status.CONVERGED, 0)
+    found = equilibrium_under(Remembering(), Loads.components(s_x=0.1), start=start)
+    assert found.converged
+    assert found.strain[0] == pytest.approx(0.1 * SCALE[0] ** 2, rel=1e-3)

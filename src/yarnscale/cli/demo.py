@@ -75,7 +75,7 @@ def _demo(folder: Path, began: float) -> tuple[dict[str, object], bool]:
             "cloth vertices": measures["vertices"],
         },
     )
-    all_converged &= outcome.summary.states == outcome.summary.converged
+    all_converged &= outcome.summary.states == outcome.summary.converged and not outcome.summary.pending
     good = all_converged and all(result.succeeded for result in results)
     return {"page": str(folder / "index.html"), "seconds": seconds, **measures}, good
 

@@ -120,21 +120,25 @@ def homogenize(options: argparse.Namespace) -> int:
         outcome = homogenize_into(
             cell, folder, workers=worker_count(options), resume=options.resume, dask=options.dask, **settings
         )  # fmt: skip
-    failed = outcome.summary.states - outcome.summary.converged
+    summary = outcome.summary
+    failed = summary.states - summary.converged + summary.pending
     if options.json:
         errors = outcome.errors
         print_json(
             {
-                **yarn.summary, "states": outcome.summary.states, "converged": outcome.summary.converged,
-                "seconds": outcome.summary.seconds, "density": outcome.material.density,
+                **yarn.summary, "states": summary.states, "converged": summary.converged,
+                "pending": summary.pending, "rays_ended_early": summary.ended,
+                "seconds": summary.seconds, "density": outcome.material.density,
                 "stress_error_median": errors.median, "stress_error_95": errors.high,
                 "material_file": str(folder / "material.json"),
             }
         )  # fmt: skip
         return 1 if failed else 0
-    print(
-        f"{folder / 'material.json'}: {outcome.summary.converged} of {outcome.summary.states} states converged"
-    )
+    print(f"{folder / 'material.json'}: {summary.converged} of {summary.states} states converged")
+    if summary.ended:
+        print(f"  {summary.ended} rays of loads ended early, where the fabric gives way or rolls up")
+    if summary.pending:
+        print(f"  {summary.pending} levels of load are left, since their workers died; --resume goes on")
     print(f"{folder / 'index.html'}: pictures and numbers")
     return 1 if failed else 0
 

@@ -87,6 +87,8 @@ def sample_loads(
         sum(s.seconds for s in spent),
         spent[-1].workers,
         max(s.peak_worker_megabytes for s in spent),
+        sum(s.pending for s in spent),
+        sum(s.ended for s in spent),
     )
     return LoadSamples(states["samples"], states["unseen"], stores["samples"], summary)
 

@@ -49,13 +49,19 @@ class Progress:
 
 @dataclass(frozen=True)
 class SampleSummary:
-    """What a run did: states in the store, converged ones, wall seconds, workers, largest worker memory [MB]."""
+    """What a run did: states in the store, converged ones, wall seconds, workers, largest worker memory [MB].
+
+    pending: states or levels of load left since their workers died. ended: rays of loads that ended early, where the
+    fabric gives way or rolls up; of strains none.
+    """
 
     states: int
     converged: int
     seconds: float
     workers: int
     peak_worker_megabytes: float
+    pending: int = 0
+    ended: int = 0
 
 
 def provenance(cell: PeriodicCell, tiles: tuple[int, int] = (1, 1)) -> dict[str, object]:
@@ -343,4 +349,7 @@ def sample(
             while whole and run.running:
                 whole = run.collect(executor) and run.submit(executor, room + 1)
     seconds = time.perf_counter() - run.began
-    return SampleSummary(run.work.solved, run.work.converged, seconds, workers, run.peak)
+    work = run.work
+    return SampleSummary(
+        work.solved, work.converged, seconds, workers, run.peak, len(work.pending()), work.ended
+    )

@@ -70,6 +70,8 @@ class GridUnits:
         """Converged states."""
         return int((self.status == _CONVERGED).sum())
 
+    ended = 0
+
 
 class RayUnits:
     """Levels of rays; each starts from the level before, the first one from rest, the first ray, or another state.
@@ -191,3 +193,9 @@ class RayUnits:
     def converged(self) -> int:
         """Converged states."""
         return int((self.status == _CONVERGED).sum())
+
+    @property
+    def ended(self) -> int:
+        """Rays that ended before their last level, where the fabric gives way or is rolled up."""
+        rays = self.status.reshape(len(self.rays), -1)
+        return int((rays == _STALLED).any(axis=1).sum())

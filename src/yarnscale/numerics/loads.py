@@ -259,7 +259,7 @@ class _LoadedNewton:
         here = self._ask(np.zeros(6), None) if start is None else start.response
         if not here.usable:
             return self._outcome(here, Status.INVALID)
-        moduli = self._moduli(here) if start is None or np.isnan(start.moduli).any() else start.moduli
+        moduli = self._moduli(here) if start is None else start.moduli
         self.known = moduli if np.isfinite(moduli).all() else self.known
         radius, escapes = self.radius, 0
         for iteration in range(self.max_iterations + 1):
