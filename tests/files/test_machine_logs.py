@@ -310,8 +310,12 @@ def test_a_time_that_goes_on_keeps_a_swatch_together(tmp_path):
     check(fabric_of(tmp_path, text))
 
 
-def test_rows_of_results_are_remarked_on(tmp_path):
-    text = GOOD + "Results\nSpecimen,Max load (N)\n1,12.5\n"
+@pytest.mark.parametrize(
+    "results", ["Results\nSpecimen,Max load (N)\n", "\nResults\nMax load of specimen 1\n"]
+)
+def test_rows_of_results_are_remarked_on(tmp_path, results):
+    text = GOOD + results + "1,12.5\n"
     fabric = fabric_of(tmp_path, text)
     check(fabric)
-    assert any("row 85" in note and "not read" in note and "Max load" in note for note in fabric.notes)
+    row = text.count("\n")
+    assert any(f"row {row}," in note and "not read" in note and "Max load" in note for note in fabric.notes)

@@ -78,8 +78,8 @@ def _place(
     if any(name.quantity in ("run", "fabric") for name in table.names):
         # Every reading says its own run.
         return "results" if block.other_names and again else "same"
-    if another and not (few and block.other_names):
-        return "other"
+    if another:
+        return "results" if few else "other"
     return _goes_on(before, block, few=few)
 
 
@@ -111,14 +111,13 @@ def _goes_on(before: Block, after: Block, *, few: bool) -> Literal["same", "othe
     far = jump > max(_NEAR * np.ptp(before.length), 3 * _largest(np.abs(np.diff(before.length))))
     rise = after.force[0] - before.force[-1]
     harder = rise > max(_NEAR * np.ptp(before.force), 3 * _largest(np.diff(before.force)))
-    counted = before.count is not None and after.count is not None
-    anew = counted and after.count[0] < before.count[-1]
+    anew = None if before.count is None or after.count is None else bool(after.count[0] < before.count[-1])
     if (few or after.other_names) and (far or harder or anew):
         return "results"
     if _says_cycle(after.text):
         return "same"
     first = abs(after.length[0] - before.length[0]) <= _NEAR * np.ptp(before.length)
-    restarts = anew and (first or far) if counted else first and jump > 0.5 * np.ptp(before.length)
+    restarts = first and jump > 0.5 * np.ptp(before.length) if anew is None else anew and (first or far)
     turned = (first or far) and _new(_DIRECTION, before.text, after.text)
     return "other" if restarts or turned else "same"
 
@@ -128,11 +127,11 @@ def _largest(steps: Array) -> float:
 
 
 def _both(before: Block, after: Block) -> Block:
-    counted = before.count is not None and after.count is not None
+    counts = [block.count for block in (before, after) if block.count is not None]
     return replace(
         before,
         text=before.text + after.text,
         length=np.append(before.length, after.length),
         force=np.append(before.force, after.force),
-        count=np.append(before.count, after.count) if counted else None,
+        count=np.concatenate(counts) if len(counts) == 2 else None,
     )
