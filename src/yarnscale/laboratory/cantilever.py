@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 Array = NDArray[np.float64]
 
@@ -71,6 +71,6 @@ def bending_length(curvatures: Array, moments: Array, density: float) -> float |
     misses = [miss(slope)[1] for slope in slopes]
     for (a, low), (b, high) in pairwise(zip(slopes, misses, strict=True)):
         if low <= 0 < high:  # false of NaN too
-            slope = brentq(lambda value: miss(value)[1], a, b, xtol=1e-6)
+            slope = root_scalar(lambda value: miss(value)[1], bracket=(a, b), xtol=1e-6).root
             return 0.5 * miss(float(slope))[0]
     return None

@@ -263,8 +263,8 @@ def _tension_point(direction: float, load: float, state: LoadedState) -> Tension
     s_x, s_a, s_y = state.strain[:3]
     along = line_stretch(state.strain, math.radians(direction))[0]
     area = (1 + s_x) * (1 + s_y) * math.sqrt(1 - s_a**2)
-    numbers = (_number(state, value) for value in (along - 1, 1 - area / along, state.energy))
-    return TensionPoint(direction, load, *numbers, _status(state))
+    stretch, contraction, energy = (_number(state, v) for v in (along - 1, 1 - area / along, state.energy))
+    return TensionPoint(direction, load, stretch, contraction, energy, _status(state))
 
 
 def _stretches(state: LoadedState) -> tuple[float, float]:

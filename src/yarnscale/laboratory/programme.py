@@ -172,7 +172,10 @@ def run_tests(
         found.setdefault(test_name, []).extend(test(fabric))
     if progress is not None:
         progress(len(steps), len(steps))
-    return FabricTests(name or own, kind, density, **found)
+    return FabricTests(
+        name or own, kind, density, found["tension"], found["biaxial"], found["shear"], found["bending"],
+        found["twist"], found["rolls"],
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

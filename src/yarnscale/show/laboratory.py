@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -93,7 +94,7 @@ def _curve(axes: Axes, number: int, colour: int, label: str, points: list[tuple[
     axes.plot(x, y, **_style(number, colour, label))
 
 
-def _style(number: int, colour: int, label: str) -> dict[str, object]:
+def _style(number: int, colour: int, label: str) -> dict[str, Any]:
     """Colour by direction, line by fabric; only the first fabric stands in the legend."""
     return {
         "color": theme.YARNS[colour % len(theme.YARNS)],
@@ -113,7 +114,7 @@ def _outlines(path: Path, found: Sequence[FabricTests]) -> None:
         for number, tests in enumerate(found):
             if tests.drape is not None:
                 radius = 100 * np.append(tests.drape.outline, tests.drape.outline[0])
-                style = _style(number, number, "") | {"marker": None}
+                style = {**_style(number, number, ""), "marker": ""}
                 axes.plot(radius * np.cos(angle), radius * np.sin(angle), **style)
         axes.set(xlabel="along the course [cm]", ylabel="along the wale [cm]", aspect="equal")
 

@@ -108,7 +108,8 @@ def _stage(
     tile[:, :2] = pattern.edges[:, 2:] * period
 
     x, v, force = pattern.vertices.copy(), np.zeros((n, 3)), np.zeros((n, 3))
-    listed_at, near = x, _Near.of(x, offset, images, (np.empty(0, np.int64),) * 2)
+    nobody = np.empty(0, np.int64)
+    listed_at, near = x, _Near.of(x, offset, images, (nobody, nobody))
     dt, mixing, uphill_free = 0.1, 0.1, 0
     for step in range(stage.steps):
         # In a hundred steps at most: the rest of the last, long stage is for rounding.
