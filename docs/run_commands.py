@@ -20,7 +20,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 SMALLER: dict[str, list[str]] = {
     "gallery": ["plain", "--as-drawn"],
-    "homogenize": ["--solves", "24", "--workers", "1", "--overwrite"],
+    "homogenize": ["--solves", "30", "--workers", "1", "--overwrite"],
     "test": ["--directions", "0", "--loads", "1", "--curvatures", "5"],
     "stretch": ["--spacing", "0.03", "--duration", "0.1", "--overwrite"],
     "simulate hang": ["--spacing", "0.05", "--animation", "--overwrite"],

@@ -64,6 +64,9 @@ for line in sys.stdin:
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
+PROGRESS = ("sampling plain:", "settling plain", "yarn of plain")
+"""Beginnings of lines that tell how far a run is and of what yarn it is."""
+
 
 @pytest.fixture(scope="module", autouse=True)
 def _interruptible() -> Iterator[None]:
@@ -245,7 +248,7 @@ def test_ctrl_c_keeps_what_is_finished(runner: Runner, grid: Path, quiet: Sample
     assert runner.end() == 130
     assert group_goes(group)
     lines = (runner.folder / "stderr.txt").read_text().splitlines()
-    assert [line for line in lines if not line.startswith("sampling plain:")] == [
+    assert [line for line in lines if not line.startswith(PROGRESS)] == [
         "yarnscale: interrupted; what was finished is kept"
     ]
     assert runner.run(*command(grid, path, "--resume")) == 0
@@ -265,7 +268,7 @@ def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(
         os.killpg(run.pid, signal.SIGINT)
         _, errors = run.communicate(timeout=30)
     assert run.returncode == 130
-    said = [text for text in errors.splitlines() if not text.startswith("sampling plain:")]
+    said = [text for text in errors.splitlines() if not text.startswith(PROGRESS)]
     assert said == ["yarnscale: interrupted; what was finished is kept"]
     kept = finished(SampleStore(tmp_path / "store"))
     again = subprocess.run(
