@@ -22,6 +22,9 @@ from yarnscale.yarn.material import PRESETS
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
 
+LARGE = 1500
+"""Vertices of a drawing beyond which commands that relax a cell do not bring it to rest first."""
+
 
 def patterns(options: argparse.Namespace) -> int:
     """List patterns and materials."""
@@ -73,8 +76,18 @@ def watched_rest(drawn: YarnPattern, material: Materials) -> RestShape:
 
 
 def at_rest(options: argparse.Namespace, drawn: YarnPattern, material: Materials) -> YarnPattern:
-    """A pattern read, brought to rest where it is a drawing that shall not stay as it is drawn."""
+    """A pattern read, brought to rest where it is a drawing that shall not stay as it is drawn.
+
+    Drawings of more than ``LARGE`` vertices stay as drawn, and a line says so: their settling takes many minutes.
+    """
     if options.as_drawn or not is_drawing(options.pattern):
+        return drawn
+    if len(drawn.edges) > LARGE:
+        print(
+            f"{drawn.name}: {len(drawn.edges)} vertices, left as drawn, since so large a drawing takes many minutes to "
+            "settle; 'yarnscale pattern' settles it into a file",
+            file=sys.stderr, flush=True,
+        )  # fmt: skip
         return drawn
     return settled_drawing(drawn, material)
 
