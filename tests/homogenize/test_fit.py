@@ -163,6 +163,8 @@ def test_invalid_states_do_not_count():
     rng = np.random.default_rng(6)
     bad = rng.uniform(size=len(SAMPLES)) < 0.1
     bad[np.all(SAMPLES == 0, axis=1)] = False
+    # The ends stay, since beyond the samples the published form goes on straight and this energy does not.
+    bad[(np.abs(SAMPLES) > 0.999 * REACH).any(axis=1)] = False
     spoiled = np.where(bad, 1e6, energy(SAMPLES))
     spoiled[np.flatnonzero(bad)[0]] = np.nan
     gradients = stress(SAMPLES)
@@ -172,7 +174,7 @@ def test_invalid_states_do_not_count():
         SAMPLES, spoiled, gradients, density=0.2, weights=1.0 - bad, options=SMOOTH
     )
     for material in (masked, weighted):
-        assert energy_errors(material, unseen(), energy(unseen()))[1] < 1e-2
+        assert energy_errors(material, unseen(), energy(unseen()))[1] < 2e-3
 
 
 def test_strains_without_samples_have_no_terms():

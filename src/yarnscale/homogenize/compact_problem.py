@@ -195,7 +195,8 @@ class Problem:
         size = np.abs(residuals)
         if not np.all(np.isfinite(size)):
             return np.inf, residuals
-        huber = np.where(size < _HUBER, size**2, 2 * _HUBER * size - _HUBER**2).sum()
+        near = np.minimum(size, _HUBER)
+        huber = (near * (2 * size - near)).sum()
         return float(huber + _SMALL * unknowns @ unknowns), residuals
 
     def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> tuple[Array, Array]:

@@ -85,8 +85,10 @@ def test_stress_and_moduli_are_derivatives(name):
         found, (energy[:6] - energy[6:]) / (2 * step), rtol=1e-5, atol=1e-12 * scale.max()
     )
     moduli = (stress[:6] - stress[6:]) / (2 * step[:, None])
-    size = np.sqrt(np.outer(np.abs(np.diag(moduli)), np.abs(np.diag(moduli)))) + 1e-5 * np.max(np.abs(moduli))
-    assert np.max(np.abs(material.moduli(strain) - moduli) / size) < 2e-4
+    size = np.sqrt(np.outer(np.abs(np.diag(moduli)), np.abs(np.diag(moduli)))) + 1e-6
+    # Where the terms go on straight, diagonal moduli vanish, and what is left is round-off of the differences.
+    round_off = 64 * np.finfo(float).eps * np.abs(stress).max(axis=0) / step[:, None]
+    assert np.max((np.abs(material.moduli(strain) - moduli) - round_off) / size) < 2e-4
     assert np.max(np.abs(moduli)) > 1
 
 
