@@ -67,46 +67,47 @@ def vertex_tangents(pattern: YarnPattern) -> Array:
     return _unit(edge + edge[pattern.previous_vertex])
 
 
-def constraint_rows(pattern: YarnPattern, sliding: bool) -> Array:
-    """Rows of HYLC20 eq. 18 and 27 and of EST22 §7.1 on [û, θ] (m, 4n), weighted by rest lengths [r].
+def _translations_and_chains(pattern: YarnPattern, sliding: bool) -> tuple[Array, list[Chain]]:
+    """Constraints on [û, θ], weighted by rest lengths [r]: rows of HYLC20 eq. 18 (3, 4n), and chains along the yarns.
 
-    Three of translation, then of each yarn its twist and, unless ``sliding``, its motion along itself. That is along
-    the rest shape, not the deformed one: a constraint that moved with the macroscopic state would do work, and stress
-    would no longer be ∂Ψ/∂z at fixed û.
+    Each yarn's chains are its twist (eq. 27) and, unless ``sliding``, its motion along itself (EST22 §7.1). That is
+    along the rest shape, not the deformed one: a constraint that moved with the macroscopic state would do work, and
+    stress would no longer be ∂Ψ/∂z at fixed û.
     """
     n = len(pattern.edges)
     weight, length = pattern.voronoi_length / pattern.radius, pattern.rest_length / pattern.radius
     moves = weight[:, None] * vertex_tangents(pattern)
-    rows = []
+    translations = np.zeros((3, 4 * n))
     for axis in range(3):
-        row = np.zeros(4 * n)
-        row[axis : 3 * n : 3] = weight
-        rows.append(row)
+        translations[axis, axis : 3 * n : 3] = weight
+    chains = []
     for yarn in pattern.yarns:
-        twist = np.zeros(4 * n)
-        twist[3 * n + yarn] = length[yarn]
-        rows.append(twist)
+        chains.append(Chain(n + yarn, length[yarn, None]))
         if not sliding:
-            slide = np.zeros((n, 3))
-            slide[yarn] = moves[yarn]
-            rows.append(np.concatenate([slide.ravel(), np.zeros(n)]))
-    return np.array(rows)
+            chains.append(Chain(yarn, moves[yarn]))
+    return translations, chains
+
+
+def constraint_rows(pattern: YarnPattern, sliding: bool) -> Array:
+    """The constraints as rows on [û, θ] (m, 4n): three of translation, then of each yarn its twist and sliding."""
+    n = len(pattern.edges)
+    translations, chains = _translations_and_chains(pattern, sliding)
+    rows = np.zeros((len(chains), 4 * n))
+    for row, chain in zip(rows, chains, strict=True):
+        if chain.coefficients.shape[1] == 3:
+            row[: 3 * n].reshape(n, 3)[chain.groups] = chain.coefficients
+        else:
+            row[2 * n + chain.groups] = chain.coefficients[:, 0]
+    return np.concatenate([translations, rows])
 
 
 def constraint_chains(pattern: YarnPattern, sliding: bool) -> ChainConstraints:
-    """The constraints of ``constraint_rows`` with each yarn as a chain of its own vertices."""
+    """The same constraints with each yarn as a chain of its own vertices."""
     n = len(pattern.edges)
-    weight, length = pattern.voronoi_length / pattern.radius, pattern.rest_length / pattern.radius
-    moves = weight[:, None] * vertex_tangents(pattern)
-    everywhere = np.zeros((3, 4 * n))
-    for axis in range(3):
-        everywhere[axis, axis : 3 * n : 3] = weight
-    chains = [Chain(n + yarn, length[yarn, None]) for yarn in pattern.yarns]
-    if not sliding:
-        chains += [Chain(yarn, moves[yarn]) for yarn in pattern.yarns]
+    translations, chains = _translations_and_chains(pattern, sliding)
     sizes = np.concatenate([np.full(n, 3), np.ones(n, np.int64)])
     places = np.mod(pattern.vertices[:, :2], pattern.period)
-    return ChainConstraints(sizes, chains, everywhere, np.concatenate([places, places]))
+    return ChainConstraints(sizes, chains, translations, np.concatenate([places, places]))
 
 
 @dataclass(eq=False)

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from yarnscale.files.measurements_table import MeasuredTable
+from yarnscale.files.measurements_table import MeasuredTable
 
 Array = NDArray[np.float64]
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.estimate.loading import loading
 from yarnscale.estimate.measurements import POWER_LOAD, BendTest, Direction, StretchRun, StretchTest
+from yarnscale.files.measurements_reader import read_tables
 from yarnscale.files.measurements_swatches import (
     LogSettings,
     Swatch,
@@ -26,7 +27,7 @@ from yarnscale.files.measurements_swatches import (
     one_unit,
     swatches_of,
 )
-from yarnscale.files.measurements_table import Column, MeasuredTable, Row, read_tables
+from yarnscale.files.measurements_table import Column, MeasuredTable, Row
 from yarnscale.files.source_text import read_source
 
 Array = NDArray[np.float64]

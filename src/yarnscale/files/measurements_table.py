@@ -1,42 +1,27 @@
-"""Tables of readings as machines write them: separators, decimal marks, units, several specimens in a file.
-
-A table begins with a line of column names, below which a line of units may stand. Lines of text before, between and
-after tables are titles; those of the form "width, 50, mm" are kept as settings.
-"""
+"""One table of readings: its columns with their units, its rows, and the numbers in them in SI."""
 
 from __future__ import annotations
 
-import csv
-import io
-import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.files.measurements_blocks import CYCLE_OR_DATE, Block, joined
-from yarnscale.files.measurements_names import KINDS, USUAL_UNITS, ColumnName, column_name, factor, is_unit
+from yarnscale.files.measurements_names import KINDS, USUAL_UNITS, ColumnName, factor
 
 Array = NDArray[np.float64]
 Row = tuple[int, tuple[str, ...]]
 
-_SPACES = re.compile("(?<=\\d)[ '\u00a0\u202f\u2019](?=\\d{3}(?!\\d))")
+SPACES = re.compile("(?<=\\d)[ '\u00a0\u202f\u2019](?=\\d{3}(?!\\d))")
 """Marks of thousands that are no decimal mark."""
-_DECIMALS = {
+DECIMALS = {
     mark: re.compile(rf"[+-]?(\d+|[1-9]\d{{0,2}}(\{group}\d{{3}})+)?(\{mark}\d*)?(e[+-]?\d+)?", re.I)
     for mark, group in ((".", ","), (",", "."))
 }
 """Decimal mark → what numbers with it look like, thousands set apart by the other mark or not."""
-_NAMES = {
-    "force": "force_N and clamp_distance_mm, or Load (N) and Extension (mm)",
-    "loop_ratio": "loop_ratio and clamp_distance_mm",
-}
-"""First needed quantity of a table → names of columns to show in an error."""
-_SAMPLED = 2000
-"""Readings of a table in which the decimal mark is looked for."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +117,8 @@ class MeasuredTable:
         return values * column.factor
 
     def _number(self, cell: str) -> float:
-        text = _SPACES.sub("", cell)
-        if not any(character.isdigit() for character in text) or not _DECIMALS[self.decimal].fullmatch(text):
+        text = SPACES.sub("", cell)
+        if not any(character.isdigit() for character in text) or not DECIMALS[self.decimal].fullmatch(text):
             return np.nan
         return float(text.replace("," if self.decimal == "." else ".", "").replace(",", "."))
 
@@ -141,238 +126,3 @@ class MeasuredTable:
         """The error of one cell."""
         name = column if isinstance(column, str) else column.name
         return InputError(f"column '{name}'", where=f"{self.path}:{line}", expected=expected, found=found)
-
-
-def read_tables(
-    path: str | os.PathLike[str], text: str, *, needed: Sequence[str]
-) -> tuple[MeasuredTable, ...]:
-    """The tables of a file, one or more, whose names hold one of the ``needed`` quantities and another known one.
-
-    Lines that begin with # are comments. Raises InputError with file and line.
-    """
-    reader = _Reader(str(path), tuple(needed))
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    told = re.match(r"sep=(.)\n", text)
-    separator = told.group(1) if told else _separator(text)
-    if separator == "," and "," not in text:
-        # Columns aligned by spaces.
-        separator, text = "\t", re.sub(r"(?<=\S) {2,}(?=\S)", "\t", text)
-    lines = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
-    try:
-        for cells in lines:
-            reader.take(lines.line_num, tuple([cell.strip() for cell in cells]))
-    except csv.Error as error:
-        raise InputError("no CSV text", where=f"{path}:{lines.line_num}", found=str(error)) from None
-    return reader.tables(separator)
-
-
-def _separator(text: str) -> str:
-    """Tab or semicolon where half of the lines hold one, else comma."""
-    lines = [line for line in text[:100_000].splitlines() if line.strip() and not line.startswith("#")]
-    for separator in "\t;":
-        if sum(separator in line for line in lines) >= 0.5 * len(lines):
-            return separator
-    return ","
-
-
-class _Reader:
-    """Sorts the lines of a file into titles, names, units and readings."""
-
-    def __init__(self, path: str, needed: tuple[str, ...]) -> None:
-        self.path, self.needed = path, needed
-        self.found: list[MeasuredTable] = []
-        self.rows: list[list[Row]] = []
-        self.text: list[tuple[int, tuple[str, ...]]] = []
-        self.settings: dict[str, float] = {}
-        self.first: tuple[int, tuple[str, ...]] | None = None
-        self.width, self.numeric = 0, ()
-
-    def take(self, line: int, cells: tuple[str, ...]) -> None:
-        """One line of the file."""
-        if self._goes_on(cells):
-            self.rows[-1].append((line, cells))
-            return
-        while cells and not cells[-1] and len(cells) > self.width:
-            cells = cells[:-1]
-        if not any(cells) or cells[0].startswith("#"):
-            return
-        self.first = self.first or (line, cells)
-        if (names := self._names(cells)) is not None:
-            self._begin(line, names)
-        elif self.found and not self.rows[-1] and not self.text and all(is_unit(c) or not c for c in cells):
-            old = self.found[-1]
-            units = (*cells, *[""] * len(old.names))
-            names = tuple(
-                replace(name, unit=unit or name.unit) for name, unit in zip(old.names, units, strict=False)
-            )
-            self.found[-1] = replace(old, names=names)
-        elif self.found and self._is_reading(line, cells):
-            if self.text:
-                old = self.found[-1]
-                self._begin(old.header, old.names)
-            self.rows[-1].append((line, cells))
-        else:
-            self._keep_text(line, cells)
-
-    def _goes_on(self, cells: tuple[str, ...]) -> bool:
-        """Whether cells are plainly another reading of the last table."""
-        if len(cells) != self.width or self.text or not self.rows[-1]:
-            return False
-        if cells[0][:1].isalpha() != self.rows[-1][0][1][0][:1].isalpha():
-            return False
-        try:
-            for k in self.numeric:
-                float(cells[k].replace(",", "."))
-        except ValueError:
-            return False
-        return True
-
-    def _names(self, cells: tuple[str, ...]) -> tuple[ColumnName, ...] | None:
-        """The names of columns that cells are, None where they are none."""
-        if len(cells) < 2 or any(_looks_like_number(cell) for cell in cells):
-            return None
-        names = tuple(column_name(cell) for cell in cells)
-        known = {name.quantity for name in names} - {None, "ignored"}
-        return names if len(known) > 1 and known & set(self.needed) else None
-
-    def _begin(self, line: int, names: tuple[ColumnName, ...]) -> None:
-        above = self.text[-1][1] if self.text else ()
-        self.found.append(
-            MeasuredTable(
-                self.path, line, names, title=" ".join(filter(None, above)), above=above,
-                text=" ".join(cell for _, cells in self.text for cell in cells), settings=tuple(self.settings.items()),
-                lines=tuple(self.text),
-            )
-        )  # fmt: skip
-        self.rows.append([])
-        self.text, self.width = [], len(names)
-        self.numeric = tuple(k for k, n in enumerate(names) if n.quantity in self.needed)
-
-    def _is_reading(self, line: int, cells: tuple[str, ...]) -> bool:
-        """Whether cells are a reading, not text; InputError for a reading of the wrong number of cells."""
-        numbers = [k for k, cell in enumerate(cells) if _looks_like_number(cell)]
-        if not numbers:
-            return False
-        earlier = self.rows[-1][0][1] if self.rows[-1] else None
-        if (
-            earlier is not None
-            and _looks_like_number(earlier[0])
-            and 0 not in numbers
-            and cells[0][:1].isalpha()
-        ):
-            return False
-        if len(cells) == self.width:
-            return True
-        if self.text or not set(self.numeric) & set(numbers):
-            return False
-        hint = ", decimal commas where commas separate columns?" if len(cells) > self.width else ""
-        raise InputError(
-            "row", where=f"{self.path}:{line}", expected=f"{self.width} cells", found=f"{len(cells)}{hint}"
-        )
-
-    def _keep_text(self, line: int, cells: tuple[str, ...]) -> None:
-        self.text.append((line, cells))
-        name = column_name(cells[0].rstrip(":= "))
-        if name.quantity not in ("swatch_width", "swatch_length") or len(cells) < 2:
-            return
-        parts = [*cells[1].split(), *cells[2:3], name.unit or ""]
-        found = factor(name.quantity, next((part for part in parts[1:] if part), None))
-        number = parts[0].replace(",", ".") if parts else ""
-        if found is not None and _looks_like_number(number):
-            self.settings[name.quantity] = float(number) * found[1]
-
-    def tables(self, separator: str) -> tuple[MeasuredTable, ...]:
-        """What was found. Raises InputError where that is nothing."""
-        tables = [
-            replace(table, rows=tuple(rows))
-            for table, rows in zip(self.found, self.rows, strict=True)
-            if rows
-        ]
-        if not self.found and self.first is not None:
-            line, cells = self.first
-            names = ", ".join(cells)
-            raise InputError(
-                "column names", where=f"{self.path}:{line}",
-                expected=f"a line of names such as {_NAMES[self.needed[0]]}, separated by commas, semicolons or tabs",
-                found=f"{names:.160}",
-            )  # fmt: skip
-        if not tables:
-            raise InputError(
-                "readings", where=self.path, expected="a line of column names and rows", found="none"
-            )
-        # A few numbers below a line of text, without names of their own, may be results in another form.
-        long = [
-            table
-            for k, table in enumerate(tables)
-            if not k or len(table.rows) > 2 or table.header != tables[k - 1].header
-        ]
-        mark = _decimal_mark(long, self.needed, separator)
-        tables = [replace(table, decimal=mark) for table in tables]
-        tables = joined(tables, [_block(table) for table in tables]) if len(tables) > 1 else tables
-        return tuple(single for table in tables for single in _side_by_side(table))
-
-
-def _block(table: MeasuredTable) -> Block:
-    """The readings of a table, or of its first specimen side by side, as numbers; nan where a cell holds none."""
-
-    def numbers(*quantities: str) -> Array:
-        places = (k for k, name in enumerate(table.names) if name.quantity in quantities)
-        place = next((k for k in places if not CYCLE_OR_DATE.match(table.names[k].text)), None)
-        return np.array([np.nan if place is None else table._number(cells[place]) for _, cells in table.rows])
-
-    count = numbers("ignored")
-    cells = table.lines[-1][1] if table.lines else ()
-    other = len(cells) == len(table.names) and not any(
-        not c or _looks_like_number(c) or is_unit(c) for c in cells
-    )
-    return Block(
-        table.lines[-1][0] if table.lines else table.header,
-        tuple(" ".join(filter(None, cells)) for _, cells in table.lines),
-        numbers("clamp_distance", "extension"), numbers("force", "loop_ratio"),
-        count if np.isfinite(count).all() else None, other,
-    )  # fmt: skip
-
-
-def _side_by_side(table: MeasuredTable) -> list[MeasuredTable]:
-    """The tables of specimens whose columns stand side by side under the same names."""
-    texts = [name.text for name in table.names]
-    size = next(k for k in range(1, len(texts) + 1) if texts == (texts[:k] * len(texts))[: len(texts)])
-    known = [name.quantity for name in table.names[:size] if name.quantity is not None]
-    if size == len(texts) or len(known) < 2:
-        return [table]
-    found = []
-    for number, first in enumerate(range(0, len(texts), size), 1):
-        cut = slice(first, first + size)
-        rows = tuple((line, cells[cut]) for line, cells in table.rows if any(cells[cut]))
-        title = table.above[first] if len(table.above) > first else ""
-        if rows:
-            title = title or f"{table.title} {number}".strip()
-            found.append(replace(table, names=table.names[cut], rows=rows, title=title))
-    return found
-
-
-def _looks_like_number(cell: str) -> bool:
-    text = _SPACES.sub("", cell)
-    digits = text[-1:].isdigit() and any(form.fullmatch(text) for form in _DECIMALS.values())
-    return digits or text in ("nan", "inf")
-
-
-def _decimal_mark(tables: Sequence[MeasuredTable], needed: Sequence[str], separator: str) -> str:
-    """The mark of decimals in the readings. Raises InputError where two are met."""
-    only: dict[str, tuple[int, str]] = {}
-    commas = False
-    for table in tables:
-        places = [k for k, name in enumerate(table.names) if name.quantity in needed]
-        for line, cells in table.rows[:_SAMPLED]:
-            for cell in (_SPACES.sub("", cells[k]) for k in places):
-                fits = [mark for mark, form in _DECIMALS.items() if form.fullmatch(cell)]
-                commas |= "," in cell
-                if len(fits) == 1:
-                    only.setdefault(fits[0], (line, cell))
-    if len(only) > 1:
-        (line, cell), (other, mixed) = only.values()
-        raise InputError(
-            "decimal marks", where=f"{tables[0].path}:{max(line, other)}", expected="one mark in all numbers of a file",
-            found=f"'{cell:.20}' and '{mixed:.20}'",
-        )  # fmt: skip
-    return next(iter(only), "," if commas and separator != "," else ".")
