@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yarnscale.cell.energy import CellEnergy, vertex_tangents
+from yarnscale.cell.constraints import vertex_tangents
+from yarnscale.cell.energy import CellEnergy
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library
 from yarnscale.yarn.material import ContactRule, YarnMaterial

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.energy import CellEnergy, constraint_rows, vertex_tangents
+from yarnscale.cell.constraints import constraint_rows, vertex_tangents
+from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.parameters import ExplicitPart, explicit_part
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse

@@ -70,8 +70,9 @@ def test(options: argparse.Namespace) -> int:
     found = []
     for name, subject in zip(subjects, tested, strict=True):
         tests = _run(subject, name, programme)
-        draped = options.drape and isinstance(subject, ShellMaterial)
-        found.append(_with_drape(tests, subject) if draped else tests)
+        if options.drape and isinstance(subject, ShellMaterial):
+            tests = _with_drape(tests, subject)
+        found.append(tests)
     compared = _compare(found)
     content = found[0].plain() | (yarns[subjects[0]].summary if subjects[0] in yarns else {})
     if compared is not None:

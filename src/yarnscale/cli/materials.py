@@ -120,10 +120,9 @@ def homogenize(options: argparse.Namespace) -> int:
         outcome = homogenize_into(
             cell, folder, workers=worker_count(options), resume=options.resume, dask=options.dask, **settings
         )  # fmt: skip
-    summary = outcome.summary
+    summary, errors = outcome.summary, outcome.errors
     failed = summary.states - summary.converged + summary.pending
     if options.json:
-        errors = outcome.errors
         print_json(
             {
                 **yarn.summary, "states": summary.states, "converged": summary.converged,
@@ -135,6 +134,10 @@ def homogenize(options: argparse.Namespace) -> int:
         )  # fmt: skip
         return 1 if failed else 0
     print(f"{folder / 'material.json'}: {summary.converged} of {summary.states} states converged")
+    print(
+        f"  error of the stress at {errors.states} unseen states, each over its own size: median "
+        f"{100 * errors.median:.2g} %, 95th percentile {100 * errors.high:.2g} %"
+    )
     if summary.ended:
         print(f"  {summary.ended} rays of loads ended early, where the fabric gives way or rolls up")
     if summary.pending:

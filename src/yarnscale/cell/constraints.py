@@ -1,0 +1,71 @@
+"""Linear constraints of a cell on fluctuations û and twists θ (theory §2): no translation, twist or sliding."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.null_space import Chain, ChainConstraints
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def independent(rows: Array) -> Array:
+    """Orthonormal rows that span the given ones (parallel yarns that all slide are a translation)."""
+    sizes, vectors = np.linalg.eigh(rows @ rows.T)
+    kept = sizes > 1e-14 * sizes[-1]
+    return (vectors[:, kept] / np.sqrt(sizes[kept])).T @ rows
+
+
+def vertex_tangents(pattern: YarnPattern) -> Array:
+    """Mean direction of the yarn at each vertex at rest (n, 3)."""
+    edge = _unit(pattern.edge_vectors())
+    return _unit(edge + edge[pattern.previous_vertex])
+
+
+def _translations_and_chains(pattern: YarnPattern, sliding: bool) -> tuple[Array, list[Chain]]:
+    """Constraints on [û, θ], weighted by rest lengths [r]: rows of HYLC20 eq. 18 (3, 4n), and chains along the yarns.
+
+    Each yarn's chains are its twist (eq. 27) and, unless ``sliding``, its motion along itself (EST22 §7.1). That is
+    along the rest shape, not the deformed one: a constraint that moved with the macroscopic state would do work, and
+    stress would no longer be ∂Ψ/∂z at fixed û.
+    """
+    n = len(pattern.edges)
+    weight, length = pattern.voronoi_length / pattern.radius, pattern.rest_length / pattern.radius
+    moves = weight[:, None] * vertex_tangents(pattern)
+    translations = np.zeros((3, 4 * n))
+    for axis in range(3):
+        translations[axis, axis : 3 * n : 3] = weight
+    chains = []
+    for yarn in pattern.yarns:
+        chains.append(Chain(n + yarn, length[yarn, None]))
+        if not sliding:
+            chains.append(Chain(yarn, moves[yarn]))
+    return translations, chains
+
+
+def constraint_rows(pattern: YarnPattern, sliding: bool) -> Array:
+    """The constraints as rows on [û, θ] (m, 4n): three of translation, then of each yarn its twist and sliding."""
+    n = len(pattern.edges)
+    translations, chains = _translations_and_chains(pattern, sliding)
+    rows = np.zeros((len(chains), 4 * n))
+    for row, chain in zip(rows, chains, strict=True):
+        if chain.coefficients.shape[1] == 3:
+            row[: 3 * n].reshape(n, 3)[chain.groups] = chain.coefficients
+        else:
+            row[2 * n + chain.groups] = chain.coefficients[:, 0]
+    return np.concatenate([translations, rows])
+
+
+def constraint_chains(pattern: YarnPattern, sliding: bool) -> ChainConstraints:
+    """The same constraints with each yarn as a chain of its own vertices."""
+    n = len(pattern.edges)
+    translations, chains = _translations_and_chains(pattern, sliding)
+    sizes = np.concatenate([np.full(n, 3), np.ones(n, np.int64)])
+    places = np.mod(pattern.vertices[:, :2], pattern.period)
+    return ChainConstraints(sizes, chains, translations, np.concatenate([places, places]))
