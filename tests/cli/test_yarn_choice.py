@@ -82,7 +82,8 @@ def test_the_yarn_of_a_file_is_used_by_every_command(
 
     def sample_nothing(cell: PeriodicCell, *_: object, **__: object) -> SimpleNamespace:
         sampled.append(cell)
-        return SimpleNamespace(summary=SimpleNamespace(states=1, converged=1, pending=0, ended=0))
+        summary = SimpleNamespace(states=1, converged=1, pending=0, ended=0)
+        return SimpleNamespace(summary=summary, errors=SimpleNamespace(states=1, median=0.01, high=0.1))
 
     monkeypatch.setattr("yarnscale.cli.materials.homogenize_into", sample_nothing)
     done = run("homogenize", fabric, "--out", out)
