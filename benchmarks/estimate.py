@@ -13,17 +13,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from one_yarn import SharedEvaluations, with_one_yarn
 from scipy.stats import qmc
+from swarm import published_search
 
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.fabric_shell import fit_shell
 from yarnscale.estimate.gauss_newton import jacobian
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import YarnObjective, coarser
-from yarnscale.estimate.one_yarn import SharedEvaluations, with_one_yarn
 from yarnscale.estimate.scattered import race, sobol_starts
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData
-from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, estimate_yarn
+from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, estimate_yarn
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, fit_yarn
 from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.estimate.yarn_rest import RestRule
@@ -59,7 +60,7 @@ def model_of(sample: str, *, free: bool = True) -> YarnModel:
 
 def knits(options: argparse.Namespace, executor) -> list[dict]:
     """Each knit with both directions, and with the warp held out."""
-    from yarnscale.show.estimate import write_estimate_report, write_summary_report
+    from yarnscale.show.estimate import write_estimate_report
 
     rows, found = [], []
     for sample in options.samples:
@@ -78,8 +79,28 @@ def knits(options: argparse.Namespace, executor) -> list[dict]:
             if holdout is None:
                 found.append(estimate)
     if found:
-        write_summary_report(options.out / "index.html", found)
+        summary_page(options.out / "index.html", found)
     return rows
+
+
+def summary_page(path: Path, estimates: list[FabricEstimate]) -> None:
+    """Errors and parameters of all fabrics side by side (EST22 Fig. 13 to 15)."""
+    from yarnscale.show.report import Section, Table, write_report
+
+    errors, values = [], []
+    for estimate in estimates:
+        found, name = estimate.error, estimate.measurements.name
+        shares = (found.comfort, found.full, found.compression, estimate.shell_error.comfort,
+                  estimate.yarn_error.comfort)  # fmt: skip
+        percent = [None if share is None else 100 * share for share in shares]
+        errors.append([name, *percent, estimate.fit.solves, round(estimate.fit.cpu_seconds)])
+        values.append([name, *estimate.fit.values.tolist()])
+    columns = ["fabric", "comfort [%]", "full [%]", "contraction [%]", "shell alone [%]", "yarn alone [%]"]
+    tables = [
+        Table([*columns, "equilibria", "CPU seconds"], errors),
+        Table(["fabric", *estimates[0].fit.model.names], values),
+    ]
+    write_report(path, "Estimated yarns", [Section("Errors and parameters", (), tables)])
 
 
 def ablations(options: argparse.Namespace, executor) -> list[dict]:
@@ -93,11 +114,14 @@ def ablations(options: argparse.Namespace, executor) -> list[dict]:
             "local": (model, replace(default, solver="local"), RestRule()),
             "linear": (replace(model, two_phase=False), default, RestRule()),
             "as-drawn": (model, default, RestRule(rounds=0, release=False)),
-            "paper": (model, replace(default, solver="paper"), RestRule()),
+            "paper": (model, default, RestRule()),
         }
         for name in options.cases:
             case, settings, rule = cases[name]
-            fit = fit_yarn(case, data, options=settings, rule=rule, executor=executor, store=_store(options))
+            fit = fit_yarn(
+                case, data, options=settings, rule=rule, executor=executor, store=_store(options),
+                search=published_search if name == "paper" else None,
+            )  # fmt: skip
             errors = fit.evaluation.errors
             rows.append({"sample": sample, "case": name, "objective": fit.objective, "comfort": errors.comfort,
                          "full": errors.full, "compression": errors.compression, "solves": fit.solves,

@@ -83,7 +83,7 @@ def test_the_usual_search_of_the_command_is_that_of_the_library() -> None:
     add_estimate_options(command)
     given = command.parse_args(["curves.csv", "--pattern", "stockinette", "--out", "out"])
     usual = FitOptions()
-    for name in ("solver", "seed", "starts", "refined", "iterations", "held"):
+    for name in ("solver", "seed", "starts", "refined", "iterations"):
         assert getattr(given, name) == getattr(usual, name), name
 
 

@@ -12,11 +12,9 @@ from yarnscale.estimate.gauss_newton import Descent, gauss_newton, jacobian
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective, coarser
 from yarnscale.estimate.scattered import race, sobol_starts
-from yarnscale.estimate.swarm import cobyla, swarm
 from yarnscale.estimate.uniform_data import UniformBend, UniformCurve, UniformData
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, usual_starts, work_ahead
 from yarnscale.estimate.yarn_model import yarn_model
-from yarnscale.estimate.yarn_rest import RestRule
 from yarnscale.yarn.library import build
 
 
@@ -52,13 +50,6 @@ def valley(**others) -> Evaluations:
 
 def test_gauss_newton_finds_the_answer_of_a_valley():
     np.testing.assert_allclose(gauss_newton(valley(), np.array([0.9, 0.1, 0.1])), ANSWER, atol=1e-4)
-
-
-def test_swarm_and_cobyla_come_near():
-    evaluations = valley()
-    found = swarm(evaluations, seed=3)
-    assert evaluations.count <= 640
-    np.testing.assert_allclose(cobyla(evaluations, found), ANSWER, atol=0.02)
 
 
 def test_steps_cost_less_than_a_jacobian_each():
@@ -106,7 +97,6 @@ def test_the_start_that_comes_down_fastest_wins_the_race():
 
 
 def test_searches_repeat_themselves_with_the_seed():
-    np.testing.assert_array_equal(swarm(valley(), seed=5, steps=3), swarm(valley(), seed=5, steps=3))
     first, second = (sobol_starts(valley(), 16, 2, seed=2) for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
@@ -179,24 +169,6 @@ def test_a_yarn_reproduces_its_own_data_and_is_found_again():
     found = gauss_newton(evaluations, truth + np.array([0.0, 0.0, 0.05, -0.04, 0.05]), iterations=8)
     assert evaluations.many([found])[0].objective < 1e-5
     np.testing.assert_allclose(model.values(found)[[2, 3, 4]], model.values(truth)[[2, 3, 4]], rtol=0.05)
-
-
-def test_held_derivatives_are_all_where_nothing_is_reset():
-    """With a rest shape that does not follow the parameters, exact sensitivities are the whole derivative."""
-    model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
-    stretch = np.array([0.05, 0.1])
-    data = UniformData("line", (UniformCurve(Direction.WEFT, stretch, 9 * stretch, 200 * stretch, 0.1),))
-    evaluations = Evaluations(YarnObjective(model, data, RestRule(rounds=0, release=False)))
-    here = np.array([0.8, 0.3, 0.4, 0.6, 0.6])
-    whole, held = jacobian(evaluations, here), jacobian(evaluations, here, held=True)
-    np.testing.assert_allclose(held, whole, rtol=0.02, atol=0.005 * np.abs(whole).max())
-    assert np.abs(whole[:, 2:]).max(axis=0).min() > 0.05
-    # A yarn that finds no rest has none to hold on to.
-    found = evaluations.whole(here)
-    lost = replace(
-        found, curves=tuple(replace(c, converged=np.zeros(2, bool), states=()) for c in found.curves)
-    )
-    np.testing.assert_array_equal(evaluations.objective.held_jacobian(lost), np.zeros((4, 5)))
 
 
 def test_pear_loops_fix_the_bending_that_forces_leave_open():

@@ -21,13 +21,6 @@ def test_values_and_unknowns_are_inverse(model):
     np.testing.assert_allclose(model.values(np.ones(8)), high, rtol=1e-12)
 
 
-def test_slopes_are_differences_of_values(model):
-    unknowns, step = np.full(8, 0.4), 1e-6
-    for k, axis in enumerate(np.eye(8)):
-        ahead, behind = model.values(unknowns + step * axis), model.values(unknowns - step * axis)
-        np.testing.assert_allclose((ahead - behind)[k] / (2 * step), model.slopes(unknowns)[k], rtol=1e-6)
-
-
 def test_material_has_the_stiffnesses_asked_for(model):
     values = model.values(np.array([0.3, 0.5, 0.7, 0.6, 0.2, 0.5, 0.1, 0.9]))
     material, radius = model.material(values), model.pattern.radius

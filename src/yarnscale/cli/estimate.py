@@ -56,9 +56,8 @@ def estimate(options: argparse.Namespace) -> int:
         _say(note)
     model = _model(options, measurements)
     search = FitOptions(
-        options.solver, options.seed, options.starts, options.refined, iterations=options.iterations,
-        held=options.held,
-    )  # fmt: skip
+        options.solver, options.seed, options.starts, options.refined, iterations=options.iterations
+    )
     weights = ErrorWeights(bending=options.bending_weight)
     chosen = None if options.directions is None else [Direction(name) for name in options.directions]
     holdout = None if options.holdout is None else Direction(options.holdout)

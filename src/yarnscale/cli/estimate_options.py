@@ -9,7 +9,7 @@ from pathlib import Path
 from yarnscale.cli.shared_options import add_dask, add_json, add_overwrite, add_radius
 from yarnscale.cli.values import not_negative, positive, positive_integer
 
-SOLVERS = ("sobol", "local", "paper")
+SOLVERS = ("sobol", "local")
 DIRECTIONS = ("weft", "bias", "warp")
 FOLLOW = ("measured", "shell")
 SHAPES = ("free", "drawn")
@@ -55,7 +55,7 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--holdout", choices=DIRECTIONS, help="direction that is not fitted but predicted")
     command.add_argument(
         "--solver", choices=SOLVERS, default="sobol",
-        help="sobol: scattered starts, then Gauss-Newton; local: Gauss-Newton alone; paper: swarm, then COBYLA (sobol)",
+        help="sobol: scattered starts, then Gauss-Newton; local: Gauss-Newton alone (sobol)",
     )  # fmt: skip
     command.add_argument("--seed", type=int, default=0, help="of the search (0)")
     command.add_argument(
@@ -93,10 +93,6 @@ def add_estimate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--bending-weight", type=not_negative, default=0.0, metavar="W",
         help="of the bending stiffness measured with pear loops, beside 1 of stress and 1 of contraction (0)",
-    )  # fmt: skip
-    command.add_argument(
-        "--held", action="store_true",
-        help="derivatives with the rest shape held, exact but incomplete, instead of differences (for comparison)",
     )  # fmt: skip
     command.add_argument(
         "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"

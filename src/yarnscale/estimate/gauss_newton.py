@@ -31,24 +31,12 @@ _SIDE_BY_SIDE = (1.0, 30.0)
 """Factors of the damping that are tried together."""
 
 
-def jacobian(
-    evaluations: Evaluations, unknowns: Array, *, step: float = DIFFERENCE, held: bool = False
-) -> Array:
-    """d(residuals)/d(unknowns) (m, n), by differences that turn inwards where a bound is near.
-
-    held: columns of the yarn's parameters by exact sensitivities instead, which leave out what the parameters do to the
-    rest shape.
-    """
-    exact = np.empty((0, 0))
-    if held:
-        exact = evaluations.objective.held_jacobian(evaluations.whole(unknowns))
-    axes = np.eye(len(unknowns))[exact.shape[1] :]
-    signs = np.where(unknowns + step > 1.0, -1.0, 1.0)[exact.shape[1] :]
-    points = [unknowns + sign * step * axis for sign, axis in zip(signs, axes, strict=True)]
+def jacobian(evaluations: Evaluations, unknowns: Array) -> Array:
+    """d(residuals)/d(unknowns) (m, n), by differences that turn inwards where a bound is near."""
+    steps = np.where(unknowns + DIFFERENCE > 1.0, -DIFFERENCE, DIFFERENCE)
     base = evaluations.residuals(unknowns)
-    found = evaluations.many(points, near=unknowns)
-    columns = [(f.residuals - base) / (s * step) for f, s in zip(found, signs, strict=True)]
-    return np.column_stack([*exact.T, *columns])
+    found = evaluations.many(list(unknowns + np.diag(steps)), near=unknowns)
+    return np.column_stack([(f.residuals - base) / step for f, step in zip(found, steps, strict=True)])
 
 
 class Descent:
@@ -59,12 +47,11 @@ class Descent:
     further step gains anything.
     """
 
-    def __init__(self, evaluations: Evaluations, start: Array, *, held: bool = False) -> None:
-        """held: as for ``jacobian``; such slopes are taken anew for every step."""
+    def __init__(self, evaluations: Evaluations, start: Array) -> None:
         self.here = np.clip(np.asarray(start, np.float64), 0.0, 1.0)
         self.value = evaluations.many([self.here])[0].objective
         self.ended = False
-        self._evaluations, self._held = evaluations, held
+        self._evaluations = evaluations
         self._damping, self._slow = 1e-2, 0
         self._slopes, self._age = np.empty((0, 0)), _LASTING
 
@@ -91,7 +78,7 @@ class Descent:
         little, fresh = gain < _SMALLEST_GAIN or length < _SHORTEST, self._age == 0
         self._keep_up(point)
         self.here, self.value = point, value
-        if self._held or not trusted or (little and not fresh):
+        if not trusted or (little and not fresh):
             # Only fresh slopes tell that there is nothing more to gain.
             self._age = _LASTING
         if gain >= _SMALLEST_GAIN:
@@ -102,7 +89,7 @@ class Descent:
         self._damping = min(self._damping, 1.0)
 
     def _renew(self) -> None:
-        self._slopes, self._age = jacobian(self._evaluations, self.here, held=self._held), 0
+        self._slopes, self._age = jacobian(self._evaluations, self.here), 0
 
     def _keep_up(self, point: Array) -> None:
         """Broyden's update: the slopes then say of the step what it did."""
@@ -141,10 +128,8 @@ class Descent:
         return np.clip(self.here + lsq_linear(matrix, target, bounds=bounds).x, 0.0, 1.0)
 
 
-def gauss_newton(
-    evaluations: Evaluations, start: Array, *, iterations: int = 20, held: bool = False
-) -> Array:
-    """A local minimum of the mean square from a start, unknowns within [0, 1]; ``held`` as for ``jacobian``."""
-    descent = Descent(evaluations, start, held=held)
+def gauss_newton(evaluations: Evaluations, start: Array, *, iterations: int = 20) -> Array:
+    """A local minimum of the mean square from a start, unknowns within [0, 1]."""
+    descent = Descent(evaluations, start)
     descent.advance(iterations)
     return descent.here

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData, UniformErrors
 from yarnscale.estimate.yarn_bending import bending_stiffness
-from yarnscale.estimate.yarn_model import PARAMETERS, YarnModel
+from yarnscale.estimate.yarn_model import YarnModel
 from yarnscale.estimate.yarn_rest import RestedCell, RestRule, at_rest
-from yarnscale.estimate.yarn_states import YarnCurve, differentiated, pulled
+from yarnscale.estimate.yarn_states import YarnCurve, pulled
 
 Array = NDArray[np.float64]
 
@@ -102,23 +102,6 @@ class YarnObjective:
         return Evaluation(
             unknowns, residuals, tuple(curves), rested, errors, solves, time.process_time() - began, bending
         )
-
-    def held_jacobian(self, evaluation: Evaluation) -> Array:
-        """d(residuals)/d(unknowns of the yarn) (m, 5) by exact sensitivities, the rest shape held.
-
-        Zero for bending, and for states that did not converge.
-        """
-        rows = []
-        slopes = self.model.slopes(evaluation.unknowns)[: len(PARAMETERS)]
-        for target, curve in zip(self.data.curves, evaluation.curves, strict=True):
-            derivatives = differentiated(evaluation.rested.cell, curve)
-            stress = contraction = np.zeros((len(target.stretch), len(PARAMETERS)))
-            if derivatives.stress:
-                stress = self.model.by_parameter(derivatives.stress) * slopes
-                contraction = self.model.by_parameter(derivatives.contraction) * slopes
-            rows.append(self._scaled(target, stress / (1.0 + target.stretch)[:, None], contraction))
-        rows.append(np.zeros((len(evaluation.bending), len(PARAMETERS))))
-        return np.nan_to_num(np.vstack(rows))
 
     def _bending(self, rested: RestedCell) -> Array:
         if self.weights.bending <= 0:

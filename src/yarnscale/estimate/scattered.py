@@ -28,13 +28,13 @@ def sobol_starts(evaluations: Evaluations, count: int, keep: int, *, seed: int) 
     return _apart([points[k] for k in np.argsort([f.objective for f in found], kind="stable")], keep)
 
 
-def race(evaluations: Evaluations, starts: Sequence[Array], *, iterations: int, held: bool = False) -> Array:
+def race(evaluations: Evaluations, starts: Sequence[Array], *, iterations: int) -> Array:
     """The lowest point that Gauss–Newton comes to from several starts.
 
     The objective at a start tells little of the one it leads to, a few steps tell more; so all starts take
     some, the better part of them some more, and only the last one goes on to its end. iterations: of one start at most.
     """
-    descents = [Descent(evaluations, start, held=held) for start in starts]
+    descents = [Descent(evaluations, start) for start in starts]
     left = iterations
     for steps, share in STAGES:
         for descent in descents:

@@ -16,17 +16,16 @@ from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
 from yarnscale.estimate.gauss_newton import gauss_newton, jacobian
 from yarnscale.estimate.objective import ErrorWeights, Evaluation, YarnObjective, coarser
 from yarnscale.estimate.scattered import race, sobol_starts
-from yarnscale.estimate.swarm import cobyla, swarm
 from yarnscale.estimate.uniform_data import UniformData
 from yarnscale.estimate.yarn_model import PARAMETERS, YarnModel
 from yarnscale.estimate.yarn_rest import RestRule
 
 Array = NDArray[np.float64]
 
-Solver = Literal["sobol", "local", "paper"]
-SOLVERS = ("sobol", "local", "paper")
+Solver = Literal["sobol", "local"]
+SOLVERS = ("sobol", "local")
 """``sobol``: scattered starts, Gauss–Newton from those that come down fastest; ``local``: Gauss–Newton from the middle
-of the ranges; ``paper``: swarm, then COBYLA (EST22 §7.3.3)."""
+of the ranges."""
 SEARCHED = 7
 """Stretches per direction during the search (EST22 §7.3.3)."""
 STARTS, REFINED = 64, 12
@@ -39,8 +38,7 @@ _GROWN = 0.01
 @dataclass(frozen=True)
 class FitOptions:
     """How the parameters are sought; starts and refined belong to the solver ``sobol``; iterations: of Gauss–Newton
-    at most. held: whether its derivatives by the yarn's parameters are exact, with the rest shape held (an ablation),
-    instead of differences over the whole chain."""
+    at most."""
 
     solver: Solver = "sobol"
     seed: int = 0
@@ -48,7 +46,6 @@ class FitOptions:
     refined: int = REFINED
     samples: int = SEARCHED
     iterations: int = 20
-    held: bool = False
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
@@ -119,18 +116,20 @@ def fit_yarn(
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
     told: Callable[[Evaluations], None] | None = None,
+    search: Callable[[Evaluations, FitOptions], Array] | None = None,
 ) -> YarnFit:
     """Find the parameters with which a yarn model follows uniform data.
 
     executor: where evaluations run side by side. store: keeps evaluations, so that a run goes on where it ended.
-    told: called after every evaluation. The result depends on ``options.seed``, not on workers.
+    told: called after every evaluation. search: another method than that of ``options.solver``, which returns the
+    best unknowns. The result depends on ``options.seed``, not on workers.
     """
     options, began = options or FitOptions(), time.perf_counter()
     objective = YarnObjective(
         model, coarser(data, options.samples), rule or RestRule(), weights or ErrorWeights()
     )
     evaluations = Evaluations(objective, executor, None if store is None else store(objective), told)
-    unknowns = search(evaluations, options)
+    unknowns = (search or searched)(evaluations, options)
     slopes = jacobian(evaluations, unknowns)
     value = evaluations.many([unknowns])[0].objective
     final = evaluate(replace(objective, data=data), unknowns, None)
@@ -141,17 +140,14 @@ def fit_yarn(
     )  # fmt: skip
 
 
-def search(evaluations: Evaluations, options: FitOptions) -> Array:
+def searched(evaluations: Evaluations, options: FitOptions) -> Array:
     """The best unknowns that a solver finds."""
-    if options.solver == "paper":
-        return cobyla(evaluations, swarm(evaluations, seed=options.seed))
-
     model = evaluations.objective.model
     if options.solver == "local":
-        return gauss_newton(evaluations, middle(model), iterations=options.iterations, held=options.held)
+        return gauss_newton(evaluations, middle(model), iterations=options.iterations)
     starts = sobol_starts(evaluations, options.starts, options.refined, seed=options.seed)
     starts += usual_starts(model)
-    return race(evaluations, starts, iterations=options.iterations, held=options.held)
+    return race(evaluations, starts, iterations=options.iterations)
 
 
 def middle(model: YarnModel) -> Array:
@@ -174,8 +170,6 @@ def usual_starts(model: YarnModel) -> list[Array]:
 
 def work_ahead(options: FitOptions, unknowns: int) -> int:
     """About how many evaluations a search takes, for telling the time left."""
-    if options.solver == "paper":
-        return 64 * 10 + 150
     # A Jacobian and a pair of tries now and then, pairs of tries in between.
     steps = min(12, options.iterations) * (0.4 * unknowns + 2)
     refined = options.refined + (1 if unknowns > len(PARAMETERS) else 0)

@@ -116,11 +116,6 @@ class YarnModel:
         inner = np.where(self._logarithmic, np.log(np.maximum(values, 1e-300)), values)
         return np.clip((inner - low) / (high - low), 0.0, 1.0)
 
-    def slopes(self, unknowns: Array) -> Array:
-        """d(value)/d(unknown), (n,)."""
-        low, high = self._scale
-        return (high - low) * np.where(self._logarithmic, self.values(unknowns), 1.0)
-
     @cached_property
     def _scale(self) -> tuple[Array, Array]:
         low, high = self.bounds
@@ -155,18 +150,6 @@ class YarnModel:
     def draw_in(self, values: Array) -> float | None:
         """How far the fabric draws in before its rest shape is estimated; None for drawings of known shape."""
         return float(values[self.names.index("draw_in")]) if self.free_shape else None
-
-    def by_parameter(self, derivatives: dict[str, Array]) -> Array:
-        """Derivatives by the five parameters in the last axis, from ``Sensitivities`` by name."""
-        zero = np.zeros_like(derivatives["stretch_stiffness"])
-        columns = (
-            derivatives["stretch_stiffness"],
-            derivatives.get("stretch.knee", zero),
-            derivatives["bending_stiffness"] + TWIST_SHARE * derivatives["twist_stiffness"],
-            derivatives["contact.outer_radius_ratio"] / self.pattern.radius,
-            derivatives["contact_stiffness"],
-        )
-        return np.stack(columns, axis=-1)
 
 
 def yarn_model(

@@ -1,15 +1,13 @@
-"""A cell of yarn pulled along one direction and free across: stress and contraction, and their derivatives.
+"""A cell of yarn pulled along one direction and free across: stress and contraction.
 
 F = U diag(1 + s, 1 − c) Uᵀ as for the shell (EST22 eq. 3 and §7.1). The contraction c is where the stress across
-vanishes: Newton's method on that stress, each state starting from where the one before points to. Derivatives follow
-from the moduli by the implicit function theorem; nothing is searched without them.
+vanishes: Newton's method on that stress, each state starting from where the one before points to.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,79 +48,20 @@ class YarnCurve:
     solves: int
 
 
-@dataclass(frozen=True, eq=False)
-class CurveDerivatives:
-    """Derivatives of stress and contraction by named quantities: each a dictionary of (n,) or (n, k)."""
-
-    stress: dict[str, Array]
-    contraction: dict[str, Array]
-
-
-class _Map(Protocol):
-    def __call__(self, stretch: float, contraction: float) -> Array: ...
-
-
-def strain_map(angle: float) -> _Map:
-    """(s, c) → (s_x, s_a, s_y, 0, 0, 0) for a stretch along an angle from the course direction [rad]."""
-    cos, sin = math.cos(angle), math.sin(angle)
-
-    def strain(stretch: float, contraction: float) -> Array:
-        along, across = (1.0 + stretch) ** 2, (1.0 - contraction) ** 2
-        first = along * cos**2 + across * sin**2
-        second = along * sin**2 + across * cos**2
-        mixed = (along - across) * cos * sin
-        return np.array(
-            [
-                math.sqrt(first) - 1.0,
-                mixed / math.sqrt(first * second),
-                math.sqrt(second) - 1.0,
-                0.0,
-                0.0,
-                0.0,
-            ]
-        )
-
-    return strain
-
-
-def strain_slopes(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array, Array]:
-    """∂z/∂s and ∂z/∂c (6,), ∂²z/∂c² and ∂²z/∂s∂c (6,)."""
+def strain_of(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array]:
+    """Strain z (6,) at a stretch s along an angle from the course [rad] and a contraction c across; ∂z/∂s and ∂z/∂c."""
     cos, sin = math.cos(angle), math.sin(angle)
     length, width = 1.0 + stretch, 1.0 - contraction
-    # Squares I11, I22 and the product I12, as polynomials of length and width.
-    value = np.array([length**2 * cos**2 + width**2 * sin**2, (length**2 - width**2) * cos * sin,
-                      length**2 * sin**2 + width**2 * cos**2])  # fmt: skip
-    by_length = 2 * length * np.array([cos**2, cos * sin, sin**2])
-    by_width = 2 * width * np.array([sin**2, -cos * sin, cos**2])
-    twice_width = 2 * np.array([sin**2, -cos * sin, cos**2])
+    along, across = np.array([cos**2, cos * sin, sin**2]), np.array([sin**2, -cos * sin, cos**2])
+    xx, xy, yy = length**2 * along + width**2 * across
+    side, area = np.sqrt([xx, yy]), math.sqrt(xx * yy)
 
-    def chain(a: Array, b: Array, both: Array) -> Array:
-        """Second derivative of z along a and b, whose mixed derivative of I is ``both``."""
-        found = np.zeros(6)
-        for place, k in ((0, 0), (2, 2)):
-            root = math.sqrt(value[k])
-            found[place] = both[k] / (2 * root) - a[k] * b[k] / (4 * root**3)
-        x, y, m = value[0], value[2], value[1]
-        scale = 1.0 / math.sqrt(x * y)
-        log_a, log_b = -0.5 * (a[0] / x + a[2] / y), -0.5 * (b[0] / x + b[2] / y)
-        log_ab = -0.5 * (both[0] / x + both[2] / y) + 0.5 * (a[0] * b[0] / x**2 + a[2] * b[2] / y**2)
-        found[1] = scale * (both[1] + a[1] * log_b + b[1] * log_a + m * (log_a * log_b + log_ab))
-        return found
+    def slope(change: Array) -> Array:
+        shear = (change[1] - 0.5 * xy * (change[0] / xx + change[2] / yy)) / area
+        return np.array([0.5 * change[0] / side[0], shear, 0.5 * change[2] / side[1], 0.0, 0.0, 0.0])
 
-    def first(a: Array) -> Array:
-        x, y = value[0], value[2]
-        scale = 1.0 / math.sqrt(x * y)
-        shear = scale * (a[1] - 0.5 * value[1] * (a[0] / x + a[2] / y))
-        return np.array([a[0] / (2 * math.sqrt(x)), shear, a[2] / (2 * math.sqrt(y)), 0.0, 0.0, 0.0])
-
-    none = np.zeros(3)
-    # c falls with the width: one sign for each derivative by it.
-    return (
-        first(by_length),
-        -first(by_width),
-        chain(by_width, by_width, twice_width),
-        -chain(by_length, by_width, none),
-    )
+    strain = np.array([side[0] - 1.0, xy / area, side[1] - 1.0, 0.0, 0.0, 0.0])
+    return strain, slope(2.0 * length * along), slope(-2.0 * width * across)
 
 
 def pulled(
@@ -188,7 +127,7 @@ class _Path:
 
     def __init__(self, cell: PeriodicCell, angle: float, tolerance: float) -> None:
         self.tolerance = tolerance
-        self.cell, self.angle, self.strain = cell, angle, strain_map(angle)
+        self.cell, self.angle = cell, angle
         self.last: Equilibrium | None = None
         self.slopes = np.full(2, np.nan)
         self.history: list[tuple[float, float]] = [(0.0, 0.0)]
@@ -243,34 +182,7 @@ class _Path:
 
     def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
         self.solves += 1
-        found = self.cell.relax(ShellStrain.from_vector(self.strain(stretch, width)), start=start)
-        by_stretch, by_width, *_ = strain_slopes(self.angle, stretch, width)
+        strain, by_stretch, by_width = strain_of(self.angle, stretch, width)
+        found = self.cell.relax(ShellStrain.from_vector(strain), start=start)
         across, along = float(found.stress @ by_width), float(found.stress @ by_stretch)
         return _State(found, width, across, along, self.slopes, found.usable)
-
-
-def differentiated(cell: PeriodicCell, curve: YarnCurve) -> CurveDerivatives:
-    """Derivatives of a curve's stress and contraction by all that ``Sensitivities`` names, by ``rest_length`` too.
-
-    The rest shape is held. dc/dp = −ψ,cp/ψ,cc and dσ/dp = ψ,sp + ψ,sc dc/dp, ψ the energy density as a function of
-    (s, c, p). States that did not converge, or are on the verge of buckling, get nan; where all do, nothing is named.
-    """
-    count = len(curve.stretch)
-    stress: dict[str, Array] = {}
-    contraction: dict[str, Array] = {}
-    for k in np.flatnonzero(curve.converged):
-        state = curve.states[k]
-        try:
-            answer = cell.sensitivities(state)
-        except ArithmeticError:
-            continue
-        along, across, twice, mixed = strain_slopes(
-            curve.direction.angle, curve.stretch[k], curve.contraction[k]
-        )
-        by_width = across @ answer.moduli @ across + state.stress @ twice
-        by_both = along @ answer.moduli @ across + state.stress @ mixed
-        for name, change in {**answer.stress, "rest_length": answer.stress_by_rest_length}.items():
-            wider = -(across @ change) / by_width
-            for values, value in ((stress, along @ change + by_both * wider), (contraction, wider)):
-                values.setdefault(name, np.full((count, *np.shape(value)), np.nan))[k] = value
-    return CurveDerivatives(stress, contraction)

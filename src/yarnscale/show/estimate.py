@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import Equilibrium, PeriodicCell
-from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
 from yarnscale.estimate.uniform_data import UniformCurve, UniformErrors
 from yarnscale.estimate.yarn_estimate import FabricEstimate
@@ -81,33 +80,6 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
     said = " ".join(f"Warning: {warning}." for warning in estimate.warnings)
     write_report(path, f"Yarn of {estimate.measurements.name}", sections, summary=said, facts=facts)
     return path
-
-
-def write_summary_report(path: Path, estimates: Sequence[FabricEstimate]) -> None:
-    """One page over several fabrics: errors and parameters side by side (EST22 Fig. 13 to 15)."""
-    if not estimates:
-        raise InputError("summary of estimates", expected="one or more fabrics", found="none")
-    errors: list[list[Cell]] = []
-    for estimate in estimates:
-        found, ahead = estimate.error, estimate.held_out_error
-        row: list[Cell] = [estimate.measurements.name]
-        row += [_percent(value) for value in (found.comfort, found.full, found.compression)]
-        row += [_percent(None if ahead is None else ahead.comfort)]
-        row += [_percent(estimate.shell_error.comfort), _percent(estimate.yarn_error.comfort)]
-        errors.append([*row, estimate.fit.solves, round(estimate.fit.cpu_seconds)])
-    columns = ["fabric", "comfort", "full", "contraction", "held out", "shell alone", "yarn alone"]
-    columns += ["equilibria", "CPU seconds"]
-    names = list(dict.fromkeys(name for estimate in estimates for name in estimate.fit.model.names))
-    values: list[list[Cell]] = []
-    for estimate in estimates:
-        own = dict(zip(estimate.fit.model.names, estimate.fit.values.tolist(), strict=True))
-        values.append([estimate.measurements.name, *(own.get(name) for name in names)])
-    labels = ["fabric", *(f"{name} [{UNITS[name]}]" if name in UNITS else name for name in names)]
-    sections = [
-        Section("Errors against the measurement", (), [Table(columns, errors)]),
-        Section("Parameters", (), [Table(labels, values)]),
-    ]
-    write_report(path, "Estimated yarns", sections, facts={"fabrics": len(estimates)})
 
 
 def curves_plot(path: Path, estimate: FabricEstimate) -> None:
