@@ -12,7 +12,7 @@ import pytest
 
 import yarnscale as ys
 from yarnscale.checked import WrongArgument, checked
-from yarnscale.homogenize.fit import FitOptions
+from yarnscale.homogenize.published_fit import PublishedOptions
 from yarnscale.shell.mesh import rectangle
 
 PATTERN, YARN = ys.patterns.build("plain"), ys.YarnMaterial.preset("wool")
@@ -40,7 +40,7 @@ CLOTH = ys.OrthotropicMaterial(10.0, 1.0, 10.0, 1.0, bend_weft=1e-5, bend_warp=1
         (lambda: ys.run_scene(CLOTH), "argument scene; expected Scene"),
         (lambda: ys.Cloth("mesh.obj", CLOTH), "argument mesh; expected TriangleMesh"),
         (lambda: ys.fit("samples.zarr"), "argument store; expected SampleStore"),
-        (lambda: ys.fit(CELL, options=FitOptions()), "argument store; expected SampleStore"),
+        (lambda: ys.fit(CELL, options=PublishedOptions()), "argument store; expected SampleStore"),
         (lambda: ys.fit_shell("curves.csv"), "argument measurements; expected SwatchMeasurements"),
         (lambda: ys.sample(PATTERN, "store"), "argument cell; expected PeriodicCell"),
         (lambda: ys.homogenize_cell(PATTERN, "out"), "argument cell; expected PeriodicCell"),

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from yarnscale.files.measurements import read_measurements
     from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
     from yarnscale.homogenize.compact_fit import fit_compact_material
-    from yarnscale.homogenize.fit import fit_spline_material
     from yarnscale.homogenize.homogenize import Homogenization, fit, fit_published
     from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
     from yarnscale.homogenize.plan import StrainGrid, StrainRange, axes_and_planes
+    from yarnscale.homogenize.published_fit import fit_spline_material
     from yarnscale.homogenize.sample import create_store, sample
     from yarnscale.homogenize.store import SampleStore
     from yarnscale.kinematics import COMPONENTS, ShellStrain
@@ -84,7 +84,7 @@ _HOME = {
     "fit": "homogenize.homogenize",
     "fit_compact_material": "homogenize.compact_fit",
     "fit_published": "homogenize.homogenize",
-    "fit_spline_material": "homogenize.fit",
+    "fit_spline_material": "homogenize.published_fit",
     "fit_shell": "estimate.fabric_shell",
     "homogenize_cell": "homogenize.homogenize:homogenize",
     "knit": "yarn.knit",

@@ -50,9 +50,14 @@ def add_material_commands(add: Add) -> None:
         "--curvature", type=number, metavar="C", help="largest curvature times yarn radius (0.1)"
     )
     published.add_argument("--one-dimensional", action="store_true", help="no terms of two strains")
-    published.add_argument("--smoothing", type=number, metavar="W", help="weight of smoothness (0.01)")
     published.add_argument(
-        "--even-knots", action="store_true", help="bending knots spaced evenly, not closer near zero"
+        "--smoothing",
+        type=number,
+        metavar="W",
+        help="width of the local polynomials that even out noise, over the distance of states (0.35)",
+    )
+    published.add_argument(
+        "--even-knots", action="store_true", help="bending control points spaced evenly, not closer near zero"
     )
     add_radius(command)
     add_dask(command)

@@ -24,8 +24,8 @@ from yarnscale.homogenize.compact_problem import STRESS_FLOOR
 from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
-from yarnscale.homogenize.observations import FitOptions
 from yarnscale.homogenize.plan import StrainRange
+from yarnscale.homogenize.published_fit import PublishedOptions
 from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain
@@ -84,11 +84,11 @@ def _settings(options: argparse.Namespace) -> dict[str, object]:
             given["visited"] = visited_strains(options.visited)
         return {**solves, **given}
     box = StrainRange(**{name: value for name, value in ranges.items() if value is not None})
-    settings = {"pairs": not options.one_dimensional, "grading": 0.0 if options.even_knots else 2.0}
+    settings = {"pairs": not options.one_dimensional, "even_knots": options.even_knots}
     if options.smoothing is not None:
         settings["smoothing"] = options.smoothing
     return {
-        "form": "hylc2020", "solves": 400, **solves, "range": box, "options": FitOptions(**settings),
+        "form": "hylc2020", "solves": 400, **solves, "range": box, "options": PublishedOptions(**settings),
     }  # fmt: skip
 
 

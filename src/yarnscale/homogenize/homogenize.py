@@ -14,9 +14,14 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_compact_material, strain_units
-from yarnscale.homogenize.fit import IN_STRESS, FitOptions, fit_spline_material, strains_of
 from yarnscale.homogenize.load_samples import UNSEEN_SHARE, sample_loads
 from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
+from yarnscale.homogenize.published_fit import (
+    IN_STRESS,
+    PublishedOptions,
+    fit_spline_material,
+    strains_of,
+)
 from yarnscale.homogenize.rays import SOLVES
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
 from yarnscale.homogenize.states import FabricStates
@@ -53,8 +58,8 @@ def fit(store: SampleStore, *, options: CompactOptions | None = None) -> Compact
 
 
 @checked
-def fit_published(store: SampleStore, *, options: FitOptions | None = None) -> SplineMaterial:
-    """The published pairwise splines (HYLC20 §6) of a store of strains: see ``fit.fit_spline_material``."""
+def fit_published(store: SampleStore, *, options: PublishedOptions | None = None) -> SplineMaterial:
+    """The published pairwise splines (HYLC20 §6) of a store of strains: see ``published_fit``."""
     if store.rays:
         raise InputError(
             "samples along loads", where=store.path, expected="a store of strains for the form hylc2020"
@@ -83,7 +88,7 @@ def homogenize(
     limit: float | None = None,
     visited: Array | None = None,
     range: StrainRange | None = None,
-    options: CompactOptions | FitOptions | None = None,
+    options: CompactOptions | PublishedOptions | None = None,
     workers: int = 2,
     dask: str | None = None,
     resume: bool = False,
@@ -108,7 +113,7 @@ def homogenize(
         assert options is None or isinstance(options, CompactOptions)
         material: CompactMaterial | SplineMaterial = fit(found.store, options=options)
     else:
-        assert options is None or isinstance(options, FitOptions)
+        assert options is None or isinstance(options, PublishedOptions)
         stores, summary = _strain_stores(
             cell, folder, range or StrainRange(), solves, workers, dask, resume, progress
         )
