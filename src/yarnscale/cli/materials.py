@@ -30,6 +30,7 @@ from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.shell.materials.compact import CompactMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.show.report import Picture, Section, Table, write_report
 
 PATTERN = "pattern.json"
@@ -149,7 +150,7 @@ def homogenize(options: argparse.Namespace) -> int:
 def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool = False) -> RunFolder:
     """The folder of a homogenized pattern."""
     stores = ("samples/", "unseen/")
-    pictures = ("tension", "bending", "stress", "errors")
+    pictures = ("tension", "bending", "terms", "stress", "errors")
     makes = (*stores, PATTERN, "material.json", "index.html", *(f"pictures/{name}.png" for name in pictures))
     return RunFolder(
         path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN)
@@ -185,7 +186,7 @@ def homogenize_into(
 
 def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
     """Tension and bending beside the samples; errors of the stress at unseen and at fitted states."""
-    from yarnscale.show.material import PICTURES, draw_curves
+    from yarnscale.show.material import PICTURES, TERMS, draw_curves, draw_terms
     from yarnscale.show.plots import error_histogram, stress_scatter
 
     folder = writable_folder(folder)
@@ -204,6 +205,9 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
     if (outcome.samples.kinds == "tension").any():
         draw_curves(outcome.material, outcome.samples, folder)
         pictures = [Picture(folder / name, text, wide=True) for name, text in PICTURES.items()]
+    if isinstance(outcome.material, SplineMaterial) and outcome.material.planes:
+        draw_terms(outcome.material, outcome.samples, folder / TERMS)
+        pictures = [Picture(folder / TERMS, "Terms of two in-plane strains (HYLC20 Fig. 13).", wide=True)]
     return [
         *pictures,
         Picture(folder / "stress.png", "Error of the stress over its size; lines at 1 and 6 %."),

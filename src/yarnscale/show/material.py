@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import SymLogNorm
 from numpy.typing import NDArray
 
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.numerics.loads import FLAT, Held, LoadedState, Loads, equilibrium_under, path_under
 from yarnscale.shell.materials.homogeneous import MaterialFabric
 from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import AXES, PLANES
 from yarnscale.show import theme
 from yarnscale.show.plots import written_figure
 
@@ -26,6 +29,7 @@ PICTURES = {
     "bending.png": "Moment of pure bending along courses and wales: cell (dots) and material (line).",
 }
 """File name and what it shows."""
+TERMS = "terms.png"
 _NEXT_TO_NOTHING = 0.03
 
 
@@ -33,6 +37,39 @@ def draw_curves(material: ShellMaterial, samples: FabricStates, folder: Path) ->
     """Write ``PICTURES``; samples along loads."""
     _curves(folder / "tension.png", material, samples, _tension)
     _curves(folder / "bending.png", material, samples, _bending)
+
+
+def draw_terms(material: SplineMaterial, samples: FabricStates, path: Path) -> None:
+    """The terms of two in-plane strains of the published form, as HYLC20 Fig. 13 shows them; samples of strains."""
+    columns = ("samples", "terms of one strain", "samples less these", "all terms", "error")
+    pairs = [pair for pair in PLANES[:3] if pair in material.planes]
+    acting = np.abs(samples.strains) > 1e-9 * np.abs(samples.strains).max(axis=0)
+    with written_figure(path, 11.0, 2.4 * len(pairs), title="") as figure:
+        for row, pair in zip(figure.subplots(len(pairs), 5, squeeze=False), pairs, strict=True):
+            on_plane = ~np.delete(acting, pair, axis=1).any(axis=1)
+            places, energies = (
+                samples.strains[on_plane][:, pair],
+                samples.energies[on_plane] - material.constant,
+            )
+            u, v = (np.linspace(1.15 * material.range[k, 0], 1.15 * material.range[k, 1], 60) for k in pair)
+            first, second = (material.axes[k] for k in pair)
+            single = first(u)[:, None] + second(v)
+            alone = first(places[:, 0]) + second(places[:, 1])
+            term = material.planes[pair]
+            together = single + term(u[:, None], v)
+            most = max(float(np.abs(together).max()), 1e-9)
+            norm = SymLogNorm(1e-3 * most, vmin=-most, vmax=most)
+            error = alone + term(*places.T) - energies
+            parts = (energies, single, energies - alone, together, error)
+            for axes, name, values in zip(row, columns, parts, strict=True):
+                if values.ndim == 2:
+                    image = axes.pcolormesh(u, v, values.T, norm=norm, cmap="coolwarm", shading="gouraud")
+                else:
+                    image = axes.scatter(*places.T, c=values, s=9, norm=norm, cmap="coolwarm")
+                axes.set(
+                    title=name, xlabel=AXES[pair[0]], ylabel=AXES[pair[1]], xlim=u[[0, -1]], ylim=v[[0, -1]]
+                )
+            figure.colorbar(image, ax=row, label="J/m²")
 
 
 def _curves(path: Path, material: ShellMaterial, samples: FabricStates, draw: Any) -> None:
