@@ -1,4 +1,4 @@
-"""Run what README.md and the pages of docs say: `python docs/run_commands.py README.md docs/fabric.md`.
+"""Run what README.md and the pages of docs say: `python docs/run_commands.py README.md docs/guide/fabric.md`.
 
 Every command of a block and every block of Python is run in a folder that holds the samples, in the order of the page,
 costly ones with the smaller numbers of ``SMALLER``. ``PARSED_ONLY`` are only parsed: they take minutes whatever is made

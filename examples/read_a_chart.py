@@ -1,6 +1,6 @@
 """Knit from a chart of your own: a few lines of text become a periodic pattern, at rest under its own yarn.
 
-The chart is read as seen from the right side, the last row on top (docs/chart_format.md). Files of this kind go to
+The chart is read as seen from the right side, the last row on top (docs/reference/chart_format.md). Files of this kind go to
 every command that takes a pattern: `yarnscale relax checks.chart`.
 """
 

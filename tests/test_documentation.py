@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import tomllib
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from yarnscale.files.patterns import read_pattern
 from yarnscale.files.scene_toml import read_scene
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 _spec = importlib.util.spec_from_file_location("run_commands", ROOT / "docs" / "run_commands.py")
 assert _spec is not None and _spec.loader is not None
 run_commands = importlib.util.module_from_spec(_spec)
@@ -78,6 +79,12 @@ def test_pages_run(page: Path, tmp_path: Path) -> None:
     assert run_commands.run(page, tmp_path) == []
 
 
+def test_links_lead_to_files() -> None:
+    for page in [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]:
+        for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), (page.name, target)
+
+
 def test_samples_are_what_readers_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["samples", "--out", str(tmp_path)]) == 0
     assert main(["samples", "--out", str(tmp_path)]) == 2
@@ -97,9 +104,10 @@ def test_samples_are_what_readers_take(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_the_guide_is_in_every_installation(capsys: pytest.CaptureFixture[str]) -> None:
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
-    packed = wheel["force-include"]
-    assert set(packed) == {str(page.relative_to(ROOT)) for page in PAGES}
-    assert set(pages()) == {Path(name).stem.removesuffix("_format") for name in packed.values()}
+    packed = [ROOT / name for name in wheel["force-include"]]
+    assert all(path.exists() for path in packed)
+    assert all(page in packed or page.parent in packed for page in PAGES)
+    assert set(pages().values()) == set(PAGES)
     assert main(["help"]) == 0 and "chart " in capsys.readouterr().out
     assert main(["help", "chart"]) == 0 and "# Chart files" in capsys.readouterr().out
     assert main(["help", "lace"]) == 2 and "unknown topic" in capsys.readouterr().err

@@ -49,7 +49,7 @@ def test_defaults_are_the_published_rule(tmp_path: Path) -> None:
 
 
 def test_the_example_in_the_documentation_reads(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "material_format.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "yarn_material_format.md").read_text()
     example = text.split("```toml\n")[1].split("```")[0]
     (tmp_path / "m.toml").write_text(example)
     assert read_material(tmp_path / "m.toml") == replace(PRESETS["wool"], name="soft wool")

@@ -32,7 +32,7 @@ def test_the_file_is_plain_json_with_the_documented_fields(tmp_path: Path) -> No
     document = json.loads((tmp_path / "p.json").read_text())
     assert tuple(document) == FIELDS
     assert (document["format"], document["version"]) == ("yarnscale-pattern", 1)
-    text = (Path(__file__).parents[2] / "docs" / "pattern_format.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "pattern_format.md").read_text()
     for field in FIELDS:
         assert f"`{field}`" in text
 

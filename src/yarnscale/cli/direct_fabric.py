@@ -37,7 +37,7 @@ from yarnscale.yarn.stiffness import Materials, materials_of
 
 USUAL_FRICTION = 0.1
 """Of yarns on each other: with none cut yarns draw back and weaves come apart, with 0.3 fabric creeps and hardly curls
-(docs/fabric.md)."""
+(docs/guide/fabric.md)."""
 Laid = tuple[YarnSheet, Materials, Springs]
 """A sheet, its materials, and what keeps its borders."""
 

@@ -1,4 +1,4 @@
-"""Commands ``samples`` and ``help``: small inputs to try, and the pages of the guide, which every installation has."""
+"""Commands ``samples`` and ``help``: small inputs to try, and the pages of ``docs``, which every installation has."""
 
 from __future__ import annotations
 
@@ -15,14 +15,18 @@ SAMPLES = PACKAGE / "samples"
 
 
 def pages() -> dict[str, Path]:
-    """Pages of the guide by topic: in the package, or, in a checkout, in the folder ``docs`` beside it."""
-    inside, beside = PACKAGE / "guide", PACKAGE.parents[1] / "docs"
-    if inside.is_dir():
-        found = sorted(inside.glob("*.md"))
-    else:
-        found = [beside.parent / "README.md", *sorted(beside.glob("*.md"))]
-    names = {"README": "overview"}
-    return {names.get(path.stem, path.stem.removesuffix("_format")): path for path in found}
+    """Pages by topic: ``estimate`` for ``guide/estimate.md``, ``validation/estimate`` for what was measured.
+
+    They are in the package, or, in a checkout, in the folder ``docs`` beside it.
+    """
+    inside, beside = PACKAGE / "docs", PACKAGE.parents[1] / "docs"
+    folder = inside if inside.is_dir() else beside
+    found = {"overview": inside / "overview.md" if folder is inside else beside.parent / "README.md"}
+    for pattern in ("guide/*.md", "reference/*.md", "*.md", "validation/*.md"):
+        for path in sorted(folder.glob(pattern)):
+            topic = path.stem.removesuffix("_format")
+            found.setdefault(f"validation/{topic}" if path.parent.name == "validation" else topic, path)
+    return found
 
 
 def samples(options: argparse.Namespace) -> int:
@@ -43,7 +47,7 @@ def help(options: argparse.Namespace) -> int:
     if options.topic is None:
         for topic, path in found.items():
             title = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
-            print(f"{topic:<14} {title}")
+            print(f"{topic:<23} {title}")
         return 0
     if options.topic not in found:
         raise InputError("unknown topic", expected=", ".join(found), found=repr(options.topic))

@@ -1,4 +1,4 @@
-"""`.chart` files: a user's own knitting chart or weaving draft as text, described in docs/chart_format.md."""
+"""`.chart` files: a user's own knitting chart or weaving draft as text, described in docs/reference/chart_format.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Yarn materials as TOML files; the format is described in docs/material_format.md."""
+"""Yarn materials as TOML files; the format is described in docs/reference/yarn_material_format.md."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def material_of_table(
 def write_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None:
     """Write a material as TOML with every digit; whole or not at all."""
     lines = [
-        "# yarnscale yarn material; SI units, see yarnscale help material",
+        "# yarnscale yarn material; SI units, see yarnscale help yarn_material",
         f"name = {_string(material.name)}",
         *(f"{name} = {getattr(material, name)!r}" for name in NUMBERS),
     ]

@@ -1,4 +1,4 @@
-"""Measurements of a fabric from a TOML or CSV file; the form is described in docs/measurement_format.md."""
+"""Measurements of a fabric from a TOML or CSV file; the form is described in docs/reference/measurement_format.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stretch and pear-loop readings of tables; the form is described in docs/measurement_format.md.
+"""Stretch and pear-loop readings of tables; the form is described in docs/reference/measurement_format.md.
 
 Tables of the project's own form, tables of tracked pins, whose samples end in X (course) or Y (wale), and logs of
 testing machines are read alike. What a log leaves out, such as the size of the swatch, is given by ``LogSettings``.

@@ -1,4 +1,4 @@
-"""The native pattern format: JSON with a version and units, described in docs/pattern_format.md."""
+"""The native pattern format: JSON with a version and units, described in docs/reference/pattern_format.md."""
 
 from __future__ import annotations
 

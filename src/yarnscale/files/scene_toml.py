@@ -1,4 +1,4 @@
-"""Scenes of cloth as TOML files; the format is described in docs/scene_format.md."""
+"""Scenes of cloth as TOML files; the format is described in docs/reference/scene_format.md."""
 
 from __future__ import annotations
 
