@@ -1,7 +1,7 @@
 """Knit from a chart of your own: a few lines of text become a periodic pattern, at rest under its own yarn.
 
-The chart is read as seen from the right side, the last row on top (docs/reference/chart_format.md). Files of this kind go to
-every command that takes a pattern: `yarnscale relax checks.chart`.
+The chart shows the right side, the last row on top (docs/reference/chart_format.md). Every command that takes a pattern
+takes such a file: `yarnscale relax checks.chart`.
 """
 
 from pathlib import Path

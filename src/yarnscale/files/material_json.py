@@ -1,6 +1,6 @@
 """Material files: our own versioned JSON, and a reader that also takes published HYLC files.
 
-The format is described in docs/reference/shell_material_format.md. Numbers are written so that reading gives the same floats.
+docs/reference/shell_material_format.md describes the format. Numbers are written so that reading gives the same floats.
 """
 
 from __future__ import annotations
