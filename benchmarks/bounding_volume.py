@@ -12,29 +12,30 @@ import numpy as np
 
 from yarnscale.fabric.imposed import imposed
 from yarnscale.fabric.measures import fibre_extension, penetration
-from yarnscale.fabric.run import MotionSchedule, run_motion
 from yarnscale.fabric.spline_knit import SplineFabric, jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")
 STEP = 1 / 240
 
 
-def _moving(fabric: SplineFabric, shape: tuple[int, int] | None, **options: float) -> SplineMotion:
+def _moving(fabric: SplineFabric, shape: tuple[int, int] | None, **options: float | str) -> SplineMotion:
     volume = None if shape is None else BoundingVolume.around(fabric.control, shape)
     return SplineMotion(fabric, volume=volume, held=fabric.top, **options)  # type: ignore[arg-type]
 
 
-def _seconds_a_step(moving: SplineMotion, method: str, step: float, count: int) -> tuple[float, float]:
+def _seconds_a_step(moving: SplineMotion, step: float, count: int) -> tuple[float, float]:
     """Processor seconds of a step, which others on the machine disturb little, and Newton iterations; means."""
-    motion, seconds, iterations = moving.step(moving.start, step, method=method).motion, [], []  # type: ignore[arg-type]
+    motion, seconds, iterations = moving.step(moving.start, step).state, [], []
     for _ in range(count):
         begin = time.process_time()
-        result = moving.step(motion, step, method=method)  # type: ignore[arg-type]
+        result = moving.step(motion, step)
         seconds.append(time.process_time() - begin)
-        motion, _ = result.motion, iterations.append(result.iterations)
+        motion, _ = result.state, iterations.append(result.iterations)
     return float(np.mean(seconds)), float(np.mean(iterations))
 
 
@@ -44,11 +45,11 @@ def show_times(quick: bool) -> None:
     for rows, columns in ((7, 7),) if quick else ((7, 7), (15, 30), (30, 60)):
         fabric, base = jersey(rows, columns, WOOL), None
         for shape in (None, (5, 5), (9, 9)):
-            moving = _moving(fabric, shape)
-            stable = 0.7 * moving.stable_step(moving.start)
-            explicit, _ = _seconds_a_step(moving, "explicit", stable, 5 if shape is None else 50)
+            moving, led = _moving(fabric, shape), _moving(fabric, shape, method="explicit")
+            stable = led.longest_step(led.start)
+            explicit, _ = _seconds_a_step(led, stable, 5 if shape is None else 50)
             few = shape is None and rows * columns > 1000
-            implicit, newton = _seconds_a_step(moving, "implicit", STEP, 3 if few else 12)
+            implicit, newton = _seconds_a_step(moving, STEP, 3 if few else 12)
             found = np.array([explicit / stable, implicit / STEP])
             base = found if base is None else base
             ratio = "" if shape is None else f"  {base[0] / found[0]:.0f}x, {base[1] / found[1]:.0f}x"
@@ -70,19 +71,20 @@ def show_hang(quick: bool) -> None:
     )
     frames: dict[str, dict[float, np.ndarray]] = {}
     for name, shape in (("full", None), ("(5,5,2)", (5, 5)), ("(9,9,2)", (9, 9))):
-        shown: dict[float, np.ndarray] = {}
-
-        def keep(number: int, yarns: YarnMotion, shown: dict[float, np.ndarray] = shown) -> None:
-            shown[round(yarns.time, 3)] = yarns.positions
-
-        moving = _moving(fabric, shape, damping=1.0)
-        run = run_motion(moving, MotionSchedule(goal, STEP, frame_interval=0.1), on_frame=keep)
-        frames[name] = shown
-        for energies in run.energies:
-            at = round(energies["time"], 3)
+        kept: list[YarnMotion] = []
+        moving, began = _moving(fabric, shape, damping=1.0), time.perf_counter()
+        schedule = Schedule(goal, STEP, to_rest=False, frame_interval=0.1)
+        run = simulate(
+            moving, moving.start, schedule, on_frame=lambda _, motion, kept=kept: kept.append(motion)
+        )
+        seconds = time.perf_counter() - began
+        frames[name] = {}
+        for motion in kept:
+            at = round(motion.time, 3)
             if at not in (0.4, 1.0, 2.0, 3.0):
                 continue
-            points = shown[at]
+            points, energies = moving.yarns(motion).positions, moving.energies(motion)
+            frames[name][at] = points
             mean = points.mean(axis=0) - fabric.control.reshape(-1, 3).mean(axis=0)
             lower = points.reshape(7, -1, 3)[0, :, 1].min() - fabric.control[0, :, 1].min()
             parts = [1e6 * energies[k] for k in ("elastic", "gravity", "kinetic")]
@@ -92,7 +94,7 @@ def show_hang(quick: bool) -> None:
                 f"{parts[0]:8.3f} {parts[1]:8.2f} {parts[2]:8.3f} {-sum(parts):9.3f} {1e3 * away:12.2f}"
             )
         print(
-            f"{name:9s} {run.status.value}, {run.steps} steps, {run.iterations} iterations, {run.seconds:.1f} s"
+            f"{name:9s} {run.outcome}, {run.steps} steps, {run.newton_iterations} iterations, {seconds:.1f} s"
         )
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.kkt import ConstrainedSolver, QuadraticModel
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.simulate import ClothSolver
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState

@@ -20,7 +20,7 @@ import numpy as np
 from yarnscale.files.material_json import read_material
 from yarnscale.numerics.factor import factorisation
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
-from yarnscale.shell.dynamics.simulate import ClothSolver
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import JERSEY, OrthotropicMaterial
 from yarnscale.shell.scenes.scene import drape, run_scene, stretch

@@ -26,9 +26,11 @@ from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.state import ClothState
 from yarnscale.yarn import library

@@ -34,9 +34,9 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.schedule import Schedule
 from yarnscale.numerics.factor import factorisation
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.dynamics.simulate import Schedule
 from yarnscale.shell.scenes import scene as cloth_scene
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
@@ -121,9 +121,9 @@ def run(name: str, dynamics: FabricDynamics, start: FabricMotion, options: argpa
     steps, wanted = Steps(start), max(1, math.ceil(options.frames * FRAME / options.time_step - 1e-9))
     while steps.made < wanted and (steps.made == 0 or steps.seconds < options.limit):
         before = time.process_time()
-        seconds, step = timed(lambda: dynamics.implicit(steps.motion, options.time_step))
+        seconds, step = timed(lambda: dynamics.step(steps.motion, options.time_step))
         steps.processor += time.process_time() - before
-        steps.motion, steps.made, steps.seconds = step.motion, steps.made + 1, steps.seconds + seconds
+        steps.motion, steps.made, steps.seconds = step.state, steps.made + 1, steps.seconds + seconds
         steps.iterations += step.iterations
         steps.factorisations += step.factorisations
         steps.met += step.status is Status.CONVERGED
@@ -146,13 +146,15 @@ def measure(name: str, options: argparse.Namespace) -> str:
     scene, count = scene_of(sheet, options.scene), PassageCount(energy, x)
     friction = YarnFriction(options.friction) if options.friction else None
     settings = MotionSettings(scene.gravity, DAMPING, friction, iterations=options.iterations)
-    dynamics = FabricDynamics(energy, settings, scene.holds, scene.obstacles(energy), count)
+    around = scene.holds, scene.obstacles(energy), count
+    dynamics = FabricDynamics(energy, settings, *around)
     # Borders that were just glued snap together; that is no part of the scene.
     rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING, count=count)
     told(f"{name}: borders at rest after {rest.iterations} iterations, {rest.seconds:.1f} s")
     steps = run(name, dynamics, FabricMotion(rest.x, 0.0 * rest.x), options)
     stable = dynamics.stable_step(steps.motion)
-    explicit, _ = timed(lambda: dynamics.explicit(steps.motion, stable))
+    led = FabricDynamics(energy, replace(settings, method="explicit"), *around)
+    explicit, _ = timed(lambda: led.step(steps.motion, stable))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     each, cloth = steps.seconds / steps.made, cloth_seconds(name, options)
     frame = each * FRAME / options.time_step

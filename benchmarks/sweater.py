@@ -19,7 +19,8 @@ import numpy as np
 
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.material_json import read_material
-from yarnscale.shell.dynamics.simulate import ClothSolver, Progress, simulate
+from yarnscale.motion.run import Progress, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.body_scenes import FRAME, sweater

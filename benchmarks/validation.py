@@ -33,17 +33,17 @@ from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
-from yarnscale.fabric.direct_run import run_fabric
-from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, pulled_apart
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.homogenize.homogenize import homogenize
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.scenes.scene import BAR_TRAVEL, SHEET, bar_duration, bar_points, stretch
@@ -166,18 +166,18 @@ def by_yarns(asked: Scenario, options: argparse.Namespace) -> Run:
         surfaces.append(surface.at(energy.positions(motion.x) * sheet.radius))
 
     dynamics = FabricDynamics(energy, settings, scene.holds, pushes)
-    dynamics.implicit(dynamics.start(), 1e-4)  # compiles
+    dynamics.step(dynamics.start(), 1e-4)  # compiles
     energy.anchor(energy.start())
     count = PassageCount(energy, energy.start())
     dynamics = FabricDynamics(energy, settings, scene.holds, pushes, count)
-    schedule = MotionSchedule(asked.duration, options.time_step, FRAME)
+    schedule = Schedule(asked.duration, options.time_step, to_rest=False, frame_interval=FRAME)
     began = time.process_time()
-    run = run_fabric(dynamics, schedule, on_frame=frame)
+    run = simulate(dynamics, dynamics.start(), schedule, on_frame=frame)
     seconds = time.process_time() - began
-    places = energy.positions(run.motion.x) * sheet.radius
+    places = energy.positions(run.state.x) * sheet.radius
     return Run(
         sheet.vertex_count, run.steps, options.time_step, seconds, np.array(times), np.array(pulls),
-        np.array(surfaces), places, sheet.offsets, run.passages,
+        np.array(surfaces), places, sheet.offsets, count.passages,
     )  # fmt: skip
 
 
@@ -229,7 +229,7 @@ def by_cloth(asked: Scenario, folder: Path, options: argparse.Namespace) -> Run:
     return Run(
         cloth.mesh.vertex_count, run.steps, options.cloth_step, seconds, np.array([s.time for s in states]),
         np.array([pull(s) for s in states]), np.array([surface.at(s.positions) for s in states]),
-        run.state.positions, cloth.mesh.triangles, run.intersections,
+        run.state.positions, cloth.mesh.triangles, run.faults.get("intersections"),
     )  # fmt: skip
 
 

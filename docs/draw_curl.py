@@ -8,9 +8,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
 from yarnscale.show.cloth import ClothFrame, contact_sheet

@@ -13,9 +13,11 @@ from typing import Literal
 import numpy as np
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
@@ -42,8 +44,8 @@ def pulled(material: SplineMaterial, direction: Direction) -> tuple[np.ndarray, 
     cloth = Cloth(MESH, material, tuple(clamps), gravity=(0, 0, 0), contact=contact, damping=3.0)
     solver = ClothSolver(cloth)
     run = simulate(solver, start, Schedule(0.3, 0.03, rough_iterations=40))
-    if not run.converged or run.intersections:
-        raise RuntimeError(f"no rest: {run.status.value}, {run.intersections} frames that cross")
+    if not run.converged or any(run.faults.values()):
+        raise RuntimeError(f"no rest: {run.outcome}, frames that cross: {run.faults}")
     return run.state.positions, abs(float(solver.pull(clamps[1], run.state)[axis]))
 
 

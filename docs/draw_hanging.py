@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from yarnscale.fabric.run import MotionSchedule, run_motion
 from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.show import theme
 from yarnscale.show.canvas import aim, canvas, light
 from yarnscale.show.curves import Curve
@@ -35,12 +36,15 @@ def main() -> None:
         moving = SplineMotion(fabric, volume=volume, held=fabric.top, gravity=GRAVITY, damping=1.0)
         frames: list[np.ndarray] = []
 
-        def keep(number: int, yarns: YarnMotion, frames: list[np.ndarray] = frames) -> None:
-            if any(abs(yarns.time - moment) < 1e-6 for moment in MOMENTS):
-                frames.append(fabric.lines(yarns.positions, 2))
+        def keep(
+            number: int, motion: YarnMotion, moving: SplineMotion = moving, frames: list[np.ndarray] = frames
+        ) -> None:
+            if any(abs(motion.time - moment) < 1e-6 for moment in MOMENTS):
+                frames.append(fabric.lines(moving.yarns(motion).positions, 2))
 
-        run = run_motion(moving, MotionSchedule(MOMENTS[-1], frame_interval=0.2), on_frame=keep)
-        print(run.status.value, run.steps, "steps", f"{run.seconds:.1f} s")
+        schedule = Schedule(MOMENTS[-1], 1 / 240, to_rest=False, frame_interval=0.2)
+        run = simulate(moving, moving.start, schedule, on_frame=keep)
+        print(run.outcome, run.steps, "steps")
         shown.append(frames)
     # Turned so that gravity points down in the picture.
     down = np.asarray(GRAVITY) / np.linalg.norm(GRAVITY)

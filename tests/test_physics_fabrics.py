@@ -12,9 +12,11 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.scenes.scene import central_stretch
@@ -98,7 +100,7 @@ def strip(material: SplineMaterial, along: int, *, stretch: float = 0.3, spacing
     cloth = Cloth(mesh, material, tuple(clamps), gravity=(0, 0, 0), contact=contact, damping=3.0)
     solver = ClothSolver(cloth)
     run = simulate(solver, start, Schedule(0.3, 0.03, rough_iterations=40))
-    assert run.converged and run.intersections == 0
+    assert run.converged and run.faults["intersections"] == 0
     positions, middle = run.state.positions, np.abs(mesh.panel[:, axis]) < 0.6 * spacing
     outermost = middle & (np.abs(mesh.panel[:, 1 - axis]) > 0.5 * size - 1e-6)
     return Strip(

@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from yarnscale.homogenize.store import SampleStore
     from yarnscale.kinematics import COMPONENTS, ShellStrain
     from yarnscale.laboratory.programme import FabricTests, Programme, run_tests
+    from yarnscale.motion.run import simulate
     from yarnscale.numerics.newton import Status
     from yarnscale.shell import scenes
     from yarnscale.shell.dynamics.cloth import Cloth
-    from yarnscale.shell.dynamics.simulate import simulate
     from yarnscale.shell.materials.compact import CompactMaterial
     from yarnscale.shell.materials.material import ShellMaterial
     from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
@@ -100,7 +100,7 @@ _HOME = {
     "sample": "homogenize.sample",
     "scenes": "shell.scenes:",
     "settled": "cell.rest",
-    "simulate": "shell.dynamics.simulate",
+    "simulate": "motion.run",
     "weave": "yarn.weave",
     "write_material": "files.material_json",
     "write_pattern": "files.patterns",

@@ -129,7 +129,7 @@ def test_another_scene_is_not_resumed(tmp_path: Path, capsys) -> None:
     written(short.parent, 0.05, stretch=61.0)
     frames = sorted((out / "frames").iterdir())
     assert main(["simulate", str(short), "--out", str(out), "--resume"]) == 2
-    assert "another scene" in capsys.readouterr().err
+    assert "another cloth" in capsys.readouterr().err
     assert sorted((out / "frames").iterdir()) == frames
     assert main(["simulate", str(short), "--out", str(out)]) == 2
     assert "expected a new folder, or --overwrite or --resume" in capsys.readouterr().err

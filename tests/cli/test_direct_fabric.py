@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import yarnscale
 from yarnscale.cli import main
 from yarnscale.files.curve_frames import read_curve_frames
 from yarnscale.shell.mesh import rectangle
@@ -163,7 +169,7 @@ def test_rods_move_in_a_volume(capsys: pytest.CaptureFixture[str], tmp_path: Pat
     within = ("--method", "volume", "--volume", "4,4,2")
     assert _numbers(capsys, *within, "--count")["reduced_unknowns"] == 96
     held = _numbers(capsys, *run, *within, "--out", str(tmp_path / "held"))
-    assert held["steps"] == held["converged_steps"] == 2 and held["passages"] == 0
+    assert held["steps"] == 2 and held["loose_steps"] == 0 and held["passages"] == 0
     assert float(str(held["force"])) > float(str(whole["force"])) > 0
     for refused in ("--explicit", "--adaptive"):
         assert main([*SMALL, *run, *within, refused, "--out", str(tmp_path / "none")]) == 2
@@ -206,3 +212,69 @@ def test_a_piece_of_tucks_and_two_beds_is_one_yarn_too(
     assert json.loads(capsys.readouterr().out)["yarns"] == 2
     assert main(["fabric", "plain", *options]) == 2
     assert "knitted piece" in capsys.readouterr().err
+
+
+RESUMED = [
+    "--as-drawn",
+    "--scene",
+    "stretch",
+    "--amount",
+    "0.3",
+    "--duration",
+    "0.2",
+    "--time-step",
+    "0.0333",
+]
+
+
+def test_a_killed_run_goes_on_and_ends_bit_by_bit_like_one_that_was_not(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    whole, broken = tmp_path / "whole", tmp_path / "Stoff mit Leerzeichen ü"
+    first = _numbers(capsys, *RESUMED, "--out", str(whole))
+    source = str(Path(yarnscale.__file__).parents[1])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "yarnscale", *SMALL, *RESUMED, "--out", str(broken)],
+        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": source},
+    )  # fmt: skip
+    while not (broken / "frame_0001.npz").exists() and process.poll() is None:
+        time.sleep(0.002)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait(60) == -signal.SIGKILL
+    before = {path.name: path.stat().st_mtime_ns for path in broken.glob("frame_*.npz")}
+    assert 2 <= len(before) < 7, "the run was to be killed in the middle"
+    again = _numbers(capsys, *RESUMED, "--out", str(broken), "--resume")
+    for name in first:
+        if name != "seconds":
+            assert again[name] == first[name], name
+    same, other = read_curve_frames(whole), read_curve_frames(broken)
+    np.testing.assert_array_equal(other.times, same.times)
+    for number in same.paths:
+        np.testing.assert_array_equal(other.points(number)[0], same.points(number)[0], err_msg=f"{number}")
+    # Frames up to the checkpoint stayed as they were: at most the last one was written again.
+    assert sum((broken / name).stat().st_mtime_ns != written for name, written in before.items()) <= 1
+
+
+def test_resume_refuses_other_settings_and_folders_without_a_run(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out, short = tmp_path / "run", ["--duration", "0.01", "--time-step", "0.01"]
+    assert main([*SMALL, *short, "--out", str(out), "--resume"]) == 2
+    said = capsys.readouterr().err
+    assert "nothing to resume" in said and not out.exists()
+    _numbers(capsys, *short, "--out", str(out))
+    kept = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+    for other, named in (
+        (["--damping", "2"], "another --damping"),
+        (["--radius", "2e-3"], "another pattern"),
+        (["--material", "acrylic"], "another yarn"),
+        (["--method", "volume", "--scene", "stretch"], "another --method, another --scene"),
+    ):
+        assert main([*SMALL, *short, *other, "--out", str(out), "--resume"]) == 2
+        (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
+        assert line.endswith(f"expected the settings that it began with; found {named}")
+    assert {path: path.stat().st_mtime_ns for path in out.iterdir()} == kept
+    assert main([*SMALL, *short, "--out", str(out)]) == 2
+    assert "or --overwrite or --resume" in capsys.readouterr().err
+    # A run that is over stays as it is.
+    assert _numbers(capsys, *short, "--out", str(out), "--resume")["steps"] == 1

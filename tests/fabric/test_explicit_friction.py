@@ -33,7 +33,7 @@ def _on_rails(friction: float) -> FabricDynamics:
     sheet = YarnSheet.from_lines([np.add(rail, [0, -0.003, 0]), np.add(rail, [0, 0.003, 0]), rider], RADIUS)
     nodes = np.arange(34)
     holds = Holds(nodes, sheet.vertices[nodes])
-    settings = MotionSettings(DOWN_SLOPE, friction=YarnFriction(friction))
+    settings = MotionSettings(DOWN_SLOPE, friction=YarnFriction(friction), method="explicit")
     return FabricDynamics(FabricEnergy(sheet, SOLID), settings, lambda time: holds)
 
 
@@ -48,7 +48,7 @@ def _slide(dynamics: FabricDynamics, seconds: float) -> tuple[float, float]:
     step = dynamics.stable_step(motion)
     count = round(seconds / step)
     for _ in range(count):
-        motion = dynamics.explicit(motion, seconds / count).motion
+        motion = dynamics.step(motion, seconds / count).state
     free = dynamics.holds(0.0).wells(dynamics.energy).weight[: 3 * dynamics.energy.count : 3] == 0
     weight = dynamics.mass[: 3 * dynamics.energy.count : 3] * free
     weight = weight / weight.sum()
@@ -77,7 +77,7 @@ def test_a_yarn_slides_down_a_plane_as_coulomb_says(friction: float) -> None:
     line = np.stack([np.zeros(12), np.linspace(0.0, 0.022, 12), np.full(12, 0.99 * RADIUS)], 1)
     energy = FabricEnergy(YarnSheet.from_lines([line], RADIUS), SOLID)
     floor = Pushes(energy, plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), friction=friction)
-    dynamics = FabricDynamics(energy, MotionSettings(DOWN_SLOPE), obstacles=(floor,))
+    dynamics = FabricDynamics(energy, MotionSettings(DOWN_SLOPE, method="explicit"), obstacles=(floor,))
     way, speed = _slide(dynamics, 0.005)
     pull = GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE))
     if pull > 0:
@@ -115,13 +115,15 @@ def test_friction_takes_energy_at_steps_as_long_as_without_it(crossing: Crossing
     ends = []
     for coefficient in (0.0, 0.5):
         energy = crossing(1.9)
-        dynamics = FabricDynamics(energy, MotionSettings((0.0, 0.0, 0.0), friction=YarnFriction(coefficient)))
+        dynamics = FabricDynamics(
+            energy, MotionSettings((0.0, 0.0, 0.0), friction=YarnFriction(coefficient), method="explicit")
+        )
         velocity = np.zeros(4 * energy.count)
         energy.positions(velocity)[21:] = [30.0, 30.0, -30.0]
         motion = FabricMotion(energy.start(), velocity)
         first, step = sum(dynamics.energies(motion).values()), dynamics.stable_step(motion)
         for _ in range(150):
-            motion = dynamics.explicit(motion, step).motion
+            motion = dynamics.step(motion, step).state
             assert sum(dynamics.energies(motion).values()) < 1.05 * first
         ends.append(sum(dynamics.energies(motion).values()) / first)
     assert ends[0] == pytest.approx(1.0, abs=0.05)

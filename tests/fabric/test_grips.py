@@ -7,19 +7,19 @@ import pytest
 
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics
-from yarnscale.fabric.direct_run import run_fabric
 from yarnscale.fabric.direct_static import Holds
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
-from yarnscale.fabric.run import MotionSchedule, run_motion
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")
-ONE_STEP = MotionSchedule(0.03, 0.03)
+ONE_STEP = Schedule(0.03, 0.03, to_rest=False)
 
 
 def small() -> tuple[YarnSheet, FabricEnergy]:
@@ -44,23 +44,25 @@ def test_distances_are_of_the_farthest_vertex_along_the_held_axes() -> None:
 def test_yarns_go_with_their_grips_and_a_volume_cannot_follow_far(amount: float) -> None:
     sheet, energy = small()
     scene = stretch(sheet, amount=amount, duration=0.03)
-    free = run_fabric(FabricDynamics(energy, holds=scene.holds), ONE_STEP)
+    dynamics = FabricDynamics(energy, holds=scene.holds)
+    free = simulate(dynamics, dynamics.start(), ONE_STEP)
     assert free.unfulfilled == ()
     volume = RodVolume(energy, (4, 4))
-    held = run_fabric(VolumeDynamics(energy, holds=scene.holds, volume=volume), ONE_STEP)
+    dynamics = VolumeDynamics(energy, holds=scene.holds, volume=volume)
+    held = simulate(dynamics, dynamics.start(), ONE_STEP)
     if amount < 1.0:
         assert held.unfulfilled == ()
         return
     assert [entry.what for entry in held.unfulfilled] == ["first grip", "second grip"]
-    distances = scene.holds(held.motion.time).distances(energy, held.motion.x)
+    distances = dynamics.distances_from_places(held.state)
     for entry in held.unfulfilled:
-        assert entry.first == held.motion.time and entry.distance == distances[entry.what] > sheet.radius
+        assert entry.first == held.state.time and entry.distance == distances[entry.what] > sheet.radius
 
 
 def test_spline_yarns_that_were_moved_off_their_row_are_told() -> None:
     fabric = jersey(3, 3, WOOL)
     moving = SplineMotion(fabric, held=fabric.top)
-    assert run_motion(moving, ONE_STEP).unfulfilled == ()
+    assert simulate(moving, moving.start, ONE_STEP).unfulfilled == ()
     start = moving.start
     off = YarnMotion(start.positions + np.array([0.0, 0.0, 0.01]), start.velocities)
-    assert moving.distance_from_places(off) == pytest.approx(0.01)
+    assert moving.distances_from_places(off) == {"held row": pytest.approx(0.01)}

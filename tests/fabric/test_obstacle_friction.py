@@ -11,9 +11,9 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, MotionSettings
 from yarnscale.fabric.direct_obstacles import Pushes, plane, sphere
-from yarnscale.fabric.direct_run import run_fabric
-from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.material import YarnMaterial
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)
@@ -53,9 +53,9 @@ def test_a_yarn_slides_down_a_slope_as_coulomb_says(friction: float) -> None:
     energy, slope = _on_slope(friction)
     settings = MotionSettings(damping=0.0, tolerance=1e-9, enough=0.0, iterations=40)
     dynamics = FabricDynamics(energy, settings, obstacles=(slope,))
-    run = run_fabric(dynamics, MotionSchedule(0.1, 1 / 400, frame_interval=0.05))
-    moved = (energy.positions(run.motion.x) - energy.positions(energy.start())) * RADIUS
-    velocity = energy.positions(run.motion.velocity) * RADIUS
+    run = simulate(dynamics, dynamics.start(), Schedule(0.1, 1 / 400, to_rest=False))
+    moved = (energy.positions(run.state.x) - energy.positions(energy.start())) * RADIUS
+    velocity = energy.positions(run.state.velocity) * RADIUS
     weight = energy.masses() / energy.masses().sum()
     speed = way = 0.0
     for _ in range(40):
@@ -77,7 +77,7 @@ def test_every_step_rubs_whoever_calls_it() -> None:
     )
     motion = dynamics.start()
     for _ in range(20):
-        motion = dynamics.implicit(motion, 1 / 400).motion
+        motion = dynamics.step(motion, 1 / 400).state
     moved = (energy.positions(motion.x) - energy.positions(energy.start())) * RADIUS
     assert (
         float((moved @ DOWN).mean()) < 20 * 1.1 * slope.slip * RADIUS

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_motion import MotionSettings
+from yarnscale.fabric.direct_motion import FabricMotion, MotionSettings
 from yarnscale.fabric.direct_objective import FabricObjective, Wells
 from yarnscale.fabric.direct_static import equilibrium
-from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics, volume_equilibrium
+from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.numerics.affine import MappedObjective
@@ -88,14 +90,14 @@ def test_falls_freely_whatever_the_yarns_do(energy: FabricEnergy) -> None:
     mass = energy.masses()
     start = mass @ energy.positions(motion.x) / mass.sum()
     for _ in range(count):
-        result = dynamics.implicit(motion, step)
+        result = dynamics.step(motion, step)
         assert result.status is Status.CONVERGED
-        motion = result.motion
+        motion = result.state
     fallen = (mass @ energy.positions(motion.x) / mass.sum() - start) * energy.radius
     np.testing.assert_allclose(fallen[2], -9.81 * step**2 * count * (count + 1) / 2, rtol=1e-5)
     np.testing.assert_allclose(fallen[:2], 0.0, atol=1e-5 * abs(fallen[2]))
     with pytest.raises(InputError, match="explicit"):
-        dynamics.explicit(motion, step)
+        VolumeDynamics(energy, MotionSettings(method="explicit"))
 
 
 def test_its_equilibrium_is_a_first_guess_that_saves_iterations() -> None:
@@ -105,8 +107,10 @@ def test_its_equilibrium_is_a_first_guess_that_saves_iterations() -> None:
     before = equilibrium(energy, energy.start(), scene.holds(0.0), tolerance=1e-4)
     holds = scene.holds(1.0)
     alone = equilibrium(energy, before.x, holds, tolerance=1e-4)
-    guess = volume_equilibrium(RodVolume(energy, (4, 4)), before.x, holds)
-    guided = equilibrium(energy, guess.x, holds, tolerance=1e-4)
+    volume = RodVolume(energy, (4, 4))
+    within = VolumeDynamics(energy, MotionSettings((0.0, 0.0, 0.0)), scene.holds, volume=volume)
+    guess = within.step(FabricMotion(before.x, 0.0 * before.x), math.inf, iterations=50, until=1.0)
+    guided = equilibrium(energy, guess.state.x, holds, tolerance=1e-4)
     assert guess.status is alone.status is guided.status is Status.CONVERGED
     assert guess.iterations <= 4
     assert guided.iterations < alone.iterations

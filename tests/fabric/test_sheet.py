@@ -81,7 +81,7 @@ def test_energy_does_not_know_rigid_motion_nor_how_often_the_fabric_turned() -> 
         director = director @ turn.T
         energy.anchor(energy.vector(positions * sheet.radius, sheet.twist))
         tangents = unit_edges(positions, sheet.following)
-        back = signed_angle(energy.directors, director, tangents)
+        back = signed_angle(energy.frames.director, director, tangents)
         turned = back + 2 * np.pi * np.round((turned - back) / (2 * np.pi))
         x = energy.vector(positions * sheet.radius, sheet.twist + turned)
         assert energy.value(x) == pytest.approx(value, rel=1e-9)

@@ -9,11 +9,12 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.measures import penetration
-from yarnscale.fabric.run import MotionSchedule, run_motion
 from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
 from yarnscale.fabric.spline_motion import SplineMotion
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn import library
 from yarnscale.yarn.knit import knit
@@ -78,14 +79,18 @@ def test_what_hangs_keeps_its_contacts_and_loses_energy_by_the_step_alone(name: 
     fabric, lost, missed = _fabric(name, 2, 2), [], []
     for step in (1 / 1000, 1 / 2000):
         moving = SplineMotion(fabric, held=fabric.top, tolerance=1e-4)
-        run = run_motion(moving, MotionSchedule(0.02, step, frame_interval=0.005))
-        assert run.status is Status.CONVERGED
-        totals = [sum(e[k] for k in ("elastic", "gravity", "kinetic")) for e in run.energies]
+        energies: list[dict[str, float]] = []
+        run = simulate(
+            moving, moving.start, Schedule(0.02, step, to_rest=False, frame_interval=0.005),
+            on_frame=lambda _, motion: energies.append(moving.energies(motion)),  # noqa: B023
+        )  # fmt: skip
+        assert run.status is Status.CONVERGED and len(energies) == 5
+        totals = [sum(e.values()) for e in energies]
         assert all(later < earlier + 1e-12 for earlier, later in itertools.pairwise(totals))
-        fallen = -run.energies[-1]["gravity"]
+        fallen = -energies[-1]["gravity"]
         assert fallen > 0
         lost.append(-totals[-1] / fallen)
-        motion = moving.yarns(run.motion)
+        motion = moving.yarns(run.state)
         missed.append(np.abs(SplineContacts.of(fabric).linearised(motion.positions)[1]).max())
     # Implicit Euler takes energy in proportion to the step, and contacts drift with its square in every step.
     assert lost[1] < 0.75 * lost[0] < 0.6
@@ -94,13 +99,13 @@ def test_what_hangs_keeps_its_contacts_and_loses_energy_by_the_step_alone(name: 
 
 def test_a_volume_around_rib_moves_like_the_yarns_but_stiffer() -> None:
     fabric = _fabric("rib-1x1", 2, 2)
-    schedule, fallen = MotionSchedule(0.025, 1 / 240), []
+    schedule, fallen = Schedule(0.025, 1 / 240, to_rest=False), []
     for shape in (None, (6, 6), (4, 4)):
         volume = None if shape is None else BoundingVolume.around(fabric.control, shape)
         moving = SplineMotion(fabric, volume=volume, held=fabric.top)
-        run = run_motion(moving, schedule)
+        run = simulate(moving, moving.start, schedule)
         assert run.status is Status.CONVERGED
-        fallen.append(-run.energies[-1]["gravity"])
+        fallen.append(-moving.energies(run.state)["gravity"])
     assert fallen[0] > fallen[1] > fallen[2] > 0
 
 

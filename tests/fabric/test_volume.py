@@ -58,13 +58,13 @@ def test_refuses_what_it_cannot_hold(fabric: SplineFabric, volume: BoundingVolum
 @pytest.mark.parametrize("method", ["explicit", "implicit"])
 def test_free_fall_is_exact(fabric: SplineFabric, volume: BoundingVolume, reduced: bool, method: str) -> None:
     """Nothing holds it: every point falls alike, n steps of Euler by g Δt² n (n + 1)/2."""
-    moving = SplineMotion(fabric, volume=volume if reduced else None, tolerance=1e-6)
+    moving = SplineMotion(fabric, volume=volume if reduced else None, tolerance=1e-6, method=method)  # type: ignore[arg-type]
     motion, count = moving.start, 20
     step = 0.3 * moving.stable_step(motion) if method == "explicit" else 1e-3
     for _ in range(count):
-        result = moving.step(motion, step, method=method)  # type: ignore[arg-type]
+        result = moving.step(motion, step)
         assert result.status is Status.CONVERGED
-        motion = result.motion
+        motion = result.state
     fallen = moving.yarns(motion).positions - fabric.control.reshape(-1, 3)
     expected = -9.81 * step**2 * count * (count + 1) / 2
     np.testing.assert_allclose(fallen[:, 1], expected, rtol=1e-4)
@@ -76,13 +76,15 @@ def test_explicit_motion_keeps_energy_and_momentum(
     fabric: SplineFabric, volume: BoundingVolume, reduced: bool
 ) -> None:
     """Shaken without gravity: linear and angular momentum stay, energy does up to the order of the step."""
-    moving = SplineMotion(fabric, volume=volume if reduced else None, gravity=(0.0, 0.0, 0.0))
+    moving = SplineMotion(
+        fabric, volume=volume if reduced else None, gravity=(0.0, 0.0, 0.0), method="explicit"
+    )
     rest = moving.start.positions
     shake = 0.3 * np.column_stack(
         [np.sin(200 * rest[:, 1]), np.cos(150 * rest[:, 0]), np.sin(180 * rest[:, 0])]
     )
     # A velocity that the contacts allow: one tiny step from rest takes out what they forbid.
-    motion = moving.step(YarnMotion(rest, shake), 1e-9, method="explicit").motion
+    motion = moving.step(YarnMotion(rest, shake), 1e-9).state
 
     def quantities(state: YarnMotion) -> tuple[float, np.ndarray, np.ndarray]:
         yarns = moving.yarns(state)
@@ -93,7 +95,7 @@ def test_explicit_motion_keeps_energy_and_momentum(
     energy, momentum, spin = quantities(motion)
     step = 0.1 * moving.stable_step(motion)
     for _ in range(40):
-        motion = moving.step(motion, step, method="explicit").motion
+        motion = moving.step(motion, step).state
     after = quantities(motion)
     assert after[0] == pytest.approx(energy, rel=2e-2)
     size = np.linalg.norm(momentum)
@@ -111,7 +113,7 @@ def test_finer_volumes_are_softer() -> None:
         for _ in range(3):
             result = moving.step(motion, 1 / 240)
             assert result.status is Status.CONVERGED
-            motion = result.motion
+            motion = result.state
         sagged.append(-moving.energies(motion)["gravity"])
     assert 0 < sagged[0] < sagged[1] < sagged[2]
 
@@ -119,7 +121,7 @@ def test_finer_volumes_are_softer() -> None:
 def test_held_points_stay(fabric: SplineFabric, volume: BoundingVolume) -> None:
     for chosen in (None, volume):
         moving = SplineMotion(fabric, volume=chosen, held=fabric.top)
-        motion = moving.step(moving.start, 1 / 240).motion
+        motion = moving.step(moving.start, 1 / 240).state
         there = fabric.at(moving.yarns(motion).positions, fabric.top)
         np.testing.assert_allclose(there, fabric.at(fabric.control.reshape(-1, 3), fabric.top), atol=1e-8)
 
@@ -131,7 +133,7 @@ def test_adaptive_volume_refines_where_it_helps_and_gives_knots_back(fabric: Spl
     moving = SplineMotion(tall, volume=coarse, held=tall.top, tolerance=1e-6)
     adaptive, motion = AdaptiveVolume(moving, AdaptiveRule(gain=1e-7, narrowest=8.0)), moving.start
     for _ in range(2):
-        motion = adaptive.moving.step(motion, 1 / 240).motion
+        motion = adaptive.moving.step(motion, 1 / 240).state
     gains = adaptive.gains(motion, 1 / 240)
     assert {knot.axis for knot in gains} == {0, 1}
     before = adaptive.moving.yarns(motion)
@@ -153,7 +155,7 @@ def test_adaptive_volume_refines_where_it_helps_and_gives_knots_back(fabric: Spl
 
 def _step_energy(moving: SplineMotion, motion: YarnMotion, step: float = 1 / 240) -> float:
     """What an implicit step minimises, at its minimum [J]."""
-    yarns, reached = moving.yarns(motion), moving.step(motion, step).motion
+    yarns, reached = moving.yarns(motion), moving.step(motion, step).state
     away = (moving.yarns(reached).positions - yarns.positions - step * yarns.velocities).ravel()
     inertia = 0.5 * float(away @ moving.times_mass(away)) / step**2
     energies = moving.energies(reached)

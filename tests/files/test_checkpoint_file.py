@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.files.checkpoint_file import INTERVAL, CheckpointFile, scene_fingerprint
+from yarnscale.files.checkpoint_file import INTERVAL, CheckpointFile
 from yarnscale.files.fingerprint import fingerprint
+from yarnscale.motion.run import Run
+from yarnscale.motion.unfulfilled import Unfulfilled
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.dynamics.checkpoint import Checkpoint
-from yarnscale.shell.dynamics.simulate import SolverOptions
+from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.scene import Scene, drape, stretch
 from yarnscale.shell.state import ClothState, Earlier, Slips
@@ -26,24 +29,31 @@ def scene(**options) -> Scene:
     return drape(MATERIAL, spacing=0.05, **options)
 
 
-def checkpoint(frames: int = 2, status: Status | None = None) -> Checkpoint:
+def checkpoint(frames: int = 2, status: Status | None = None) -> Run:
     rng = np.random.default_rng(3)
     earlier = Earlier(rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), 0.02)
     places = [rng.normal(size=shape) for shape in ((9, 3), (9, 3), (4, 3), (5, 3))]
     slips = Slips(rng.integers(-1, 9, (6, 5)), rng.normal(size=(6, 3)))
     state = ClothState(places[0], places[1], 0.3, places[2], earlier, places[3], slips)
-    return Checkpoint(state, 0.1, frames, 0.4, True, 7, 31, 2, 0.025, 3, 0.5, status)
+    gave_way = Unfulfilled("handle 'pin'", 0.1, 3e-3, 1e-4)
+    return Run(
+        state, 0.1, status, frames, 0.4, True, 7, 31, 40, 2, math.inf, 0.025, 3, {"crossed": 1}, (gave_way,)
+    )
+
+
+def file_in(folder: Path, of: Scene | None = None) -> CheckpointFile[ClothState]:
+    return CheckpointFile(folder / "Prüfpunkt 1.npz", ClothState, (of or scene()).settings)
 
 
 @pytest.mark.parametrize("status", [None, Status.CONVERGED])
 def test_a_checkpoint_comes_back(tmp_path, status) -> None:
-    file = CheckpointFile(tmp_path / "Prüfpunkt 1.npz", scene())
-    assert file.read() is None
+    file = file_in(tmp_path)
+    with pytest.raises(InputError, match="nothing to resume"):
+        file.read()
     written = checkpoint(status=status)
     file.write(written)
     read = file.read()
-    assert read is not None
-    for field in fields(Checkpoint):
+    for field in fields(Run):
         if field.name != "state":
             assert getattr(read, field.name) == getattr(written, field.name), field.name
     assert read.state.before is not None and written.state.before is not None
@@ -61,22 +71,20 @@ def test_a_checkpoint_comes_back(tmp_path, status) -> None:
 
 
 def test_what_is_none_stays_none(tmp_path) -> None:
-    file = CheckpointFile(tmp_path / "c.npz", scene())
+    file = file_in(tmp_path)
     file.write(replace(checkpoint(), state=replace(checkpoint().state, fold_angles=None), rest_step=None))
     read = file.read()
-    assert read is not None and read.rest_step is None and read.state.fold_angles is None
+    assert read.rest_step is None and read.state.fold_angles is None
 
 
 def test_it_is_written_after_frames_and_now_and_then(tmp_path, monkeypatch) -> None:
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    file = CheckpointFile(tmp_path / "c.npz", scene())
+    file = file_in(tmp_path)
 
-    def steps_after(place: Checkpoint) -> int:
+    def steps_after(place: Run) -> int:
         file.write(place)
-        read = file.read()
-        assert read is not None
-        return read.steps
+        return file.read().steps
 
     assert steps_after(checkpoint()) == 7
     assert steps_after(replace(checkpoint(), steps=8)) == 7
@@ -86,32 +94,30 @@ def test_it_is_written_after_frames_and_now_and_then(tmp_path, monkeypatch) -> N
     assert steps_after(replace(checkpoint(3), steps=11, status=Status.CONVERGED)) == 11
 
 
-def test_another_scene_is_refused(tmp_path) -> None:
-    path = tmp_path / "c.npz"
-    CheckpointFile(path, scene()).write(checkpoint())
-    assert CheckpointFile(path, scene()).read() is not None
+def test_other_settings_are_refused_by_name(tmp_path) -> None:
+    file_in(tmp_path).write(checkpoint())
     whole = scene()
-    others = [
-        scene(radius=0.08),
-        scene(duration=2.0),
-        stretch(MATERIAL, spacing=0.05),
-        drape(replace(MATERIAL, shear=21.0), spacing=0.05),
-        replace(whole, options=SolverOptions(tolerance=0.02)),
-        replace(whole, start=ClothState(whole.start.positions + 1e-9, whole.start.velocities)),
-    ]
-    prints = {scene_fingerprint(other) for other in [whole, *others]}
-    assert len(prints) == len(others) + 1
-    for other in others:
-        with pytest.raises(InputError, match="another scene"):
-            CheckpointFile(path, other).read()
+    others = {
+        "another cloth": scene(radius=0.08),
+        "another schedule": scene(duration=2.0),
+        "another cloth, another start, another schedule": stretch(MATERIAL, spacing=0.05),
+        "another cloth$": drape(replace(MATERIAL, shear=21.0), spacing=0.05),
+        "another options": replace(whole, options=SolverOptions(tolerance=0.02)),
+        "another start": replace(
+            whole, start=ClothState(whole.start.positions + 1e-9, whole.start.velocities)
+        ),
+    }
+    for said, other in others.items():
+        with pytest.raises(InputError, match=f"cannot be resumed.*found {said}"):
+            file_in(tmp_path, other).read()
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no zip"])
 def test_a_damaged_file_is_named(tmp_path, content) -> None:
-    path = tmp_path / "c.npz"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"c.npz: file is no checkpoint"):
-        CheckpointFile(path, scene()).read()
+    file = file_in(tmp_path)
+    file.path.write_bytes(content)
+    with pytest.raises(InputError, match=r"1.npz: file is no checkpoint"):
+        file.read()
 
 
 def test_fingerprints_tell_kinds_apart() -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from yarnscale.cli.console import ProgressLine, print_json
+from yarnscale.cli.console import ProgressLine, print_json, print_outcome
 from yarnscale.cli.notices import tell
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
@@ -20,11 +19,13 @@ from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.run_folder import RunFolder
-from yarnscale.shell.dynamics.simulate import Progress
+from yarnscale.motion.run import Run
+from yarnscale.motion.unfulfilled import sentences
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
 from yarnscale.shell.scenes.scene import drape as drape_scene
 from yarnscale.shell.scenes.scene import stretch as stretch_scene
+from yarnscale.shell.state import ClothState
 
 MATERIAL = "cloth_material.json"
 """In the folder of a run: the shell material of its cloth."""
@@ -92,12 +93,14 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     if options.animation:
         scene = replace(scene, schedule=scene.schedule.animated())
     makes = [*MAKES, *(name for kind in options.format for name in made_by(kind, NAMES[kind]))]
-    with RunFolder(
+    results = RunFolder(
         options.out, "cloth", makes, overwrite=options.overwrite, resume=options.resume,
         goes_on_from=GOES_ON_FROM, valued=("frames/frame_*.npz",),
-    ) as folder:  # fmt: skip
+    )  # fmt: skip
+    place = _checkpoints(scene, options.out).read() if options.resume else None
+    with results as folder:
         tell(scene.notices)
-        result = simulate_into(scene, folder, resume=options.resume)
+        result = simulate_into(scene, folder, resume=place)
         for kind in options.format:
             write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
     digest = hashlib.sha256((folder / MATERIAL).read_bytes()).hexdigest()
@@ -105,14 +108,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     if options.json:
         print_json(summary)
     else:
-        for name, value in _flat(summary).items():
-            if name != "unfulfilled":
-                told = (
-                    f"{value:.6g}" if isinstance(value, float) else "not tested" if value is None else value
-                )
-                print(f"{name:<18} {told}")
-        for line in _unfulfilled(result):
-            print(line)
+        print_outcome(_flat(summary), _unfulfilled(result))
         print(f"{folder}: frames, pictures and a page")
     return 0 if result.succeeded else 1
 
@@ -144,44 +140,28 @@ def _notes(scene: Scene) -> list[str]:
 
 
 def _unfulfilled(result: SceneResult) -> list[str]:
-    """What was not carried out, a sentence each, and what that means for the run."""
-    if not result.unfulfilled:
-        return []
-    allowed = (
-        "as the scene allows" if result.scene.may_give_way else "may_give_way = true in a scene allows it"
+    given = result.scene.may_give_way
+    return sentences(
+        result.unfulfilled, "as the scene allows" if given else "may_give_way = true in a scene allows it"
     )
-    return [f"not carried out: {entry}" for entry in result.unfulfilled] + [f"({allowed})"]
 
 
-def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneResult:
-    """Run a scene; frames are written as they finish, pictures and numbers at the end.
+def _checkpoints(scene: Scene, folder: Path) -> CheckpointFile[ClothState]:
+    return CheckpointFile(folder / CHECKPOINT, ClothState, scene.settings)
 
-    resume: go on from the last checkpoint in the folder, if there is one. Raises InputError where that is of another
-    scene.
-    """
+
+def simulate_into(scene: Scene, folder: Path, *, resume: Run[ClothState] | None = None) -> SceneResult:
+    """Run a scene, or go on with a run; frames are written as they finish, pictures and numbers at the end."""
     from yarnscale.files.obj import obj_text
 
-    checkpoints = CheckpointFile(folder / CHECKPOINT, scene)
-    place = checkpoints.read() if resume else None
-    if place is None:
-        checkpoints.path.unlink(missing_ok=True)
-    cloth, kept = scene.cloth, place.frames if place is not None else 0
+    cloth, kept = scene.cloth, resume.frames if resume is not None else 0
     if isinstance(cloth.material, ShellMaterial):
         write_material(folder / MATERIAL, cloth.material)
     frames = FrameFolder(folder / "frames", cloth.mesh, obstacles=cloth.obstacles, keep=kept)
-    line, began = ProgressLine(scene.name), time.perf_counter()
-    before: list[float] = []
-
-    def on_step(progress: Progress) -> None:
-        if not before:
-            before.append(progress.share if place is not None else 0.0)
-        seconds, done = time.perf_counter() - began, progress.share - before[0]
-        left = seconds / done * (1.0 - progress.share) if done > 0 else float("nan")
-        line.show(round(100 * progress.share), 100, seconds, left, f"{progress.iterations} iterations")
-
     result = run_scene(
-        scene, on_step=on_step, on_frame=frames.write, on_checkpoint=checkpoints.write, resume=place
-    )
+        scene, on_step=ProgressLine(scene.name).show_step, on_frame=frames.write,
+        on_checkpoint=_checkpoints(scene, folder).write, resume=resume,
+    )  # fmt: skip
     mesh = cloth.mesh
     text = obj_text(result.state.positions, mesh.triangles, mesh.material, mesh.corners)
     write_text(folder / "last.obj", text)
@@ -211,7 +191,7 @@ def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None
         folder / "index.html",
         f"Cloth: {result.scene.name}",
         [section],
-        summary=f"Status: {result.status.value}{', motions not carried out' * bool(off)}.",
+        summary=f"Status: {result.run.outcome}{', motions not carried out' * bool(off)}.",
     )
 
 

@@ -13,6 +13,7 @@ from yarnscale.cli.shared_options import (
     add_json,
     add_overwrite,
     add_radius,
+    add_resume,
     add_workers,
 )
 from yarnscale.cli.values import frames, number, positive
@@ -141,9 +142,7 @@ def _add_output(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for frames and pictures"
     )
-    command.add_argument(
-        "--resume", action="store_true", help="go on from the last frame of a run that was interrupted"
-    )
+    add_resume(command)
     command.add_argument(
         "--animation", action="store_true",
         help="the motion alone, with bounded work a step: steps of 1/30 s that need not converge",

@@ -6,8 +6,9 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +16,23 @@ from yarnscale.cli.notices import given
 from yarnscale.errors import InputError
 from yarnscale.files.run_folder import writable_folder as writable_folder
 
+if TYPE_CHECKING:
+    from yarnscale.motion.run import Progress
+
 
 def print_json(values: Mapping[str, object]) -> None:
     """One JSON object on one line; numbers that are not finite become null."""
     print(plain_json({**values, "notices": given} if given else values))
+
+
+def print_outcome(values: Mapping[str, object], sentences: Sequence[str] = ()) -> None:
+    """Numbers of a run, one a line, but for motions that were not carried out, which sentences tell."""
+    for name, value in values.items():
+        if name != "unfulfilled":
+            told = f"{value:.6g}" if isinstance(value, float) else "not tested" if value is None else value
+            print(f"{name:<18} {told}")
+    for sentence in sentences:
+        print(sentence)
 
 
 def plain_json(values: Mapping[str, object], *, indent: int | None = None) -> str:
@@ -57,12 +71,18 @@ class ProgressLine:
     def __init__(self, label: str) -> None:
         self.label, self._last, self._began = label, 0.0, time.monotonic()
         self._done, self._changed = -1, self._began
+        self._first: tuple[float, float] | None = None
         self._terminal = sys.stderr.isatty()
 
-    def show_share(self, share: float) -> None:
-        """Show a share of the work, which goes on as fast as it did since the line was made."""
+    def show_step(self, progress: Progress) -> None:
+        """Show a step of a run, which goes on as fast as it did since its first step here."""
         seconds = time.monotonic() - self._began
-        self.show(round(1000 * share), 1000, seconds, seconds / max(share, 1e-9) * (1.0 - share))
+        if self._first is None:
+            self._first = progress.share, seconds
+        share, since = progress.share - self._first[0], seconds - self._first[1]
+        left = since / share * (1.0 - progress.share) if share > 0 else float("nan")
+        note = f"{progress.iterations} iterations" if progress.iterations else ""
+        self.show(round(100 * progress.share), 100, seconds, left, note)
 
     def show(self, done: int, total: int, seconds: float, left: float, note: str = "") -> None:
         """Show how far the work is; ``left`` in seconds (nan: unknown).

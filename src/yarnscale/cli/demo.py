@@ -161,8 +161,8 @@ def _cloth_section(
             results.append(simulate_into(scene, place))
     pulled, draped = results
     rows = [
-        [result.scene.name, result.status.value, result.steps, result.newton_iterations, result.seconds]
-        for result in (pulled, draped)
+        [one.scene.name, one.run.outcome, one.run.steps, one.run.newton_iterations, one.seconds]
+        for one in (pulled, draped)
     ]
     tables = [
         Table(["scene", "status", "steps", "Newton iterations", "time [s]"], rows),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine
+from yarnscale.cli.fabric_run import FabricRun
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
@@ -18,19 +18,17 @@ from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, Springs, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
-from yarnscale.fabric.direct_run import DirectRun, run_fabric
 from yarnscale.fabric.direct_static import eased
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
-from yarnscale.fabric.run import MotionSchedule
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.body_surface import ball
-from yarnscale.files.curve_frames import CurveFolder, CurveSet
+from yarnscale.files.curve_frames import CurveSet
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
-from yarnscale.unfulfilled import plain
+from yarnscale.motion.run import Run
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
@@ -42,16 +40,12 @@ Laid = tuple[YarnSheet, Materials, Springs]
 """A sheet, its materials, and what keeps its borders."""
 
 
-def sheet_at_rest(options: argparse.Namespace) -> Laid:
+def sheet_at_rest(options: argparse.Namespace, pattern: YarnPattern, material: Materials) -> Laid:
     """The sheet asked for, its materials, and what keeps its borders.
 
     Loops of a cut sheet are those of the periodic cell at rest; drawings settle first, unless they shall stay as drawn.
     A knitted piece has come to ease as it was drawn.
     """
-    pattern = pattern_of(options.pattern, options.radius)
-    yarn = yarn_for(options.pattern, pattern, options.material)
-    yarn.say()
-    material = yarn.materials
     if options.border == "knitted":
         if options.tube or options.on is not None:
             raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")
@@ -117,9 +111,16 @@ def _ring_glue(tube: YarnSheet, material: YarnMaterial) -> Springs:
 
 def simulate_direct(
     options: argparse.Namespace, results: AbstractContextManager[Path | None]
-) -> tuple[dict[str, object], bool]:
-    """Run the scene, into the folder of results, or count unknowns; numbers, and whether it came to its end."""
-    sheet, material, borders = sheet_at_rest(options)
+) -> tuple[dict[str, object], Run[FabricMotion] | None]:
+    """Run the scene, into the folder of results, or count unknowns; numbers, and the run."""
+    pattern = pattern_of(options.pattern, options.radius)
+    yarn = yarn_for(options.pattern, pattern, options.material)
+    yarn.say()
+    about = None
+    if not options.count:
+        mesh = None if options.on is None else options.on.read_text(errors="replace")
+        about = FabricRun(options, results, FabricMotion, pattern=pattern, yarn=yarn.materials, mesh=mesh)
+    sheet, material, borders = sheet_at_rest(options, pattern, yarn.materials)
     counts: dict[str, object] = {
         "vertices": sheet.vertex_count,
         "yarns": len(sheet.closed),
@@ -129,38 +130,10 @@ def simulate_direct(
     }
     if options.method == "volume":
         counts["reduced_unknowns"] = 6 * options.volume[0] * options.volume[1]
-    if options.count:
-        return counts, True
+    if about is None:
+        return counts, None
     energy = FabricEnergy(sheet, material, springs=borders)
-    scene = _scene(options, sheet)
-    coefficient = USUAL_FRICTION if options.friction is None else options.friction
-    friction = YarnFriction(coefficient) if coefficient else None
-    parts = (
-        energy, MotionSettings(scene.gravity, options.damping, friction), scene.holds,
-        scene.obstacles(energy, friction=options.ball_friction), PassageCount(energy, energy.start()),
-    )  # fmt: skip
-    within = RodVolume(energy, options.volume) if options.method == "volume" else None
-    dynamics = FabricDynamics(*parts) if within is None else VolumeDynamics(*parts, volume=within)
-    method = "explicit" if options.explicit else "implicit"
-    with results:
-        run = _run(
-            dynamics, MotionSchedule(options.duration, options.time_step, method=method), scene, options
-        )
-    done = run.status.name == "CONVERGED" and (options.may_give_way or not run.unfulfilled)
-    return {**counts, **_summary(energy, scene, run, led=options.explicit)}, done
-
-
-def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
-    if options.scene == "stretch":
-        axis = 0 if options.direction == "course" else 1
-        return stretch(sheet, amount=options.amount, axis=axis, duration=options.duration)
-    return drape(sheet) if options.scene == "drape" else hang(sheet)
-
-
-def _run(
-    dynamics: FabricDynamics, schedule: MotionSchedule, scene: SheetScene, options: argparse.Namespace
-) -> DirectRun:
-    energy, sheet = dynamics.energy, dynamics.energy.sheet
+    scene, dynamics = _moving(options, energy)
     # A colour for every yarn of the sheet, in a knitted piece for every kind of yarn.
     colour = sheet.yarn_material if options.border == "knitted" else None
     curves = CurveSet(sheet.offsets, sheet.yarn_radii, closed=sheet.closed, yarn=colour)
@@ -168,31 +141,46 @@ def _run(
     if scene.ball is not None:
         vertices, triangles = ball()
         bodies = np.array(scene.ball[0]) + scene.ball[1] * vertices, triangles
-    folder = CurveFolder(options.out, curves, bodies=bodies)
-
-    def frame(number: int, motion: FabricMotion) -> None:
-        folder.write(number, energy.positions(motion.x) * sheet.radius, motion.time)
-
-    return run_fabric(dynamics, schedule, on_frame=frame, on_step=ProgressLine("fabric").show_share)
-
-
-def _summary(energy: FabricEnergy, scene: SheetScene, run: DirectRun, *, led: bool) -> dict[str, object]:
-    x = run.motion.x
-    extension = energy.extensions(x)
-    numbers: dict[str, object] = {
-        "status": run.status.value,
-        "steps": run.steps,
-        "converged_steps": run.converged_steps,
-        "newton_iterations": run.iterations,
-        "factorisations": run.factorisations,
-        "seconds": run.seconds,
-        "simulated_seconds": run.motion.time,
-        "seconds_per_frame": run.seconds / max(1, len(run.frames) - 1),
+    run = about.simulate(
+        dynamics,
+        dynamics.start(),
+        curves,
+        lambda state: energy.positions(state.x) * sheet.radius,
+        bodies=bodies,
+    )
+    dynamics.take_up(run.state)
+    x, passed = run.state.x, dynamics.count
+    numbers = {
+        **counts,
+        **run.summary(),
+        "seconds": about.seconds,
         "penetration": energy.penetration(x),
-        "extension": float(np.abs(extension).max()),
-        "passages": run.passages,
-        "unfulfilled": plain(run.unfulfilled),
+        "extension": float(np.abs(energy.extensions(x)).max()),
+        "passages": 0 if passed is None else passed.passages,
     }
     if scene.pulled is not None:
-        numbers["force"] = scene.force(energy, x, run.motion.time, led=led)
-    return numbers
+        numbers["force"] = scene.force(energy, x, run.state.time, led=options.explicit)
+    return numbers, run
+
+
+def _moving(options: argparse.Namespace, energy: FabricEnergy) -> tuple[SheetScene, FabricDynamics]:
+    scene = _scene(options, energy.sheet)
+    coefficient = USUAL_FRICTION if options.friction is None else options.friction
+    settings = MotionSettings(
+        scene.gravity, options.damping, YarnFriction(coefficient) if coefficient else None,
+        method="explicit" if options.explicit else "implicit",
+    )  # fmt: skip
+    parts = (
+        energy, settings, scene.holds, scene.obstacles(energy, friction=options.ball_friction),
+        PassageCount(energy, energy.start()),
+    )  # fmt: skip
+    if options.method == "volume":
+        return scene, VolumeDynamics(*parts, volume=RodVolume(energy, options.volume))
+    return scene, FabricDynamics(*parts)
+
+
+def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
+    if options.scene == "stretch":
+        axis = 0 if options.direction == "course" else 1
+        return stretch(sheet, amount=options.amount, axis=axis, duration=options.duration)
+    return drape(sheet) if options.scene == "drape" else hang(sheet)

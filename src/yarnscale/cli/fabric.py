@@ -6,26 +6,30 @@ import argparse
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yarnscale.cli import convert
-from yarnscale.cli.console import ProgressLine, print_json
+from yarnscale.cli.console import print_json, print_outcome
+from yarnscale.cli.fabric_run import MAKES, FabricRun
 from yarnscale.cli.yarn_choice import YarnChoice
 from yarnscale.cli.yarns import pattern_of
 from yarnscale.errors import InputError
-from yarnscale.fabric.adaptive_volume import AdaptiveRule
+from yarnscale.fabric.adaptive_volume import AdaptiveVolume
 from yarnscale.fabric.measures import fibre_extension, penetration
-from yarnscale.fabric.run import MotionRun, MotionSchedule, run_motion
 from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
-from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
+from yarnscale.files.curve_frames import CurveSet
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.patterns import stitches_of
 from yarnscale.files.run_folder import RunFolder
-from yarnscale.unfulfilled import Unfulfilled, plain
+from yarnscale.motion.run import Run
+from yarnscale.motion.unfulfilled import sentences
+from yarnscale.yarn.material import YarnMaterial
 
 JERSEYS = ("jersey", "single-jersey", "stockinette")
 _POINTS_PER_SEGMENT = 3
@@ -41,7 +45,10 @@ def fabric(options: argparse.Namespace) -> int:
     for kind in options.format:
         convert.require(kind)
     formats = [name for kind in options.format for name in convert.made_by(kind, _name(kind))]
-    results = RunFolder(options.out, "fabric", [CURVES, "frame_*.npz", *formats], overwrite=options.overwrite)
+    results = RunFolder(
+        options.out, "fabric", [*MAKES, *formats], overwrite=options.overwrite, resume=options.resume,
+        goes_on_from=MAKES,
+    )  # fmt: skip
     return _fabric(options, results)
 
 
@@ -65,28 +72,35 @@ def _fabric(options: argparse.Namespace, results: AbstractContextManager[Path | 
         if getattr(options, name) != value:
             option = f"--{name.replace('_', '-')}"
             raise InputError(option, expected="--method direct", found=options.method)
-    knitted = _spline_yarns(options)
+    knitted, yarn = _spline_yarns(options)
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
     if options.count:
-        counts = knitted.counts()
+        counts: dict[str, object] = {**knitted.counts()}
         if volume is not None:
             counts["reduced_unknowns"] = 3 * volume.count
-        _tell(counts, options)
-        return 0
-    moving = SplineMotion(knitted, volume=volume, held=knitted.top, damping=options.damping)
-    schedule = MotionSchedule(
-        options.duration, options.time_step, method="explicit" if options.explicit else "implicit"
-    )
-    rule = AdaptiveRule() if options.adaptive else None
-    with results:
-        run = _run(moving, schedule, rule, options.out)
-    _convert(options)
-    _tell(_summary(run), options)
-    done = options.may_give_way or not run.unfulfilled
-    return 0 if run.status.name == "CONVERGED" and done else 1
+        return _end(options, counts, None)
+    moving = SplineMotion(
+        knitted, volume=volume, held=knitted.top, damping=options.damping,
+        method="explicit" if options.explicit else "implicit",
+    )  # fmt: skip
+    about = FabricRun(options, results, YarnMotion, pattern=knitted.control, yarn=yarn)
+    body = AdaptiveVolume(moving) if options.adaptive else moving
+    lines = knitted.lines(knitted.control, _POINTS_PER_SEGMENT)
+    curves = CurveSet(np.arange(knitted.yarn_count + 1) * lines.shape[1], knitted.radius)
+
+    def points(state: YarnMotion) -> NDArray[np.float64]:
+        return knitted.lines(body.yarns(state).positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
+
+    run = about.simulate(body, moving.start, curves, points)
+    control = body.yarns(run.state).positions
+    numbers: dict[str, object] = {
+        **body.counts(), **run.summary(), "seconds": about.seconds, "penetration": penetration(knitted, control),
+        "extension": fibre_extension(knitted, control)[0],
+    }  # fmt: skip
+    return _end(options, numbers, run)
 
 
-def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
+def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMaterial]:
     if len(options.material or ()) > 1:
         raise InputError("--material", expected="one, or --method direct", found=len(options.material))
     material = read_material(options.material[0] if options.material else "wool")
@@ -94,7 +108,8 @@ def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
     YarnChoice(options.pattern, material, origin).say()
     size = options.rows, options.columns
     if options.pattern in JERSEYS:
-        return jersey(*size, material, radius=1e-3 if options.radius is None else options.radius)
+        radius = 1e-3 if options.radius is None else options.radius
+        return jersey(*size, material, radius=radius), material
     chart = stitches_of(options.pattern)
     if chart is None:
         raise InputError(
@@ -103,7 +118,7 @@ def _spline_yarns(options: argparse.Namespace) -> SplineFabric:
             found=repr(options.pattern),
         )
     pattern = pattern_of(options.pattern, options.radius)
-    return spline_fabric(pattern, chart, *size, material)
+    return spline_fabric(pattern, chart, *size, material), material
 
 
 def _rods_in_a_volume(options: argparse.Namespace) -> bool:
@@ -120,11 +135,20 @@ def _rods_in_a_volume(options: argparse.Namespace) -> bool:
 
 
 def _direct(options: argparse.Namespace, results: AbstractContextManager[Path | None]) -> int:
-    numbers, done = import_module("yarnscale.cli.direct_fabric").simulate_direct(options, results)
-    if not options.count:
+    numbers, run = import_module("yarnscale.cli.direct_fabric").simulate_direct(options, results)
+    return _end(options, numbers, run)
+
+
+def _end(options: argparse.Namespace, numbers: dict[str, object], run: Run[Any] | None) -> int:
+    """Convert frames and print numbers; the exit status. run: None where unknowns were counted."""
+    if run is not None:
         _convert(options)
-    _tell(numbers, options)
-    return 0 if done else 1
+    if options.json:
+        print_json(numbers)
+    else:
+        found = () if run is None else run.unfulfilled
+        print_outcome(numbers, sentences(found, "--may-give-way allows it"))
+    return 0 if run is None or (run.converged and (options.may_give_way or not run.unfulfilled)) else 1
 
 
 def _name(kind: str) -> str:
@@ -135,45 +159,3 @@ def _name(kind: str) -> str:
 def _convert(options: argparse.Namespace) -> None:
     for kind in options.format:
         convert.write(read_animation(options.out), kind, options.out / _name(kind))
-
-
-def _run(moving: SplineMotion, schedule: MotionSchedule, rule: AdaptiveRule | None, out: Path) -> MotionRun:
-    knitted = moving.fabric
-    lines = knitted.lines(knitted.control, _POINTS_PER_SEGMENT)
-    offsets = np.arange(knitted.yarn_count + 1) * lines.shape[1]
-    folder = CurveFolder(out, CurveSet(offsets, knitted.radius))
-
-    def frame(number: int, yarns: YarnMotion) -> None:
-        points = knitted.lines(yarns.positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
-        folder.write(number, points, yarns.time)
-
-    return run_motion(
-        moving, schedule, adaptive=rule, on_frame=frame, on_step=ProgressLine("fabric").show_share
-    )
-
-
-def _summary(run: MotionRun) -> dict[str, object]:
-    moving, knitted = run.moving, run.moving.fabric
-    control = moving.yarns(run.motion).positions
-    return {
-        **moving.counts(),
-        "status": run.status.value,
-        "steps": run.steps,
-        "newton_iterations": run.iterations,
-        "seconds": run.seconds,
-        "simulated_seconds": run.motion.time,
-        "penetration": penetration(knitted, control),
-        "extension": fibre_extension(knitted, control)[0],
-        "unfulfilled": plain(run.unfulfilled),
-    }
-
-
-def _tell(values: dict[str, object] | dict[str, int], options: argparse.Namespace) -> None:
-    if options.json:
-        print_json(values)
-        return
-    for entry in values.pop("unfulfilled", []):  # type: ignore[union-attr]
-        print(f"not carried out: {Unfulfilled(**entry)}")
-    for name, value in values.items():
-        shown = f"{value:.4g}" if isinstance(value, float) else value
-        print(f"{name.replace('_', ' ')}: {shown}")

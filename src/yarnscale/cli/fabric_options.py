@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import YARN_MATERIAL, add_json, add_overwrite, add_radius
+from yarnscale.cli.shared_options import YARN_MATERIAL, add_json, add_overwrite, add_radius, add_resume
 from yarnscale.cli.values import not_negative, number, positive
 
 METHODS = ("splines", "volume", "direct")
@@ -133,4 +133,5 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         help="convert the frames at the end; may be given several times",
     )  # fmt: skip
     add_overwrite(command)
+    add_resume(command)
     add_json(command)

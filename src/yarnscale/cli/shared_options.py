@@ -86,4 +86,9 @@ def add_workers(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
     )
+    add_resume(command)
+
+
+def add_resume(command: argparse.ArgumentParser) -> None:
+    """Going on after a kill."""
     command.add_argument("--resume", action="store_true", help="go on where an interrupted run stopped")

@@ -8,15 +8,18 @@ matrix, moves by less than a tolerance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import DEGREE, BoundingVolume
+from yarnscale.motion.body import Body, Step
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class Knot:
     place: float
 
 
-class AdaptiveVolume:
-    """A moving fabric whose volume follows the motion; ``moving`` is the one at present."""
+class AdaptiveVolume(Body[YarnMotion]):
+    """A moving fabric whose volume follows the motion, frame by frame; ``moving`` is the one at present."""
 
     def __init__(self, moving: SplineMotion, rule: AdaptiveRule = AdaptiveRule()) -> None:
         """moving: with a volume; the fabric never gets a coarser one. Raises InputError."""
@@ -57,6 +60,51 @@ class AdaptiveVolume:
         self.moving, self.rule = moving, rule
         self.knots: list[Knot] = []
         self._coarsest = moving.volume
+        self.tolerance, self.off_place = moving.tolerance, moving.off_place
+        self.halvings, self.method = moving.halvings, moving.method
+
+    def _step(
+        self, state: YarnMotion, duration: float, inertia: bool, iterations: int | None, until: float
+    ) -> Step[YarnMotion]:
+        self.take_up(state)
+        return self.moving.step(state, duration, inertia=inertia, iterations=iterations, until=until)
+
+    def keeps(self, step: Step[YarnMotion]) -> bool:
+        """As the moving fabric."""
+        return self.moving.keeps(step)
+
+    def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
+        """As the moving fabric."""
+        self.take_up(state)
+        return self.moving.distances_from_places(state)
+
+    def longest_step(self, state: YarnMotion) -> float:
+        """As the moving fabric."""
+        self.take_up(state)
+        return self.moving.longest_step(state)
+
+    def renewed(self, state: YarnMotion, duration: float) -> YarnMotion:
+        """The motion in a volume that is fit for the next steps."""
+        self.take_up(state)
+        return self.adapt(state, duration)
+
+    def counts(self) -> dict[str, int]:
+        """Sizes of the moving fabric, in the volume at present."""
+        return self.moving.counts()
+
+    def yarns(self, state: YarnMotion) -> YarnMotion:
+        """Control points of the yarns at a state."""
+        self.take_up(state)
+        return self.moving.yarns(state)
+
+    def take_up(self, state: YarnMotion) -> None:
+        """Let ``moving`` have the volume that a state was reached in."""
+        if not np.array_equal(state.knots, _table(self.knots)):
+            self.knots = [Knot(int(axis), float(place)) for axis, place in state.knots]
+            self.moving = self.moving.with_volume(self._with_knots(self.knots))
+
+    def _with_knots(self, knots: list[Knot]) -> BoundingVolume:
+        return reduce(lambda volume, knot: volume.refined(knot.axis, knot.place)[0], knots, self._coarsest)
 
     @property
     def volume(self) -> BoundingVolume:
@@ -77,7 +125,7 @@ class AdaptiveVolume:
     def gains(self, motion: YarnMotion, duration: float) -> dict[Knot, float]:
         """Energy [J] that each knot halfway between two could save in the next step."""
         volume, found = self.volume, {}
-        reached = self.moving.step(motion, duration).motion
+        reached = self.moving.step(motion, duration).state
         for axis, knots in enumerate((volume.x_knots, volume.y_knots)):
             inner = knots[DEGREE : len(knots) - DEGREE]
             for low, high in pairwise(inner):
@@ -95,21 +143,22 @@ class AdaptiveVolume:
         finer, change = self.volume.refined(knot.axis, knot.place)
         self.moving = self.moving.with_volume(finer)
         self.knots.append(knot)
-        return _changed(motion, change)
+        return replace(_changed(motion, change), knots=_table(self.knots))
 
     def _coarsen(self, motion: YarnMotion) -> YarnMotion:
         for knot in reversed(self.knots):
             kept = [other for other in self.knots if other is not knot]
-            volume = self._coarsest
-            for other in kept:
-                volume, _ = volume.refined(other.axis, other.place)
-            coarser = self.moving.with_volume(volume)
+            coarser = self.moving.with_volume(self._with_knots(kept))
             fitted, away = coarser.nearest(self.moving.yarns(motion))
             if away < self.rule.loss * self.moving.fabric.radius:
                 self.moving, self.knots = coarser, kept
-                return fitted
+                return replace(fitted, knots=_table(kept))
         return motion
 
 
 def _changed(motion: YarnMotion, change: csr_array) -> YarnMotion:
-    return YarnMotion(change @ motion.positions, change @ motion.velocities, motion.time)
+    return replace(motion, positions=change @ motion.positions, velocities=change @ motion.velocities)
+
+
+def _table(knots: list[Knot]) -> NDArray[np.float64]:
+    return np.array([(knot.axis, knot.place) for knot in knots], np.float64).reshape(-1, 2)

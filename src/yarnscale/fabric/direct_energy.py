@@ -62,6 +62,14 @@ TIED_EDGE = StencilEnergy("tied_edge", {"x0": 3, "x1": 3}, {"stiffness": 1}, _ti
 """Springs of no length between segments that may touch and along edges: they resist no common motion."""
 
 
+@dataclass(frozen=True, eq=False)
+class EdgeFrames:
+    """Reference directors of all edges (n, 3) and reference twists of all joints (n,) [rad]."""
+
+    director: Array
+    twist: Array
+
+
 @dataclass(eq=False)
 class PressedPairs:
     """Those of the listed pairs, (m,) by ``chosen``, that have a place in the matrix; ties: entries of ``ties``."""
@@ -125,7 +133,7 @@ class FabricEnergy:
         self._reach = contact_reach(self.stiffness.rule)
         self.searches = self.patterns = 0
         self._tangent = unit_edges(sheet.vertices, ends)
-        self._director, self._reference_twist = sheet.reference_director, sheet.reference_twist
+        self.frames = EdgeFrames(sheet.reference_director, sheet.reference_twist)
         self._anchored()
 
     # --- state ----------------------------------------------------------------------------------------
@@ -142,33 +150,32 @@ class FabricEnergy:
         """Positions (n, 3) [r], a view."""
         return x[: 3 * self.count].reshape(-1, 3)
 
-    def anchor(self, x: Array) -> None:
-        """Carry all frames to this state; energies stay as they are, whatever turned since the last call."""
+    def anchor(self, x: Array, frames: EdgeFrames | None = None) -> None:
+        """Carry all frames to this state; energies stay as they are, whatever turned since the last call.
+
+        frames: those of this state, where they are known.
+        """
         tangent = unit_edges(self.positions(x), self.sheet.following)
-        self._director = carried(self._tangent, tangent, self._director)
-        self._reference_twist = joint_twists(
-            tangent, self._director, self.sheet.preceding, self._reference_twist
-        )
-        self._tangent = tangent
+        if frames is None:
+            director = carried(self._tangent, tangent, self.frames.director)
+            twist = joint_twists(tangent, director, self.sheet.preceding, self.frames.twist)
+            frames = EdgeFrames(director, twist)
+        self._tangent, self.frames = tangent, frames
         self._anchored()
 
     def _anchored(self) -> None:
         sheet, joints = self.sheet, self.sheet.joints
         before = sheet.preceding[joints]
+        director, turned = self.frames.director, self.frames.twist
         bend, twist = self.stiffness.joint_stiffness()
         parameters = np.column_stack(
             [
-                self._tangent[before], self._tangent[joints], self._director[before], self._director[joints],
-                self._reference_twist[joints], sheet.rest_curvature[joints], sheet.rest_twist[joints],
+                self._tangent[before], self._tangent[joints], director[before], director[joints], turned[joints],
+                sheet.rest_curvature[joints], sheet.rest_twist[joints],
                 bend[joints], twist[joints],
             ]
         )  # fmt: skip
         self.bend_twist = StencilSet(BEND_TWIST, self._joint_variables, parameters, 3)
-
-    @property
-    def directors(self) -> Array:
-        """Reference directors of the edges at the last anchor (n, 3)."""
-        return self._director
 
     # --- contacts -------------------------------------------------------------------------------------
 
@@ -191,6 +198,10 @@ class FabricEnergy:
         self._contacts = FabricContacts(first, second, positions.copy(), stencils)
         self.searches += 1
         return self._contacts
+
+    def forget_contacts(self) -> None:
+        """List contacts anew, and lay out the matrix for them."""
+        self._contacts = self._pattern = self._rod_slots = None
 
     def _pairs(
         self, positions: Array, reach: float, *, moves: Array | None = None

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount
+from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
+from yarnscale.fabric.direct_moves import PassageCount, no_cuts
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.fabric.yarn_friction import YarnFriction
+from yarnscale.motion.body import Body, Method, Step
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.threads import on_one_thread
@@ -32,6 +33,8 @@ _LEAST_SHIFT, _LARGEST_SHIFT = 1e-5, 1e-2
 _SHIFT = ShiftRule(start=_LEAST_SHIFT, growth=10.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
 _GRAVITY = 9.81
 """Of the forces and energies that tolerances are counted in, whatever the gravity of the scene [m/s²]."""
+OFF_PLACE = 1.0
+"""Distance of what is held from its place, in yarn radii, from which a grip has left its motion."""
 _STABLE_SHARE = 0.6
 """Explicit steps over the longest stable one."""
 
@@ -40,23 +43,16 @@ _STABLE_SHARE = 0.6
 class FabricMotion:
     """State x and velocity, both (4n,) [r, rad; per s], at a time [s].
 
-    shift: regularisation that the last implicit step ended with; the next begins with it.
+    shift: regularisation that the last implicit step ended with; the next begins with it. frames: of the edges (None:
+    those of the energy). cuts: of yarns by each other up to now, as ``PassageCount`` has them.
     """
 
     x: Array
     velocity: Array
     time: float = 0.0
     shift: float = _LEAST_SHIFT
-
-
-@dataclass(frozen=True, eq=False)
-class FabricStep:
-    """One step: the motion after it, how it ended, Newton iterations and factorisations."""
-
-    motion: FabricMotion
-    status: Status
-    iterations: int = 0
-    factorisations: int = 0
+    frames: EdgeFrames | None = None
+    cuts: Array = field(default_factory=no_cuts)
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,7 @@ class MotionSettings:
 
     An implicit step is done where forces left over fall below ``tolerance`` times the weight of the fabric, or with the
     first Newton iteration that gains less than ``enough`` of the energy m (g Δt)²/2 of the fabric after a step of free
-    fall; iterations: the most of Newton in a step.
+    fall; iterations: the most of Newton in a step. method: of steps; explicit ones are as long as is stable.
     """
 
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
@@ -74,6 +70,7 @@ class MotionSettings:
     tolerance: float = 1e-3
     enough: float = 0.1
     iterations: int = 8
+    method: Method = "implicit"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.damping) and self.damping >= 0):
@@ -81,10 +78,12 @@ class MotionSettings:
 
 
 @dataclass(eq=False)
-class FabricDynamics:
+class FabricDynamics(Body[FabricMotion]):
     """A fabric that moves under gravity, holds that may move, and obstacles.
 
-    holds: what is held where at a time [s]. count: looks whether yarns pass through each other.
+    holds: what is held where at a time [s]. count: looks whether yarns pass through each other. Steps of a fabric with
+    many contacts seldom meet a tight tolerance in a few Newton iterations; all whose energy is a number are kept, and
+    are safe all the same.
     """
 
     energy: FabricEnergy
@@ -95,6 +94,8 @@ class FabricDynamics:
 
     def __post_init__(self) -> None:
         energy = self.energy
+        self.tolerance, self.off_place = self.settings.tolerance, OFF_PLACE * energy.radius
+        self.method = self.settings.method
         mass = energy.masses() * energy.radius**2 / energy.unit
         spin = np.where(energy.spins() > 0, energy.spins(), 1.0) / energy.unit
         self.mass = np.concatenate([np.repeat(mass, 3), spin])
@@ -111,63 +112,97 @@ class FabricDynamics:
     # --- steps ----------------------------------------------------------------------------------------
 
     @on_one_thread
-    def implicit(self, motion: FabricMotion, duration: float) -> FabricStep:
-        """One step of implicit Euler [s]."""
-        _check(duration)
-        energy, inertia = self.energy, self.mass / duration**2
-        self._begin(motion.x, self.settings.friction)
-        ahead = motion.x + duration * motion.velocity
-        holds = self.holds(motion.time + duration).wells(energy)
+    def _step(
+        self, state: FabricMotion, duration: float, inertia: bool, iterations: int | None, until: float
+    ) -> Step[FabricMotion]:
+        if self.method == "explicit":
+            return self._explicit(state, duration)
+        energy, settings, weight = self.energy, self.settings, self.mass / duration**2
+        self._begin(state, settings.friction)
+        ahead = state.x + duration * state.velocity if inertia else state.x
         objective = FabricObjective(
-            energy, Wells(inertia, ahead).with_(holds), self.load, self.obstacles,
+            energy, Wells(weight, ahead).with_(self.holds(until).wells(energy)), self.load, self.obstacles,
             force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
         # From where the fabric is: the way ahead may press yarns into each other, and Newton's method knows inertia.
-        solution = self._minimised(objective, motion, self.settings.enough * self.fall_energy(duration))
-        velocity = (solution.x - motion.x) / duration
+        enough = settings.enough * self.fall_energy(duration) if inertia else 0.0
+        solution = self._minimised(objective, state, enough, iterations or settings.iterations)
+        x, velocity = solution.x, np.zeros_like(solution.x)
+        if inertia:
+            velocity = self._damped(x, (x - state.x) / duration, duration)
         shift = min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT)
-        moved = FabricMotion(solution.x, velocity, motion.time + duration, shift)
-        moved = replace(moved, velocity=self._damped(moved, duration))
-        return FabricStep(moved, solution.status, solution.iterations, solution.factorisations)
+        return Step(
+            self._moved(state, x, velocity, until, shift), solution.status, duration, solution.iterations,
+            solution.factorisations, solution.residual, float(np.linalg.norm(weight * (x - ahead))) / self.force_scale,
+        )  # fmt: skip
+
+    def keeps(self, step: Step[FabricMotion]) -> bool:
+        """Whether the energy is a number."""
+        return step.status is not Status.INVALID
+
+    def distances_from_places(self, state: FabricMotion) -> dict[str, float]:
+        """How far each grip's farthest vertex is from its target [m]."""
+        return self.holds(state.time).distances(self.energy, state.x)
+
+    def longest_step(self, state: FabricMotion) -> float:
+        """Of explicit steps [s]: yarns that are pressed together are stiffer."""
+        return self.stable_step(state) if self.method == "explicit" else math.inf
+
+    def renewed(self, state: FabricMotion, duration: float) -> FabricMotion:
+        """The same, with contacts listed anew, so that sums are taken in an order that the state alone decides."""
+        self.energy.forget_contacts()
+        return state
 
     def fall_energy(self, duration: float) -> float:
         """Kinetic energy of the whole fabric after a free fall of so many seconds [E π r³]."""
         speed = _GRAVITY * duration / self.energy.radius
         return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
 
-    def _begin(self, x: Array, friction: YarnFriction | None) -> None:
+    def take_up(self, motion: FabricMotion) -> None:
+        """Let the energy have the frames of a state, and the count its cuts."""
+        self.energy.anchor(motion.x, motion.frames)
+        if self.count is not None:
+            self.count.begin(motion.x, motion.cuts)
+
+    def _begin(self, motion: FabricMotion, friction: YarnFriction | None) -> None:
         """Begin a step: frames, and all that resists to slip from here on; friction: as a potential."""
-        self.energy.anchor(x)
-        self.energy.rub(x, friction)
+        self.take_up(motion)
+        self.energy.rub(motion.x, friction)
         for obstacle in self.obstacles:
-            obstacle.begin(self.energy.positions(x))
+            obstacle.begin(self.energy.positions(motion.x))
+
+    def _moved(
+        self, motion: FabricMotion, x: Array, velocity: Array, time: float, shift: float
+    ) -> FabricMotion:
+        """The state at the end of a step, where the frames of the energy are."""
+        cuts = motion.cuts if self.count is None else self.count.found
+        return FabricMotion(x, velocity, time, shift, self.energy.frames, cuts)
 
     def _arrive(self, x: Array) -> None:
         self.energy.anchor(x)
         if self.count is not None:
             self.count.follow(x)
 
-    def _minimised(self, objective: FabricObjective, motion: FabricMotion, enough: float) -> Solution:
+    def _minimised(
+        self, objective: FabricObjective, motion: FabricMotion, enough: float, iterations: int
+    ) -> Solution:
         """The least of a step's energy, from where the fabric is, up to a gain of ``enough`` [E π r³]."""
-        settings = self.settings
         return minimise(
-            objective, motion.x, bound=self.energy.bound, after_step=self._arrive, tolerance=settings.tolerance,
-            enough=enough, max_iterations=settings.iterations, shift=replace(_SHIFT, start=motion.shift),
+            objective, motion.x, bound=self.energy.bound, after_step=self._arrive, tolerance=self.tolerance,
+            enough=enough, max_iterations=iterations, shift=replace(_SHIFT, start=motion.shift),
             check_minimum=False, linear=self._linear,
         )  # fmt: skip
 
-    @on_one_thread
-    def explicit(self, motion: FabricMotion, duration: float) -> FabricStep:
-        """One step of symplectic Euler [s]; must be shorter than ``stable_step``."""
-        _check(duration)
+    def _explicit(self, motion: FabricMotion, duration: float) -> Step[FabricMotion]:
+        """One step of symplectic Euler [s]."""
         energy = self.energy
-        self._begin(motion.x, None)
+        self._begin(motion, None)
         objective = FabricObjective(energy, Wells.none(energy.count), self.load, self.obstacles)
         value, gradient = objective.gradient(motion.x)
         if not (math.isfinite(value) and np.isfinite(gradient).all()):
-            return FabricStep(motion, Status.INVALID)
+            return Step(motion, Status.INVALID, duration)
         velocity = motion.velocity - duration * gradient / self.mass
-        velocity = self._damped(replace(motion, velocity=velocity), duration)
+        velocity = self._damped(motion.x, velocity, duration)
         # Stiff springs would shorten the steps: what is held goes to its place.
         holds = self.holds(motion.time + duration).wells(energy)
         held = holds.weight > 0
@@ -177,9 +212,9 @@ class FabricDynamics:
         velocity[held] = led
         step = duration * velocity
         x = motion.x + min(1.0, energy.bound(motion.x, step)) * step
-        if self.count is not None:
-            self.count.follow(x)
-        return FabricStep(FabricMotion(x, velocity, motion.time + duration), Status.CONVERGED)
+        self._arrive(x)
+        moved = self._moved(motion, x, velocity, motion.time + duration, motion.shift)
+        return Step(moved, Status.CONVERGED, duration)
 
     def _rub(self, velocity: Array, held: NDArray[np.bool_], x: Array, duration: float) -> None:
         """Take from velocities what friction does in an explicit step."""
@@ -196,6 +231,7 @@ class FabricDynamics:
 
         Friction, which only takes velocities away, makes it no shorter.
         """
+        self.energy.anchor(motion.x, motion.frames)
         self.energy.rub(motion.x, None)
         _, _, _, block, entries = self.energy.hessian(motion.x)
         vector = np.random.default_rng(0).standard_normal(len(motion.x))
@@ -206,16 +242,16 @@ class FabricDynamics:
             square, vector = float(np.linalg.norm(image)), image
         return _STABLE_SHARE * 2.0 / math.sqrt(square)
 
-    def _damped(self, motion: FabricMotion, duration: float) -> Array:
-        """Velocity whose non-rigid part, patch by patch, has decayed."""
+    def _damped(self, x: Array, velocity: Array, duration: float) -> Array:
+        """Velocity at a state whose non-rigid part, patch by patch, has decayed."""
         rate = self.settings.damping
         if rate == 0.0:
-            return motion.velocity
+            return velocity
         n = self.energy.count
         kept = math.exp(-rate * duration)
-        velocity = motion.velocity.copy()
+        velocity = velocity.copy()
         moves = velocity[: 3 * n].reshape(-1, 3)
-        rigid = rigid_motion(self.energy.positions(motion.x), moves, self.mass[: 3 * n : 3], self._patches)
+        rigid = rigid_motion(self.energy.positions(x), moves, self.mass[: 3 * n : 3], self._patches)
         velocity[: 3 * n] = (rigid + kept * (moves - rigid)).ravel()
         velocity[3 * n :] *= kept
         return velocity
@@ -230,11 +266,6 @@ class FabricDynamics:
             "gravity": -float(self.load @ motion.x) * unit,
             "kinetic": 0.5 * float((self.mass * motion.velocity) @ motion.velocity) * unit,
         }
-
-
-def _check(duration: float) -> None:
-    if not (math.isfinite(duration) and duration > 0):
-        raise InputError("time step", expected="a positive number of seconds", found=duration)
 
 
 def _patches(energy: FabricEnergy) -> NDArray[np.int64]:

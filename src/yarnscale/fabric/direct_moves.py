@@ -44,14 +44,18 @@ class PassageCount:
     """
 
     def __init__(self, energy: FabricEnergy, start: Array) -> None:
-        self._energy, self._last = energy, start.copy()
-        self._found = np.empty((0, 6))
+        self._energy = energy
+        self.begin(start, no_cuts())
+
+    def begin(self, x: Array, found: Array) -> None:
+        """Go on from a state (4n,) with the cuts (m, 6) found before it."""
+        self._last, self.found = x.copy(), found
 
     def follow(self, x: Array) -> None:
         """The next state (4n,)."""
         new = cuts(self._energy, self._last, x)
         if len(new):
-            self._found = np.concatenate([self._found, new])
+            self.found = np.concatenate([self.found, new])
         self._last = x.copy()
 
     def jump(self, x: Array) -> None:
@@ -61,7 +65,12 @@ class PassageCount:
     @property
     def passages(self) -> int:
         """Cuts that no opposite one near the same place undid."""
-        return len(_lasting(self._energy.sheet.yarn_of_vertex, self._found))
+        return len(_lasting(self._energy.sheet.yarn_of_vertex, self.found))
+
+
+def no_cuts() -> Array:
+    """Cuts of yarns that do not meet."""
+    return np.empty((0, 6))
 
 
 def cuts(energy: FabricEnergy, before: Array, after: Array) -> Array:
@@ -73,7 +82,7 @@ def cuts(energy: FabricEnergy, before: Array, after: Array) -> Array:
     pairs = close_pairs(
         first, sheet.following, sheet.offsets, sheet.closed, _ROUNDING, neighbours, moves=second - first
     )
-    return pair_cuts(first, second, sheet.following, *pairs) if len(pairs[0]) else np.empty((0, 6))
+    return pair_cuts(first, second, sheet.following, *pairs) if len(pairs[0]) else no_cuts()
 
 
 def _lasting(yarn: Indices, found: Array) -> Indices:

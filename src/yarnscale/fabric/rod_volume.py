@@ -5,7 +5,6 @@ Vertices move with the volume, x = x₀ + Γ u (LOD03 §3), from whatever shape 
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,15 +14,13 @@ from scipy.sparse import csr_array
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, FabricStep
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion
 from yarnscale.fabric.direct_moves import PassageCount
-from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
-from yarnscale.fabric.direct_static import Holds, Rest
+from yarnscale.fabric.direct_objective import FabricObjective
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.numerics.affine import MappedObjective, NodeMap
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.newton import Objective, ShiftRule, Solution, minimise
-from yarnscale.numerics.threads import on_one_thread
 
 Array = NDArray[np.float64]
 
@@ -129,58 +126,32 @@ class RodVolume:
         return replace(solution, x=within.expand(solution.x))
 
 
-@on_one_thread
-def volume_equilibrium(
-    volume: RodVolume,
-    start: Array,
-    holds: Holds,
-    *,
-    load: Array | None = None,
-    obstacles: tuple[NodeForce, ...] = (),
-    tolerance: float = 1e-3,
-    max_iterations: int = 50,
-    count: PassageCount | None = None,
-) -> Rest:
-    """The equilibrium that the volume reaches from a state (4n,): a first guess for ``direct_static.equilibrium``.
-
-    load, obstacles, tolerance, count: as there.
-    """
-    began, energy = time.perf_counter(), volume.energy
-    load = np.zeros(len(start)) if load is None else load
-    objective = FabricObjective(
-        energy, holds.wells(energy), load, obstacles, force_floor=1e-6 + float(np.linalg.norm(load))
-    )
-    energy.anchor(start)
-    solution = volume.minimised(
-        objective, start, tolerance=tolerance, max_iterations=max_iterations, count=count
-    )
-    seconds = time.perf_counter() - began
-    return Rest(solution.x, solution.status, solution.residual, solution.iterations, seconds)
-
-
 @dataclass(eq=False)
 class VolumeDynamics(FabricDynamics):
-    """A fabric that moves as its volume does; implicit steps only."""
+    """A fabric that moves as its volume does; implicit steps only. Its equilibria are first guesses of the yarns'."""
 
     volume: RodVolume | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.method == "explicit":  # what is held would leave the volume
+            raise InputError("steps of rods in a volume", expected="the implicit method", found=self.method)
         if self.volume is None:
             self.volume = RodVolume(self.energy)
 
-    def explicit(self, motion: FabricMotion, duration: float) -> FabricStep:
-        """Not there: what is held would leave the volume. Raises InputError."""
-        raise InputError("explicit steps of rods in a volume", expected="implicit steps", found="explicit")
-
-    def _minimised(self, objective: FabricObjective, motion: FabricMotion, enough: float) -> Solution:
+    def _minimised(
+        self, objective: FabricObjective, motion: FabricMotion, enough: float, iterations: int
+    ) -> Solution:
         assert self.volume is not None
-        settings = self.settings
         return self.volume.minimised(
-            objective, motion.x, tolerance=settings.tolerance, max_iterations=settings.iterations, enough=enough,
+            objective,
+            motion.x,
+            tolerance=self.tolerance,
+            max_iterations=iterations,
+            enough=enough,
             count=self.count,
-        )  # fmt: skip
+        )
 
-    def _damped(self, motion: FabricMotion, duration: float) -> Array:
+    def _damped(self, x: Array, velocity: Array, duration: float) -> Array:
         assert self.volume is not None
-        return self.volume.projected(super()._damped(motion, duration))
+        return self.volume.projected(super()._damped(x, velocity, duration))

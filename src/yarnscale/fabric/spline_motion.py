@@ -7,8 +7,8 @@ is explicit (symplectic Euler; the constant mass matrix is factored once) or imp
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.motion.body import Body, Method, Step
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints
@@ -26,31 +27,29 @@ from yarnscale.numerics.newton import Objective, ShiftRule, Status, minimise
 from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
 
 Array = NDArray[np.float64]
-Method = Literal["explicit", "implicit"]
 
 STANDARD_GRAVITY = (0.0, -9.81, 0.0)
 """Down the wales [m/s²]: fabric hangs by its last row."""
 _MOST_DENSE = 300
 """Control points of a volume up to which Γ is multiplied as a dense matrix."""
+_STABLE_SHARE = 0.7
+"""Explicit steps over the longest stable one."""
+OFF_PLACE = 1.0
+"""Distance of what is held from its place, in yarn radii, from which a grip has left its motion."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
 class YarnMotion:
-    """Where control points are and how fast: of yarns, or of a volume; both (n, 3), [m] and [m/s], at a time [s]."""
+    """Where control points are and how fast: of yarns, or of a volume; both (n, 3), [m] and [m/s], at a time [s].
+
+    knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2).
+    """
 
     positions: Array
     velocities: Array
     time: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class MotionStep:
-    """One step: the new motion, how it ended and the Newton iterations (explicit steps have none)."""
-
-    motion: YarnMotion
-    status: Status
-    iterations: int = 0
+    knots: Array = field(default_factory=lambda: np.empty((0, 2)))
 
 
 class _StepObjective:
@@ -95,13 +94,13 @@ class _StepModel:
         return values
 
 
-class SplineMotion:
+class SplineMotion(Body[YarnMotion]):
     """A fabric of spline yarns in motion; with a volume, the fabric moves as the volume lets it.
 
     gravity: [m/s²]; held: points of yarns that stay where they are at rest; damping: rate [1/s] at which free motion
     decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. tolerance: of
-    implicit steps, forces left over per weight of the fabric; iterations: of Newton, the most in a step. energy:
-    that of the fabric, where it is at hand.
+    implicit steps, forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of
+    steps. energy: that of the fabric, where it is at hand.
     """
 
     def __init__(
@@ -114,12 +113,17 @@ class SplineMotion:
         damping: float = 0.0,
         tolerance: float = 1e-2,
         iterations: int = 50,
+        method: Method = "implicit",
         energy: SplineEnergy | None = None,
     ) -> None:
         if not (math.isfinite(damping) and damping >= 0):
             raise InputError("damping", expected="zero or more [1/s]", found=damping)
+        if method not in get_args(Method):
+            raise InputError("method", expected="explicit or implicit", found=method)
         self.fabric, self.volume, self.damping = fabric, volume, damping
         self.tolerance, self.iterations = tolerance, iterations
+        self.method: Method = method
+        self.halvings, self.off_place = 4 if method == "implicit" else 0, OFF_PLACE * fabric.radius
         self.held = held
         self.energy = energy if energy is not None else SplineEnergy(fabric)
         self.gravity = np.asarray(gravity, dtype=np.float64)
@@ -157,7 +161,7 @@ class SplineMotion:
         """The same fabric under the same conditions in another volume."""
         return SplineMotion(
             self.fabric, volume=volume, gravity=tuple(self.gravity), held=self.held, damping=self.damping,
-            tolerance=self.tolerance, iterations=self.iterations, energy=self.energy,
+            tolerance=self.tolerance, iterations=self.iterations, method=self.method, energy=self.energy,
         )  # fmt: skip
 
     def yarns(self, motion: YarnMotion) -> YarnMotion:
@@ -167,10 +171,18 @@ class SplineMotion:
         positions = self.map.expand(motion.positions.ravel()).reshape(-1, 3)
         return YarnMotion(positions, np.asarray(self.map.weights @ motion.velocities), motion.time)
 
-    def distance_from_places(self, motion: YarnMotion) -> float:
+    def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
         """How far the farthest held point is from its place [m]."""
-        away = self._held @ self.yarns(motion).positions.ravel() - self._held_at
-        return float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))
+        away = self._held @ self.yarns(state).positions.ravel() - self._held_at
+        return {"held row": float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))}
+
+    def keeps(self, step: Step[YarnMotion]) -> bool:
+        """Whether it converged to numbers."""
+        return step.status is Status.CONVERGED and bool(np.isfinite(step.state.positions).all())
+
+    def longest_step(self, state: YarnMotion) -> float:
+        """Of explicit steps [s]."""
+        return math.inf if self.method == "implicit" else _STABLE_SHARE * self.stable_step(state)
 
     def times_mass(self, vector: Array) -> Array:
         """M v of yarn control points, (3n,)."""
@@ -187,19 +199,21 @@ class SplineMotion:
             "kinetic": 0.5 * float(velocity @ self.times_mass(velocity)),
         }
 
-    def step(self, motion: YarnMotion, duration: float, *, method: Method = "implicit") -> MotionStep:
-        """One step of ``duration`` [s]. Explicit steps must be shorter than ``stable_step``. Raises InputError."""
-        if not (math.isfinite(duration) and duration > 0):
-            raise InputError("time step", expected="a positive number of seconds", found=duration)
-        if method not in ("explicit", "implicit"):
-            raise InputError("method", expected="explicit or implicit", found=method)
-        self._aim_constraints(motion)
-        return (self._explicit if method == "explicit" else self._implicit)(motion, duration)
+    def _step(
+        self, state: YarnMotion, duration: float, inertia: bool, iterations: int | None, until: float
+    ) -> Step[YarnMotion]:
+        self._aim_constraints(state)
+        if self.method == "explicit":
+            return self._explicit(state, duration)
+        begin = state if inertia else replace(state, velocities=np.zeros_like(state.velocities))
+        step = self._implicit(begin, duration, self.iterations if iterations is None else iterations)
+        end = step.state if inertia else replace(step.state, velocities=begin.velocities)
+        return replace(step, state=replace(end, time=until))
 
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
         self._aim_constraints(motion)
-        _, gradient, model = self._objective(motion, duration).quadratic(reached.ravel())
+        _, gradient, model = self._objective(*self._balance(motion, duration)).quadratic(reached.ravel())
         linear, shift = self._new_linear(), 0.0
         while not linear.factorise(model, shift):
             shift = _SHIFT.raised(shift)
@@ -221,6 +235,7 @@ class SplineMotion:
 
     def stable_step(self, motion: YarnMotion, *, iterations: int = 60) -> float:
         """Longest stable explicit step at a state [s]: 2/ω of the fastest vibration, by power iteration."""
+        self._aim_constraints(motion)
         solver, shape = self._mass_solver(), motion.positions.shape
         _, _, entries = self.energy.hessian(self.yarns(motion).positions.ravel())
         vector = np.random.default_rng(0).standard_normal(shape).ravel()
@@ -234,7 +249,7 @@ class SplineMotion:
             square, vector = float(vector @ image), image
         return 2.0 / math.sqrt(square) if square > 0 else math.inf
 
-    def _explicit(self, motion: YarnMotion, duration: float) -> MotionStep:
+    def _explicit(self, motion: YarnMotion, duration: float) -> Step[YarnMotion]:
         solver = self._mass_solver()
         yarns = self.yarns(motion)
         _, gradient = self.energy.gradient(yarns.positions.ravel())
@@ -248,26 +263,33 @@ class SplineMotion:
         velocity = (velocity + change) / (1.0 + self.damping * duration)
         positions = motion.positions + duration * velocity.reshape(-1, 3)
         status = Status.CONVERGED if np.isfinite(positions).all() else Status.INVALID
-        return MotionStep(YarnMotion(positions, velocity.reshape(-1, 3), motion.time + duration), status)
+        return Step(_moved(motion, positions, velocity.reshape(-1, 3), duration), status, duration)
 
-    def _implicit(self, motion: YarnMotion, duration: float) -> MotionStep:
+    def _implicit(self, motion: YarnMotion, duration: float, iterations: int) -> Step[YarnMotion]:
         # Yarns carried on straight would stretch where they turn, and are far stiffer so than in any other way.
+        weight, centre = self._balance(motion, duration)
         solution = minimise(
-            self._objective(motion, duration), motion.positions.ravel(), constraints=self._constraints,
-            tolerance=self.tolerance, max_iterations=self.iterations, shift=_SHIFT, check_minimum=False,
+            self._objective(weight, centre), motion.positions.ravel(), constraints=self._constraints,
+            tolerance=self.tolerance, max_iterations=iterations, shift=_SHIFT, check_minimum=False,
             linear=self._linear,
         )  # fmt: skip
         positions = solution.x.reshape(-1, 3)
         velocities = (positions - motion.positions) / duration
-        new = YarnMotion(positions, velocities, motion.time + duration)
-        return MotionStep(new, solution.status, solution.iterations)
+        new = _moved(motion, positions, velocities, duration)
+        away = self.yarns(new).positions.ravel() - centre
+        unrest = float(np.linalg.norm(self._pulled(weight * self.times_mass(away)))) / self.force_scale
+        return Step(
+            new, solution.status, duration, solution.iterations, solution.factorisations, solution.residual, unrest
+        )  # fmt: skip
 
-    def _objective(self, motion: YarnMotion, duration: float) -> Objective:
-        inertia, drag = 1.0 / duration**2, self.damping / duration
-        ahead = motion.positions + duration * motion.velocities
-        centre = (inertia * ahead + drag * motion.positions) / (inertia + drag)
-        full = self.yarns(YarnMotion(centre, motion.velocities)).positions.ravel()
-        objective = _StepObjective(self, inertia + drag, full)
+    def _balance(self, motion: YarnMotion, duration: float) -> tuple[float, Array]:
+        """Factor of the mass matrix in an implicit step [1/s²], and where the yarns would be without forces (3n,)."""
+        rate = 1.0 / duration + self.damping
+        centre = motion.positions + motion.velocities / rate if rate else motion.positions
+        return rate / duration, self.yarns(replace(motion, positions=centre)).positions.ravel()
+
+    def _objective(self, weight: float, centre: Array) -> Objective:
+        objective = _StepObjective(self, weight, centre)
         return objective if self.map is None else MappedObjective(objective, self.map, pull=self._pull)
 
     def _pulled(self, force: Array) -> Array:
@@ -319,3 +341,7 @@ class SplineMotion:
         assert self._mass_solve is not None and self._mass_model is not None
         if not self._mass_solve.factorise(self._mass_model, 0.0):
             raise ArithmeticError("the mass matrix is singular: the volume has patches without yarn")
+
+
+def _moved(motion: YarnMotion, positions: Array, velocities: Array, duration: float) -> YarnMotion:
+    return replace(motion, positions=positions, velocities=velocities, time=motion.time + duration)

@@ -1,4 +1,4 @@
-"""A checkpoint of a run as a file, tied to the scene that it belongs to."""
+"""A checkpoint of a run as a file, tied to the settings that the run began with."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import dataclasses
 import json
 import os
 import time
+import typing
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,96 +18,101 @@ from yarnscale import __version__
 from yarnscale.errors import InputError
 from yarnscale.files.array_file import read_arrays, read_names, write_arrays
 from yarnscale.files.fingerprint import fingerprint
+from yarnscale.motion.body import State
+from yarnscale.motion.run import Run
+from yarnscale.motion.unfulfilled import Unfulfilled, plain
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.dynamics.checkpoint import Checkpoint
-from yarnscale.shell.scenes.scene import Scene
-from yarnscale.shell.state import ClothState, Earlier, Slips
-from yarnscale.unfulfilled import Unfulfilled, plain
 
 NAME = "checkpoint.npz"
-_INNER = {"state": ClothState, "before": Earlier, "slips": Slips}
-"""Fields that are dataclasses themselves."""
 INTERVAL = 5.0
 """Seconds between two checkpoints with no frame between them."""
+_STATE = "state."
+_WHAT = "checkpoint of a run"
 
 
-class CheckpointFile:
+class CheckpointFile(Generic[State]):
     """The file that a run goes on from; pass ``write`` as ``on_checkpoint``.
 
-    It is replaced after every frame and every few seconds, in one step each. It bears the fingerprint of the scene:
-    mesh, material, handles, contact, obstacles, start, schedule and options.
+    It is replaced after every frame and every ``interval`` seconds, in one step each. kind: of the states, a dataclass
+    of arrays and of such dataclasses. settings: all that shapes the run, by name; their fingerprints go along.
     """
 
-    def __init__(self, path: str | os.PathLike[str], scene: Scene) -> None:
-        self.path, self._scene = Path(path), scene_fingerprint(scene)
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        kind: type[State],
+        settings: Mapping[str, object],
+        *,
+        interval: float = INTERVAL,
+    ) -> None:
+        self.path, self._kind, self._interval = Path(path), kind, interval
+        self._settings = {name: fingerprint(value) for name, value in settings.items()}
+        self._settings["version of yarnscale"] = __version__
         self._frames, self._written = -1, -np.inf
 
-    def write(self, checkpoint: Checkpoint) -> None:
+    def write(self, run: Run[State]) -> None:
         """Write it where that is due. Raises InputError where the file cannot be written."""
         now = time.monotonic()
-        new = checkpoint.frames != self._frames or checkpoint.status is not None
-        if not new and now - self._written < INTERVAL:
+        new = run.frames != self._frames or run.status is not None
+        if not new and now - self._written < self._interval:
             return
-        arrays = _flat(checkpoint, "")
-        write_arrays(self.path, scene=np.array(self._scene), version=np.array(__version__), **arrays)
-        self._frames, self._written = checkpoint.frames, now
+        content = {field.name: getattr(run, field.name) for field in dataclasses.fields(run)}
+        arrays = _flat(content.pop("state"), _STATE)
+        content["status"] = None if run.status is None else run.status.name
+        content["unfulfilled"] = plain(run.unfulfilled)
+        write_arrays(self.path, settings=json.dumps(self._settings), run=json.dumps(content), **arrays)
+        self._frames, self._written = run.frames, now
 
-    def read(self) -> Checkpoint | None:
-        """The checkpoint to go on from, None where there is no file; InputError where it is of another scene."""
+    def read(self) -> Run[State]:
+        """The run to go on with; InputError where there is none, or one that began with other settings."""
         if not self.path.exists():
-            return None
-        what = "checkpoint of a run"
-        names = read_names(self.path, what=what)
-        arrays = read_arrays(self.path, *{*names, "scene", "version", "state.positions", "begin"}, what=what)
-        for name, wanted in (("version", __version__), ("scene", self._scene)):
-            if str(arrays.pop(name)) != wanted:
-                other = "another version of yarnscale" if name == "version" else "another scene"
-                raise InputError(
-                    "run cannot be resumed",
-                    where=self.path,
-                    expected="the scene, material and options that it began with",
-                    found=other,
-                )
+            raise InputError("nothing to resume", where=self.path, expected=_WHAT)
+        names = {*read_names(self.path, what=_WHAT), "settings", "run"}
+        arrays = read_arrays(self.path, *names, what=_WHAT)
         try:
-            values = _nested(arrays)
-            if "status" in values:
-                values["status"] = Status[str(values["status"])]
-            found = json.loads(str(values.get("unfulfilled", "[]")))
-            values["unfulfilled"] = tuple(Unfulfilled(**entry) for entry in found)
-            return Checkpoint(**values)  # type: ignore[arg-type]
-        except (TypeError, ValueError, KeyError) as error:
-            raise InputError(f"file is no {what}", where=self.path, found=str(error)[:80]) from None
+            settings = json.loads(str(arrays.pop("settings")))
+            content = json.loads(str(arrays.pop("run")))
+            self._check(settings)
+            content["status"] = None if content["status"] is None else Status[content["status"]]
+            content["unfulfilled"] = tuple(Unfulfilled(**entry) for entry in content["unfulfilled"])
+            return Run(_nested(self._kind, arrays, _STATE), **content)
+        except (TypeError, ValueError, KeyError, AttributeError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"file is no {_WHAT}", where=self.path, found=str(error)[:80]) from None
+
+    def _check(self, settings: Mapping[str, str]) -> None:
+        names = list(dict.fromkeys([*self._settings, *settings]))
+        other = [name for name in names if settings.get(name) != self._settings.get(name)]
+        if other:
+            raise InputError(
+                "run cannot be resumed",
+                where=self.path,
+                expected="the settings that it began with",
+                found="another " + ", another ".join(other),
+            )
 
 
-def scene_fingerprint(scene: Scene) -> str:
-    """What all that shapes a run comes to; not its name, nor what is measured at the end."""
-    return fingerprint(scene.cloth, scene.start, scene.schedule, scene.options)
-
-
-def _flat(value: Checkpoint | ClothState | Earlier | Slips, prefix: str) -> dict[str, NDArray]:
+def _flat(value: Any, prefix: str) -> dict[str, NDArray[Any]]:
     """Fields by name, those of an inner dataclass with its name and a dot before them; None is left out."""
-    found: dict[str, NDArray] = {}
+    found: dict[str, NDArray[Any]] = {}
     for field in dataclasses.fields(value):
         content, name = getattr(value, field.name), prefix + field.name
-        if isinstance(content, (ClothState, Earlier, Slips)):
+        if dataclasses.is_dataclass(content):
             found |= _flat(content, f"{name}.")
-        elif isinstance(content, Status):
-            found[name] = np.array(content.name)
-        elif isinstance(content, tuple):
-            found[name] = np.array(json.dumps(plain(content)))
         elif content is not None:
             found[name] = np.asarray(content)
     return found
 
 
-def _nested(arrays: dict[str, NDArray]) -> dict[str, object]:
-    """The reverse of ``_flat``: names with a dot make inner dataclasses."""
-    plain: dict[str, object] = {}
-    inner: dict[str, dict[str, NDArray]] = {}
-    for name, array in arrays.items():
-        first, _, rest = name.partition(".")
-        if rest:
-            inner.setdefault(first, {})[rest] = array
-        else:
-            plain[name] = array.item() if array.ndim == 0 else array
-    return plain | {name: _INNER[name](**_nested(part)) for name, part in inner.items()}  # type: ignore[arg-type]
+def _nested(kind: type[Any], arrays: Mapping[str, NDArray[Any]], prefix: str) -> Any:
+    """The reverse of ``_flat``."""
+    values: dict[str, object] = {}
+    for name, hint in typing.get_type_hints(kind).items():
+        inner = next((k for k in (hint, *typing.get_args(hint)) if dataclasses.is_dataclass(k)), None)
+        if inner is not None and any(key.startswith(f"{prefix}{name}.") for key in arrays):
+            values[name] = _nested(inner, arrays, f"{prefix}{name}.")  # type: ignore[arg-type]
+        elif prefix + name in arrays:
+            array = arrays[prefix + name]
+            values[name] = array if array.ndim else array.item()
+    return kind(**values)

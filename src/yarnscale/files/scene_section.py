@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.json_fields import Fields
-from yarnscale.shell.motion import Motion
+from yarnscale.motion.rigid import Motion
 
 Built = TypeVar("Built")
 Vector = tuple[float, float, float]

@@ -14,10 +14,11 @@ from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, Section
 from yarnscale.files.toml_text import fields_of, read_toml
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import Obstacle, Plane
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
-from yarnscale.shell.dynamics.simulate import Schedule, SolverOptions
+from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.scenes.plausible import check_cloth, check_size, sizes_of

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh, disk
 from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
@@ -49,7 +50,9 @@ class DrapeTest:
     @property
     def status(self) -> str:
         """How the simulation ended."""
-        return self.result.status.name.lower() if self.succeeded or not self.result.converged else "crossed"
+        if self.result.converged and not self.succeeded:
+            return "crossed"
+        return "" if (status := self.result.run.status) is None else status.name.lower()
 
 
 def cusick(material: ElementMaterial, *, spacing: float = SPACING, seed: int = 0) -> Scene:

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.rigid import Motion, rotation_matrix
+from yarnscale.motion.run import Run, simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
-from yarnscale.shell.dynamics.simulate import Run, Schedule, simulate
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.motion import Motion, rotation_matrix
 from yarnscale.shell.state import Attachment, ClothState
 
 SOFT = replace(JERSEY, bend_weft=1e-6, bend_bias=1e-6, bend_warp=1e-6)
@@ -70,7 +71,7 @@ def run(cloth: Cloth, start: ClothState, duration: float) -> tuple[ClothSolver, 
     )
     assert outcome.converged
     assert len(crossed) >= duration / STEP
-    assert not any(crossed) and outcome.intersections == 0
+    assert not any(crossed) and outcome.faults["intersections"] == 0
     return solver, outcome
 
 

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ShellEnergy
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import rectangle

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from yarnscale.motion.run import Run, simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import Sphere
-from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
-from yarnscale.shell.dynamics.simulate import ClothSolver, Run, Schedule, SolverOptions, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
@@ -33,10 +34,10 @@ def swinging() -> tuple[Cloth, ClothState]:
     return Cloth(mesh, material, (held,), contact=settings, obstacles=(ball,), damping=1.0), start
 
 
-def run(schedule: Schedule, resume: Checkpoint | None = None) -> tuple[Run, list[Checkpoint], list[int]]:
+def run(schedule: Schedule, resume: Run | None = None) -> tuple[Run, list[Run], list[int]]:
     cloth, start = swinging()
     solver = ClothSolver(cloth, SolverOptions(tolerance=TOLERANCE))
-    kept: list[Checkpoint] = []
+    kept: list[Run] = []
     frames: list[int] = []
     outcome = simulate(
         solver,
@@ -53,8 +54,8 @@ def run(schedule: Schedule, resume: Checkpoint | None = None) -> tuple[Run, list
 def test_from_every_checkpoint_the_end_is_the_same(to_rest: bool) -> None:
     schedule = Schedule(0.16, 0.02, to_rest=to_rest, frame_interval=0.04, longest_step=0.1, max_rest_steps=6)
     whole, kept, frames = run(schedule)
-    # One a step, and the end where it is none.
-    assert len(kept) == whole.steps + (not to_rest) and frames == list(range(len(frames)))
+    # At the start, after every step, and at the end where that is no step.
+    assert len(kept) == 1 + whole.steps + (not to_rest) and frames == list(range(len(frames)))
     speed = np.abs(whole.state.velocities).max()
     for place in kept[2::4] + kept[-1:]:
         outcome, _, rest = run(schedule, resume=place)
@@ -71,9 +72,9 @@ def test_a_forgotten_velocity_would_be_seen() -> None:
     """The tolerance above tells a state without its velocities apart."""
     schedule = Schedule(0.12, 0.02, to_rest=False)
     whole, kept, _ = run(schedule)
-    place = kept[2]
+    place = kept[3]
     still = ClothState(place.state.positions, np.zeros_like(place.state.velocities), place.state.time)
     cloth, _ = swinging()
     solver = ClothSolver(cloth, SolverOptions(tolerance=TOLERANCE))
-    other = simulate(solver, still, schedule, resume=Checkpoint(still, 0.0, steps=place.steps))
+    other = simulate(solver, still, schedule, resume=Run(still, 0.0, steps=place.steps))
     assert np.abs(other.state.positions - whole.state.positions).max() > 1e-3

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.state import ClothState

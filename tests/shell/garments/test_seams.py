@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.elements import shell_elements
 from yarnscale.shell.elastic.energy import ShellEnergy
 from yarnscale.shell.materials.orthotropic import JERSEY

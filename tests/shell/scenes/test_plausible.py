@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.rigid import Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.motion import Motion
 from yarnscale.shell.scenes.plausible import check_cloth, check_size, sizes_of
 
 PANEL = rectangle(0.3, 0.2, 0.02)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.shell.dynamics.simulate import ClothSolver, simulate
+from yarnscale.motion.run import simulate
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.body_scenes import scarf, sweater

@@ -9,6 +9,8 @@ import ipctk
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.errors import InputError
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -30,6 +32,24 @@ class Crossing:
     description: str
     remedy: str
     triangles: tuple[int, ...] = ()
+
+
+def start_that_crosses(found: Sequence[Crossing], lines: Integers) -> InputError:
+    """The error of a start with these crossings; lines: of the cloth's triangles in their file, where there is one."""
+    told = "; ".join(c.description + _in_file(lines, c.triangles) for c in found) or "some that do"
+    remedies = "; ".join(dict.fromkeys(c.remedy for c in found))
+    return InputError(
+        "start of the cloth",
+        expected="surfaces that do not cross",
+        found=f"{told}. {remedies[:1].upper()}{remedies[1:]}" if found else told,
+    )
+
+
+def _in_file(lines: Integers, triangles: Sequence[int]) -> str:
+    """Lines of the cloth's file that triangles come from, where there is one."""
+    if not (len(lines) and triangles):
+        return ""
+    return f" (line{'s' * (len(triangles) > 1)} {' and '.join(str(lines[t]) for t in triangles)} of its file)"
 
 
 def surface_crossings(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.shell.motion import STILL, Motion
+from yarnscale.motion.rigid import STILL, Motion
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

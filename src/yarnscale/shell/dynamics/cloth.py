@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.motion.rigid import STILL, Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.shell.elastic.elements import FreeEdges
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.motion import STILL, Motion
 from yarnscale.shell.state import Attachment
 
 __all__ = ["Cloth", "Handle", "Motion"]

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.motion.body import Body, Step
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 from yarnscale.shell.contact.cloth_contact import ClothContact
-from yarnscale.shell.contact.crossings import Crossing
+from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosses
 from yarnscale.shell.contact.obstacles import current_points, obstacle_name
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
@@ -79,23 +80,17 @@ class SolverOptions:
             raise InputError("iterations", expected="at least 1", found=self.iterations)
 
 
-@dataclass(frozen=True, eq=False)
-class StepResult:
-    """One step: the new state, how Newton ended, and ``unrest``, the force of inertia in units of the weight."""
-
-    state: ClothState
-    status: Status
-    iterations: int
-    residual: float
-    unrest: float
-    duration: float
+OFF_PLACE, OFF_PLACE_SHARE = 5e-4, 0.05
+"""How far from its place a handle or body has left its motion: this [m], or this share of an edge if that is less."""
 
 
-class ClothSolver:
+class ClothSolver(Body[ClothState]):
     """Steps of one cloth; owns the elastic energy, the contact and the growing matrix pattern."""
 
     def __init__(self, cloth: Cloth, options: SolverOptions = SolverOptions()) -> None:
         self.cloth, self.options = cloth, options
+        self.tolerance, self.halvings = options.tolerance, options.halvings
+        self.off_place = min(OFF_PLACE, OFF_PLACE_SHARE * cloth.mesh.median_edge)
         self.energy = ShellEnergy(cloth.mesh, cloth.material, free_edges=cloth.free_edges)
         self.masses = self.energy.masses
         touching = cloth.contact is not None and (cloth.contact.self_contact or cloth.obstacles)
@@ -108,40 +103,24 @@ class ClothSolver:
         strength = float(np.linalg.norm(cloth.gravity)) or STANDARD_GRAVITY
         self.scale = float(np.linalg.norm(self.masses)) * strength
 
-    def step(
-        self,
-        state: ClothState,
-        duration: float,
-        *,
-        inertia: bool = True,
-        iterations: int | None = None,
-        until: float | None = None,
-    ) -> StepResult:
-        """One implicit step of ``duration`` [s]; without inertia the cloth forgets its velocity first.
-
-        ``duration`` may be inf: a static equilibrium. iterations: at most, None for those of the options. until: time
-        that handles and obstacles move to [s], None for the end of the step (of a static one: where they are).
-        The result is to be kept only if its residual is acceptable.
-        """
-        if not duration > 0:
-            raise InputError("time step", expected="a positive number of seconds", found=duration)
+    def _step(
+        self, state: ClothState, duration: float, inertia: bool, iterations: int | None, until: float
+    ) -> Step[ClothState]:
         self._take_up(state)
         begin = self._with_obstacles(state)
         if self.contact is not None:
             self.contact.start_step(begin, min(duration, 1.0), state.time, state.slips)
         static = math.isinf(duration)
         rule = None if static else step_rule(self.options.integrator, state, duration, inertia=inertia)
-        if until is None:
-            until = state.time if static else state.time + duration
         objective = self._objective(state, rule, until)
-        moved = duration * state.velocities if inertia and not static else np.zeros_like(state.velocities)
+        moved = duration * state.velocities if inertia else np.zeros_like(state.velocities)
         start = self._start(begin, self._with_obstacle_steps(begin, moved, objective)).ravel()
         limit = self.options.iterations if iterations is None else iterations
         solution = self._minimise(objective, start, limit, static=static)
         positions, obstacles = np.split(solution.x.reshape(-1, 3), [len(self.masses)])
         new = ClothState(
             positions,
-            np.zeros_like(positions) if rule is None else rule.velocity(positions),
+            rule.velocity(positions) if rule is not None and inertia else np.zeros_like(positions),
             until,
             self.energy.elements.reference_angles,
             Earlier(state.positions, state.velocities, duration) if rule is not None and inertia else None,
@@ -150,23 +129,28 @@ class ClothSolver:
         )
         inertial = objective.weights[:, None] * (positions - objective.centre)
         unrest = float(np.linalg.norm(inertial)) / self.scale
-        return StepResult(new, solution.status, solution.iterations, solution.residual, unrest, duration)
+        return Step(
+            new, solution.status, duration, solution.iterations, solution.factorisations, solution.residual, unrest
+        )  # fmt: skip
 
-    def advance(
-        self, state: ClothState, duration: float, *, inertia: bool = True, rough: int | None = None
-    ) -> StepResult:
-        """A step, halved until Newton succeeds; where it never does, the given state with the failure's status.
+    def keeps(self, step: Step[ClothState]) -> bool:
+        """Whether the residual is acceptable."""
+        return step.residual <= self.options.acceptable
 
-        rough: keep what this many iterations reach, whatever force is left over; it acts in the next step.
-        """
-        iterations = 0
-        for halving in range(self.options.halvings + 1):
-            result = self.step(state, duration / 2**halving, inertia=inertia, iterations=rough)
-            iterations += result.iterations
-            unfinished = rough is not None and result.status is Status.ITERATION_LIMIT
-            if unfinished or result.residual <= self.options.acceptable:
-                return replace(result, iterations=iterations)
-        return replace(result, state=state, iterations=iterations)
+    def check_start(self, state: ClothState) -> None:
+        """Raise InputError where surfaces cross."""
+        if self.intersects(state):
+            raise start_that_crosses(self.crossings(state), self.cloth.mesh.lines)
+
+    def faults(self, state: ClothState) -> dict[str, int]:
+        """Whether the cloth crosses itself or a body (``intersections``), or a body; what is not tested is left out."""
+        crossed, tested = self.intersects(state), {}
+        if self.contact is not None and self.contact.settings.self_contact:
+            tested["intersections"] = int(crossed)
+        if self.cloth.obstacles:
+            bodies = crossed and any(c.body != CLOTH for c in self.crossings(state))
+            tested["body_intersections"] = int(bodies)
+        return tested
 
     def energies(self, state: ClothState) -> dict[str, float]:
         """Elastic, gravity, kinetic and contact energy [J]."""
@@ -227,8 +211,10 @@ class ClothSolver:
                 linear=self.linear,
             )
             start, done = first.x, first.iterations
-            if first.residual <= tolerance or done >= limit or first.status is Status.INVALID:
+            if first.residual <= tolerance or first.status is Status.INVALID:
                 return first
+            if done >= limit:
+                return replace(first, status=Status.ITERATION_LIMIT)
         last = minimise(
             objective,
             start,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.shell.motion import rotation_matrix
+from yarnscale.motion.rigid import rotation_matrix
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.simulate import ClothSolver, Schedule, SolverOptions
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 from yarnscale.shell.garments.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt

@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
-from yarnscale.numerics.newton import Status
+from yarnscale.motion.run import Progress, Run, simulate
+from yarnscale.motion.schedule import Schedule
+from yarnscale.motion.unfulfilled import Unfulfilled
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import Sphere
-from yarnscale.shell.dynamics.checkpoint import Checkpoint
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
-from yarnscale.shell.dynamics.simulate import ClothSolver, Progress, Schedule, SolverOptions, simulate
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.elastic.out_of_range import OutOfRange, out_of_range
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
-from yarnscale.unfulfilled import Unfulfilled, plain
 
 Floats = NDArray[np.float64]
 Measure = Callable[[ClothSolver, ClothState], Mapping[str, float]]
@@ -61,58 +61,70 @@ class Scene:
     may_give_way: bool = False
     notices: tuple[str, ...] = ()
 
+    @property
+    def settings(self) -> dict[str, object]:
+        """All that shapes a run; not the scene's name, nor what is measured at the end."""
+        return {name: getattr(self, name) for name in ("cloth", "start", "schedule", "options")}
+
     def __repr__(self) -> str:
         return f"Scene('{self.name}': {self.cloth!r}, {self.schedule.duration:g} s)"
 
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """Outcome of a scene: last state, status and numbers; ``measures`` are those of the scene."""
+    """Outcome of a scene: its run, seconds of work and numbers; ``measures`` are those of the scene."""
 
     scene: Scene
-    state: ClothState
-    status: Status
-    steps: int
-    newton_iterations: int
-    loose_steps: int
-    simulated_seconds: float
+    run: Run[ClothState]
     seconds: float
     measures: Mapping[str, float] = field(default_factory=dict)
-    intersections: int | None = None
-    body_intersections: int | None = None
-    unfulfilled: tuple[Unfulfilled, ...] = ()
     out_of_range: OutOfRange | None = None
 
     def __repr__(self) -> str:
         measures = ", ".join(f"{name}={value:.4g}" for name, value in self.measures.items())
-        return f"SceneResult('{self.scene.name}': {self.status.value} in {self.steps} steps; {measures})"
+        return f"SceneResult('{self.scene.name}': {self.run.outcome} in {self.run.steps} steps; {measures})"
+
+    @property
+    def state(self) -> ClothState:
+        """The last state."""
+        return self.run.state
+
+    @property
+    def unfulfilled(self) -> tuple[Unfulfilled, ...]:
+        """Motions of handles and obstacles that were not carried out."""
+        return self.run.unfulfilled
+
+    @property
+    def intersections(self) -> int | None:
+        """Frames, the last state among them, in which the cloth crosses itself or a body; None: not tested."""
+        return self.run.faults.get("intersections")
+
+    @property
+    def body_intersections(self) -> int | None:
+        """Frames in which the cloth crosses a body; None without bodies."""
+        return self.run.faults.get("body_intersections")
 
     @property
     def converged(self) -> bool:
         """Whether the whole schedule was reached."""
-        return self.status is Status.CONVERGED
+        return self.run.converged
 
     @property
     def succeeded(self) -> bool:
         """Whether the schedule was reached, without crossings, with every motion carried out that may not give way."""
-        crossed = bool(self.intersections or self.body_intersections)
-        return self.converged and not crossed and (self.scene.may_give_way or not self.unfulfilled)
+        fulfilled = self.scene.may_give_way or not self.unfulfilled
+        return self.converged and not any(self.run.faults.values()) and fulfilled
 
     def summary(self) -> dict[str, object]:
         """Everything but the shape, as plain values."""
         return {
             "scene": self.scene.name,
-            "status": self.status.value,
             **{name: float(value) for name, value in self.measures.items()},
             "vertices": self.scene.cloth.mesh.vertex_count,
-            "steps": self.steps,
-            "newton_iterations": self.newton_iterations,
-            "loose_steps": self.loose_steps,
-            "intersections": self.intersections,
-            "body_intersections": self.body_intersections,
-            "unfulfilled": plain(self.unfulfilled),
+            "intersections": None,
+            "body_intersections": None,
+            **self.run.summary(),
             "out_of_range": None if self.out_of_range is None else self.out_of_range.plain(),
-            "simulated_seconds": self.simulated_seconds,
             "seconds": self.seconds,
         }
 
@@ -123,37 +135,19 @@ def run_scene(
     *,
     on_step: Callable[[Progress], None] | None = None,
     on_frame: Callable[[int, ClothState], None] | None = None,
-    on_checkpoint: Callable[[Checkpoint], None] | None = None,
-    resume: Checkpoint | None = None,
+    on_checkpoint: Callable[[Run[ClothState]], None] | None = None,
+    resume: Run[ClothState] | None = None,
 ) -> SceneResult:
     """Simulate a scene; callbacks and ``resume`` as in ``simulate``."""
     begin = time.perf_counter()
     solver = ClothSolver(scene.cloth, scene.options)
     run = simulate(
-        solver,
-        scene.start,
-        scene.schedule,
-        on_step=on_step,
-        on_frame=on_frame,
-        on_checkpoint=on_checkpoint,
+        solver, scene.start, scene.schedule, on_step=on_step, on_frame=on_frame, on_checkpoint=on_checkpoint,
         resume=resume,
-    )
+    )  # fmt: skip
     measures = dict(scene.measure(solver, run.state)) if scene.measure is not None else {}
-    return SceneResult(
-        scene,
-        run.state,
-        run.status,
-        run.steps,
-        run.newton_iterations,
-        run.loose_steps,
-        run.state.time - scene.start.time,
-        time.perf_counter() - begin,
-        measures,
-        run.intersections,
-        run.body_intersections,
-        run.unfulfilled,
-        out_of_range(solver.energy, run.state.positions),
-    )
+    outside = out_of_range(solver.energy, run.state.positions)
+    return SceneResult(scene, run, time.perf_counter() - begin, measures, outside)
 
 
 @checked

@@ -38,6 +38,11 @@ def updated(
     return tuple(known.values())
 
 
+def sentences(found: Sequence[Unfulfilled], remark: str) -> list[str]:
+    """What was not carried out, a sentence each, and a remark on that; none where all was."""
+    return [f"not carried out: {entry}" for entry in found] + [f"({remark})"] * bool(found)
+
+
 def plain(found: Sequence[Unfulfilled]) -> list[dict[str, str | float]]:
     """For JSON: one object for each."""
     return [dict(vars(entry)) for entry in found]
