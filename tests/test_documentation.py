@@ -67,9 +67,9 @@ def test_files_that_commands_name_are_samples_or_made_before() -> None:
                 assert word in there or word in made, (page, line, word)
 
 
-HOMOGENIZING = ("homogenize", "virtual_tests", "yarn_detail")
-"""Pages whose commands need a homogenized fabric, minutes of work: README runs the same commands in ``.ci/run``."""
-QUICK = [page for page in WITH_BLOCKS if page.stem not in HOMOGENIZING]
+COSTLY = ("cloth", "homogenize", "virtual_tests", "yarn_detail")
+"""Pages whose commands take minutes: README runs the same commands in ``.ci/run``."""
+QUICK = [page for page in WITH_BLOCKS if page.stem not in COSTLY]
 
 
 @pytest.mark.slow
