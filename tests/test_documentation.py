@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import yarnscale
 from yarnscale.cli import _joined, main
 from yarnscale.cli.arguments import parser
 from yarnscale.cli.guide import SAMPLES, pages
@@ -83,6 +84,21 @@ def test_links_lead_to_files() -> None:
     for page in [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]:
         for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), (page.name, target)
+
+
+def test_the_reference_lists_the_public_names() -> None:
+    text = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"`(\w+)`", text)) >= set(dir(yarnscale)) - {"__version__"}
+
+
+def test_contributors_find_what_the_list_of_places_names() -> None:
+    listed = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    places = re.findall(r"^\| [^|]+ \| `(\S+\.py)` \| ([^|]+) \|$", listed, re.MULTILINE)
+    assert len(places) > 25
+    for path, names in places:
+        source = (ROOT / "src" / "yarnscale" / path).read_text(encoding="utf-8")
+        for name in re.findall(r"`(\w+)`", names):
+            assert re.search(rf"^ *(?:def |class |){name}\b *(?:[=(:\[]|, )", source, re.MULTILINE), (path, name)
 
 
 def test_samples_are_what_readers_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
