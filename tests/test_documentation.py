@@ -98,7 +98,10 @@ def test_contributors_find_what_the_list_of_places_names() -> None:
     for path, names in places:
         source = (ROOT / "src" / "yarnscale" / path).read_text(encoding="utf-8")
         for name in re.findall(r"`(\w+)`", names):
-            assert re.search(rf"^ *(?:def |class |){name}\b *(?:[=(:\[]|, )", source, re.MULTILINE), (path, name)
+            assert re.search(rf"^ *(?:def |class |){name}\b *(?:[=(:\[]|, )", source, re.MULTILINE), (
+                path,
+                name,
+            )
 
 
 def test_samples_are_what_readers_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
