@@ -42,19 +42,19 @@ class TriangleMesh:
     point; ``panel`` is the shape as cut.
     corners: material points of the triangles' corners, shape (nt, 3); empty where every vertex has one material
     point of its own number. On a seam a vertex has several: neighbours in space, apart in the fabric.
-    assembled: positions of the vertices [m], shape (nv, 3), with the panels sewn but nothing acting on them; empty:
+    assembled: positions of the vertices [m], shape (nv, 3), with the panels sewn and without loads; empty:
     the panel as cut in the plane z = 0.
-    rest_angles: fold [rad] over edges v0v1, v1v2, v2v0 of every triangle that the cloth has at rest, shape (nt, 3),
-    positive where the right side is on the outside; empty: flat everywhere.
-    lines: of the file that each triangle comes from, shape (nt,); empty where there is none.
+    rest_angles: fold angles at rest [rad] of edges v0v1, v1v2, v2v0 of every triangle, shape (nt, 3),
+    positive if the right side is on the outside; empty: flat everywhere.
+    lines: line of each triangle in its file, shape (nt,); empty without a file.
 
     Derived: ``stencils`` (nt, 6) = (v0, v1, v2, then the vertices opposite to edges v0v1, v1v2, v2v0 in the
-    neighbouring triangles, across seams too); ``has_neighbour`` (nt, 3). Where there is no neighbour the stencil
-    still holds a vertex that differs from its five others; it must be ignored. ``inverse_rest`` (nt, 2, 2) is the
+    neighbouring triangles, across seams too); ``has_neighbour`` (nt, 3). Without a neighbour the stencil
+    holds some vertex that differs from the five others; it must be ignored. ``inverse_rest`` (nt, 2, 2) is the
     inverse of the matrix with columns X1 − X0, X2 − X0 [1/m]; ``areas`` (nt,) [m²]; ``point_vertices`` (nm,) the
     vertex of every material point.
 
-    Raises InputError on anything that is not an oriented manifold of at least six vertices.
+    Raises InputError for meshes other than oriented manifolds of at least six vertices.
     """
 
     def __repr__(self) -> str:
@@ -152,7 +152,7 @@ class TriangleMesh:
     def sewn_edges(self) -> Integers:
         """Material points of every edge on a seam, from either side, shape (m, 4).
 
-        Tail and head with the panel on the left, and the points of the other panel that are the same two vertices.
+        Start and end with the panel on the left, and the points of the other panel at the same two vertices.
         """
         twins = twin_edges(self.triangles, self.vertex_count).ravel()
         edges = np.flatnonzero(self.seams.ravel())
@@ -161,7 +161,7 @@ class TriangleMesh:
 
     @property
     def panel_numbers(self) -> Integers:
-        """Which panel every material point belongs to: pieces that hang together in the fabric, shape (nm,)."""
+        """Number of the panel (connected piece of fabric) of every material point, shape (nm,)."""
         numbers = np.arange(len(self.material))
         while True:
             smallest = numbers[self.corners].min(axis=1)
@@ -178,7 +178,7 @@ class TriangleMesh:
         return int(self.point_vertices[nearest])
 
     def with_grain(self, angle: float) -> TriangleMesh:
-        """The same panels cut from fabric whose course direction lies at ``angle`` [rad] to the panel's x."""
+        """The same panels cut with the course direction at ``angle`` [rad] to the panel's x."""
         material = _turned(self.panel, -angle)
         return replace(self, material=material, grain=angle)
 
@@ -199,8 +199,8 @@ def rectangle(
 ) -> TriangleMesh:
     """Rectangular panel centred on the origin, in rows of nearly equilateral triangles.
 
-    width, height: extents along x and y [m]; spacing: wanted edge length [m].
-    grain: angle of the fabric's course direction [rad]; finer_edges: how much closer rows and columns lie at all
+    width, height: extents along x and y [m]; spacing: desired edge length [m].
+    grain: angle of the fabric's course direction [rad]; finer_edges: how much closer rows and columns are at all
     edges, where knits curl, as a fraction of the spacing (up to 0.7; the middle is coarser by up to 0.57 of that).
     irregularity: random shift of inner vertices as a fraction of the spacing (below 0.3), to test how much a result
     depends on the mesh.

@@ -1,4 +1,4 @@
-"""Arrays that a triangle mesh is made of, checked as they come in, and which triangles are neighbours."""
+"""Arrays of a triangle mesh, their checks, and neighbours of triangles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Integers = NDArray[np.int64]
 class MeshError(InputError):
     """A triangle mesh that is no oriented manifold.
 
-    kind, vertices: what is at fault, as "edge" and its two vertices; triangle: number of the triangle there.
+    kind, vertices: the faulty part, as "edge" and its two vertices; triangle: number of the triangle there.
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class MeshError(InputError):
         super().__init__(f"{kind} {names}", expected=expected, found=found)
 
     def worded(self, names: Integers) -> str:
-        """What is at fault, with other names (nv,) of the vertices."""
+        """The message with other names (nv,) of the vertices."""
         return f"{self.kind} {'-'.join(str(names[v]) for v in self.vertices)}"
 
 
@@ -76,7 +76,7 @@ def checked_triangles(triangles: ArrayLike, corners: Integers) -> Integers:
 
 
 def vertices_of_points(triangles: Integers, corners: Integers, count: int) -> Integers:
-    """The vertex in space that every one of ``count`` material points is, (count,)."""
+    """The vertex in space of each of ``count`` material points, (count,)."""
     vertices = np.empty(count, np.int64)
     vertices[corners] = triangles
     torn = vertices[corners] != triangles
@@ -106,7 +106,7 @@ def rest_edges(points: Floats) -> tuple[Floats, Floats]:
 
 
 def checked_positions(assembled: ArrayLike, panel: Floats, point_vertices: Integers) -> Floats:
-    """Positions in space, (nv, 3), where none are given those of the flat panel."""
+    """Positions in space, (nv, 3); default: those of the flat panel."""
     count = int(point_vertices.max()) + 1
     positions = np.ascontiguousarray(assembled, dtype=np.float64)
     if len(positions) == 0:
@@ -133,7 +133,7 @@ def checked_angles(angles: ArrayLike, count: int) -> Floats:
 
 
 def twin_edges(triangles: Integers, vertex_count: int) -> Integers:
-    """For every directed edge 3·triangle + k the one that runs back along it, −1 where there is none, (nt, 3)."""
+    """The opposite of every directed edge 3·triangle + k, −1 if there is none, (nt, 3)."""
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     key = tail * vertex_count + head
     order = np.argsort(key, kind="stable")
@@ -168,7 +168,7 @@ def triangle_stencils(triangles: Integers, vertex_count: int) -> tuple[Integers,
 
 
 def _check_distinct(triangles: Integers, across: Integers) -> None:
-    """No triangle may meet a vertex twice: such a stencil has no six points."""
+    """InputError if a stencil contains a vertex twice."""
     for k in range(3):
         same = (across[:, k] >= 0) & (across[:, k] == across[:, (k + 1) % 3])
         if same.any():

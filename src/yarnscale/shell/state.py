@@ -1,4 +1,4 @@
-"""Where the cloth is and how fast it moves, and what holds it."""
+"""State of a cloth: positions, velocities, history; springs that hold vertices."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Earlier:
 
 @dataclass(frozen=True, eq=False)
 class Slips:
-    """Slip that friction has taken up at every contact.
+    """Elastic slip of every contact with friction.
 
     between: (n, 5), the part of ``ClothContact`` and kind of pair, and the vertices, or the one vertex or triangle,
-    that touch; amounts: slips in units of the one from which friction is full, (n, 3), none longer than 1.
+    in contact; amounts: slips over the slip of full friction, (n, 3), none longer than 1.
     """
 
     between: NDArray[np.int64]
@@ -39,9 +39,9 @@ class ClothState:
     """Positions and velocities of a mesh at a time.
 
     positions: [m], velocities: [m/s], both (nv, 3); time: [s]. fold_angles: reference angles of the elastic
-    energy [rad], needed only to go on from cloth folded by more than π (None: taken from the positions). before: the
-    state one step earlier, for integrators that look back two (None: they begin with one step of implicit Euler).
-    obstacles: where the points of moving obstacles are [m] (None: where their motion takes them). slips: of contacts
+    energy [rad], needed only for cloth folded by more than π (None: computed from the positions). before: the
+    state one step earlier, for two-step integrators (None: they begin with one step of implicit Euler).
+    obstacles: actual points of moving obstacles [m] (None: as prescribed). slips: of contacts
     with friction (None: none).
     """
 
@@ -65,9 +65,9 @@ class Attachment:
     """Vertices held at targets by stiff springs.
 
     vertices: (n,); targets: (n, 3) [m]; stiffness: of each spring [N/m]. Springs instead of eliminated
-    unknowns: Newton then moves the cloth together with its bars, and an obstacle in the way of a bar is no
-    contradiction. The error of a target is force/stiffness, a micrometre per newton on one vertex.
-    limit: force that a spring never exceeds [N]: it gives way, with the energy F²/k (√(1 + k²u²/F²) − 1).
+    unknowns: Newton's method then moves the cloth together with its bars, and an obstacle can stop a bar.
+    The error of a target is force/stiffness, a micrometre per newton on one vertex.
+    limit: largest force of a spring [N]; its energy is F²/k (√(1 + k²u²/F²) − 1).
     """
 
     vertices: NDArray[np.int64]
@@ -80,9 +80,9 @@ class Attachment:
         return -self.forces(positions)[1]
 
     def forces(self, positions: Floats) -> tuple[float, Floats, Floats]:
-        """Energy [J], its gradient by the vertices (n, 3) [N], and stiffnesses (n,) [N/m], no less than the exact ones.
+        """Energy [J], its gradient by the vertices (n, 3) [N], and stiffnesses (n,) [N/m], at least the exact ones.
 
-        With the latter in its model, Newton takes a free vertex to its target in one step from any distance.
+        With these, one Newton step moves a free vertex to its target from any distance.
         """
         gap = positions[self.vertices] - self.targets
         square = np.einsum("ni,ni->n", gap, gap)

@@ -1,4 +1,4 @@
-"""How close yarns come to each other: segment distances over explicit periodic images."""
+"""Smallest distance of yarns: segment distances over explicit periodic images."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
 
 THROUGH_EACH_OTHER = 0.05
-"""Centre lines closer than this share of the diameter are taken for yarns that run through each other."""
+"""Centre lines closer than this share of the diameter count as intersecting yarns."""
 LARGEST_IMAGE_COUNT = 4_000_000
 LARGEST_PAIR_COUNT = 20_000_000
 CHUNK = 512
@@ -19,12 +19,11 @@ CHUNK = 512
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """The two segments whose centre lines come closest.
+    """The two segments whose centre lines are closest.
 
-    `distance` [m] is infinite where nothing comes within the range asked for; between yarns of other radii than the
-    pattern's it is scaled so that they touch at twice the pattern's radius, as all do; `first` and `second` are the
-    first vertices of the two edges (-1 where there are none); `tile` is the tile (a, b) of the second edge,
-    relative to the tile of the first.
+    `distance` [m], infinite if there is none within the range; between yarns of other radii than the
+    pattern's it is scaled so that they touch at twice the pattern's radius. `first` and `second`: first vertices of the
+    two edges (-1 if there are none). `tile`: (a, b) of the second edge, relative to that of the first.
     """
 
     distance: float
@@ -38,10 +37,9 @@ def closest_approach(
 ) -> ClosestApproach:
     """The smallest distance between centre lines of segments that are not neighbours along a yarn.
 
-    All periodic images within `within` [m] (four radii by default) are searched. Segments of the same yarn
-    count as neighbours when at most `neighbours` edges apart, or when less than half a turn of a circle of
-    the yarn's radius lies between them (a yarn cannot touch itself sooner). Raises InputError where the
-    pattern is so crowded that a search would not end.
+    All periodic images within `within` [m] (default: four radii) are searched. Segments of one yarn are neighbours if
+    at most `neighbours` edges or less than half the circumference of a circle of the yarn's radius apart along it.
+    Raises InputError if the pattern is too crowded to be searched.
     """
     within = 4.0 * pattern.radius if within is None else within
     best = ClosestApproach(np.inf)

@@ -1,4 +1,4 @@
-"""What it costs when yarns press on each other: the published penalty of two segments with its quadrature."""
+"""Contact energy of two yarn segments: the published penalties with their quadrature."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def contact_energy(kernel: str, points: tuple[float, ...], weights: tuple[float,
 
 
 def contact_reach(rule: ContactRule) -> float:
-    """Distance of centre lines from which two yarns press on each other [r]."""
+    """Distance of centre lines below which two yarns are in contact [r]."""
     if rule.kernel == "est2022":
         return 2.0 * max(rule.outer_radius_ratio, rule.inner_radius_ratio)
     return 2.0

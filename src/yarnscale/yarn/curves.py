@@ -16,7 +16,7 @@ REST_SHAPES = ("straight", "current")
 
 @dataclass(frozen=True, eq=False)
 class PeriodicCurve:
-    """A centre line that closes on its own image.
+    """A centre line that ends at a periodic image of its first point.
 
     points: shape (k, 3) [m]; the point after the last is ``points[0] + shift * period``.
     shift: net tile shift (dx, dy) of one lap.
@@ -57,11 +57,10 @@ def pattern_from_curves(
 
     Rest lengths are the present edge lengths times `rest_length_scale`. The rest curvature is zero
     (``rest_shape="straight"``) or the present one (``"current"``), and so is the rest twist. Reference
-    directors are carried along each yarn by parallel transport; where the yarn closes, what is left to the
-    first director is that joint's reference twist, and the twist angles spread it evenly along the yarn.
-    yarn_material: number of the material of each curve's yarn, all 0 by default. yarn_radius: of each curve's yarn
-    [m], the largest of them ``radius``.
-    Raises InputError for curves with fewer than three points or anything `YarnPattern` refuses.
+    directors are transported along each yarn; the angle that remains where the yarn closes is the reference twist of
+    that joint, and the twist angles distribute it evenly along the yarn. yarn_material: number of each curve's
+    material, default 0. yarn_radius: of each curve [m], the largest of them ``radius``.
+    Raises InputError for curves with fewer than three points and for what `YarnPattern` refuses.
     """
     if rest_shape not in REST_SHAPES:
         raise InputError("rest_shape is unknown", expected=" or ".join(REST_SHAPES), found=rest_shape)

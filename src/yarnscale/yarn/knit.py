@@ -12,8 +12,8 @@ foot and the leg of the loop drawn through it. The height z follows from which y
 knit stitch (seen from +z) is drawn through from behind, so that its foot lies behind the old loop's leg and
 its leg in front of the old loop's head; a purl stitch the other way round.
 
-All other charts (see `stitches`), and sizes at which the closed form has no room, are drawn schematically
-(`loop_paths`) and then swollen to their size (`swell`).
+All other charts (see `stitches`), and sizes for which the closed form does not fit, are drawn schematically
+(`loop_paths`) and then relaxed to their yarn radius (`swell`).
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ def knit(
 
     radius: of the yarn [m]. All other lengths in radii: wale_spacing, course_spacing: size of a stitch along
     x and y; with two beds the wale spacing is that from a front needle to the back needle facing it, half
-    that of a bed. half_thickness: height of the centre lines from the middle plane at crossings, 1.4 (1.1
-    before swelling). tightness: length that the yarns strive for over that of the schematic loops.
+    that of a bed. half_thickness: height of the centre lines above the middle plane where yarns cross, 1.4 (1.1
+    for schematic loops). tightness: target length of the yarns over that of the schematic loops.
     loop_height, overhang: h and a above, 1.6 course spacings and 0.24 wale spacings; only for charts of k and p.
     yarns: for each course a letter, the kind of its yarn, or two, one plated in front of the other; kinds are
     numbered in the order of their letters (`YarnPattern.yarn_material`).
-    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``, in which the other lengths count.
+    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``, the unit of the other lengths.
     vertices_per_stitch: by default edges are about as long as the radius. rest_shape: see
-    `curves.pattern_from_curves`. The loops touch or nearly touch; they are a start for a relaxation.
+    `curves.pattern_from_curves`. The loops touch or nearly touch: a first guess for an equilibrium.
 
     Raises InputError for a chart that cannot be knitted, and for sizes at which the loops do not interlock or
     the yarns would overlap.
@@ -160,7 +160,7 @@ def _swollen_curves(
     tightness: float,
     per_stitch: float | None,
 ) -> list[PeriodicCurve]:
-    """Schematic loops given room; plated yarns follow each other along the same path, the first in front [r]."""
+    """Schematic loops relaxed to their radius; plated yarns follow one path, the first in front [r]."""
     from yarnscale.yarn.swell import swollen
 
     if chart.courses * chart.wales > MOST_STITCHES:

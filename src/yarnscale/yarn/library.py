@@ -1,4 +1,4 @@
-"""The patterns that yarnscale makes itself, by name."""
+"""Built-in patterns by name."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Structure:
     """How a built-in pattern is made.
 
     definition: what the structure is, in a sentence or two. chart: rows of stitches, the first knitted first
-    (see `stitches`); draft: of a weave, 1 where the warp lies over; one of them. sizes: parameters of
-    `knit.knit` or `weave.weave` (spacings in radii), found so that no two yarns overlap. material: a preset
-    that suits it, the published one where there is one.
+    (see `stitches`); draft: of a weave, 1 where the warp is over the weft; one of them. sizes: parameters of
+    `knit.knit` or `weave.weave` (spacings in radii) at which no two yarns overlap. material: a suitable preset,
+    the published one if there is one.
     """
 
     definition: str
@@ -49,7 +49,7 @@ class Structure:
         return weave if self.woven else knit
 
     def build(self, **parameters: object) -> YarnPattern:
-        """The pattern; parameters go before the structure's own sizes."""
+        """The pattern; parameters replace the structure's own sizes."""
         source = self.chart if self.draft is None else self.draft
         return self.maker(source, **{**self.sizes, **parameters})
 
@@ -198,7 +198,7 @@ def structure(name: str) -> Structure:
 def build(name: str, **parameters: object) -> YarnPattern:
     """A built-in pattern; `parameters` are those of `knit.knit` or `weave.weave` (radius in metres).
 
-    Raises InputError for an unknown name or parameter and for sizes that give no pattern.
+    Raises InputError for an unknown name or parameter and for impossible sizes.
     """
     made = structure(name)
     allowed = parameter_names(name)

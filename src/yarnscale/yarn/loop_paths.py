@@ -1,10 +1,10 @@
-"""Schematic centre lines of a chart's rows: thin, angular, but entangled exactly as knitting entangles them.
+"""Schematic centre lines of a chart's rows: thin and angular, with the topology of the knitted fabric.
 
 Every row crosses every wale inside the wale's own strip, its left half mirrored on the right. In the plan an
 older loop is an arch. The new loop enters from the side across the arch's leg, turns up inside and leaves across
-the arch's head; tuck loops are arches around the held loop's, and a float runs straight across the legs. Which
-yarn lies above at each crossing is the business of the chart; the plan is checked to have no other crossings.
-The lines touch nothing but are far from round: `swell` makes yarns of them.
+the arch's head; tuck loops are arches around the held loop's, and a float runs straight across the legs. The chart
+determines which yarn is above where two cross; the plan is checked to have no other crossings.
+The lines do not touch; `swell` gives them the yarns' radius.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a yarn is made of: stiffnesses, contact and density (HYLC20 §5.1 and Table 1, EST22 §6)."""
+"""Yarn materials: stiffnesses, contact and density (HYLC20 §5.1 and Table 1, EST22 §6)."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ SMALLEST, LARGEST = 1e-12, 1e18
 
 @dataclass(frozen=True)
 class ContactRule:
-    """How the contact energy of two segments is counted; the defaults are the published convention.
+    """Law and quadrature of the contact energy of two segments; the defaults are the published convention.
 
     Attributes
     ----------
     kernel: ``"hylc2020"``, f(d) = 1/d² + d² - 2 for d = D/2r < 1 (HYLC20 §5.1, after Kaldor 2008), or
         ``"est2022"``, two barriers -(x-1)² ln x with x = (D/2R)² (EST22 eq. 7).
     points: quadrature points along each segment, an odd number from 3.
-    weights: ``"published"``, (1, 4, 2, …, 4, 1) / (3 points), which for 5 points sums to 0.8 and is what
-        the published energies contain; ``"simpson"``, the normalised rule.
+    weights: ``"published"``, (1, 4, 2, …, 4, 1) / (3 points), sum 0.8 for 5 points, as in the published energies;
+        ``"simpson"``, the normalised rule.
     neighbours: segments of one yarn at most this many edges apart do not touch (3; the published
         ``satin-small`` has 4). Edges shorter than about two thirds of the radius need more.
     outer_radius_ratio, inner_radius_ratio: R₁ and R₂ of ``est2022`` over the yarn radius [-].
@@ -75,13 +75,13 @@ class ContactRule:
 
 @dataclass(frozen=True)
 class StretchRule:
-    """How the force of a yarn grows with its stretch.
+    """Law of the tension of a yarn over its strain.
 
     Attributes
     ----------
     law: ``"linear"``, k_s in tension and compression (HYLC20 §5.1), or ``"two_phase"``, k_s1 from rest to the
         strain `knee`, k_s2 beyond it and in compression (EST22 eq. 5). k_s1 belongs to the material's
-        ``young_modulus``, which scales bending too; k_s2 does not touch bending.
+        ``young_modulus``, which also scales bending; k_s2 has no influence on bending.
     knee: ε̄ of ``two_phase`` [-].
     stiff_modulus: modulus E₂ of ``two_phase`` [Pa]; k_s2 = E₂ π r².
     """
@@ -112,10 +112,10 @@ class YarnMaterial:
     contact_stiffness: k_contact, or k_c1 with the kernel ``est2022`` [kg/s²].
     density: mass per volume of the yarn, air included [kg/m³].
     name: a label.
-    contact: how contact is counted.
-    stretch: how force grows with stretch.
+    contact: law and quadrature of contact.
+    stretch: law of tension.
 
-    Raises InputError naming the field for values that no yarn has.
+    Raises InputError with the field for impossible values.
     """
 
     young_modulus: float

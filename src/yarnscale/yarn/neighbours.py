@@ -1,7 +1,7 @@
-"""Which yarn segments are close enough to touch: pairs over explicit periodic images, found fast and often.
+"""Pairs of yarn segments that are close enough to touch, over explicit periodic images.
 
-A cell is small and a yarn may touch several copies of another, so copies are enumerated, never the nearest one taken.
-Unlike ``clearance``, which judges a pattern once, this works on any positions of the copies (curved cells too).
+A yarn may touch several copies of another, so all copies are enumerated, not only the nearest.
+Unlike ``clearance``, which checks a pattern once, this takes any positions of the copies (also in curved cells).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class PairSearch:
     """Finds close pairs (primary segment, copied segment) of one pattern."""
 
     def __init__(self, pattern: YarnPattern, images: Images, *, neighbours: int, ordered: bool) -> None:
-        """neighbours: segments so many edges apart along a yarn are no pair. ordered: give (i, j) and (j, i)."""
+        """neighbours: segments at most so many edges apart along a yarn are no pair. ordered: (i, j) and (j, i)."""
         self.images, self._ordered, self._neighbours = images, ordered, neighbours
         self._yarn = pattern.yarn_of_vertex
         self._place = pattern.position_along_yarn
@@ -80,7 +80,7 @@ class PairSearch:
         self._shift = pattern.yarn_shift
 
     def find(self, nodes: Array, reach: float) -> tuple[Indices, Indices]:
-        """Pairs whose segments come within ``reach``: primary segment (m,), copied segment (m,).
+        """Pairs of segments closer than ``reach``: primary segment (m,), copied segment (m,).
 
         nodes: (T·n, 3) positions of all copies. Copied segment k belongs to tile k // n, vertex k % n.
         """

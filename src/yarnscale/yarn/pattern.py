@@ -50,17 +50,17 @@ class YarnPattern:
     rest_curvature: integrated material curvatures (κ¹, κ²) per vertex, shape (n, 2) [-].
     rest_twist: integrated twist per vertex, shape (n,) [rad].
     reference_director: d1, a unit vector at a right angle to the edge, per edge, shape (n, 3).
-    reference_twist: signed angle about the outgoing tangent from the incoming edge's d1, carried over by
-        parallel transport, to the outgoing edge's d1, per vertex, shape (n,) [rad].
+    reference_twist: signed angle about the outgoing tangent from the transported d1 of the incoming edge to the d1 of
+        the outgoing edge, per vertex, shape (n,) [rad].
     period: (px, py), shape (2,) [m].
     radius: yarn radius [m], of the thickest yarn where there are several.
-    name: a label; no part of the content.
+    name: a label; not part of the content.
     yarn_material: number of each yarn's material (0 is the first), in the order of `yarns`, shape (yarns,);
         None stands for all 0.
     yarn_radius: radius of each yarn [m], shape (yarns,); None where all have ``radius``.
 
-    Raises InputError naming the field for shapes, values or a topology that make no pattern. Treat the
-    arrays as read-only: `dataclasses.replace` and the methods below give changed copies.
+    Raises InputError with the field for invalid shapes, values or topology. Arrays are read-only:
+    `dataclasses.replace` and the methods below return changed copies.
     """
 
     vertices: np.ndarray
@@ -219,7 +219,7 @@ class YarnPattern:
 
     @cached_property
     def woven(self) -> bool:
-        """Whether yarns run in two directions, as warp and weft do; those of a knit run in one."""
+        """Whether yarns run in two directions (warp and weft); those of a knit run in one."""
         steps = np.array([self.edges[chain, 2:].sum(axis=0) for chain in self.yarns])
         return bool(np.linalg.matrix_rank(steps) == 2)
 
@@ -354,7 +354,7 @@ class YarnPattern:
         )
 
     def content_hash(self) -> str:
-        """SHA-256 (hex) of everything but the name; equal patterns give equal hashes on every machine."""
+        """SHA-256 (hex) of everything except the name; the same on every machine."""
         digest = hashlib.sha256(b"yarnscale-pattern-1")
         digest.update(np.array([len(self.edges)], dtype="<i8").tobytes())
         digest.update(np.ascontiguousarray(self.edges, dtype="<i8").tobytes())

@@ -1,4 +1,4 @@
-"""Whether a pattern's yarn is as thick as its loops and crossings want it, and of a size that yarns have."""
+"""Checks of the yarn radius against the pattern's loops and against usual sizes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _COMMON_RADIUS, _POSSIBLE_RADIUS = (2e-5, 3e-3), (1e-6, 0.05)
 _DENSE, _DENSEST = 5.0, 9.0
 """Area of the yarns seen from above over that of the period: 1.2 to 2.3 in fabrics of one or two layers."""
 _OPEN = 0.3
-"""Below this cover a pattern is looked at for yarns that do not touch."""
+"""Below this cover the pattern is checked for yarns that do not touch."""
 _APART, _FAR_APART = 3.0, 8.0
 """Smallest distance between centre lines over the diameter: 0.9 to 1 where yarns touch."""
 
 
 def check_proportions(pattern: YarnPattern, *, where: object = None) -> None:
-    """Report a yarn of an unusual radius or too thick or thin for its pattern; InputError where it makes no sense."""
+    """Report a yarn radius that is unusual or does not fit its pattern; InputError if it is impossible."""
     try:
         for text in list(_unusual(pattern)):
             notify(text if where is None else f"{where}: {text}")
@@ -60,7 +60,7 @@ def _unusual(pattern: YarnPattern) -> Iterator[str]:
 
 
 def _parallel(pattern: YarnPattern) -> bool:
-    """Whether all yarns are straight and run one way, so that nothing says how far apart they should be."""
+    """Whether all yarns are straight and parallel, so that their distance is arbitrary."""
     ways = pattern.yarn_shift * pattern.period
     straight = np.linalg.norm(ways, axis=1).sum() > 0.98 * float(pattern.rest_length.sum())
     turned = ways[0, 0] * ways[:, 1] - ways[0, 1] * ways[:, 0]

@@ -9,7 +9,7 @@ import numpy as np
 def parallel_transport(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Turn vectors by the smallest rotations that take unit tangents `before` to `after`; shapes (n, 3).
 
-    Undefined where a tangent reverses; the caller keeps bends below 180°.
+    Undefined if a tangent reverses; callers keep bends below 180°.
     """
     axis = np.cross(before, after)
     cosine = np.einsum("ij,ij->i", before, after)[:, None]
@@ -52,8 +52,8 @@ def signed_angle(start: np.ndarray, end: np.ndarray, axis: np.ndarray) -> np.nda
 def reference_twist(tangent: np.ndarray, director: np.ndarray, previous: np.ndarray) -> np.ndarray:
     """Twist of the reference frame at each joint, shape (n,) [rad].
 
-    The angle about the outgoing tangent from the incoming edge's director, carried over the joint by
-    parallel transport, to the outgoing edge's director. `tangent` and `director` are per edge, shape
+    The angle about the outgoing tangent from the transported director of the incoming edge to the director of
+    the outgoing edge. `tangent` and `director` are per edge, shape
     (n, 3); `previous` gives the incoming edge of each joint.
     """
     carried = parallel_transport(director[previous], tangent[previous], tangent)

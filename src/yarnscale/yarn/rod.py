@@ -1,8 +1,8 @@
 """Stretch, bending and twist of a yarn as a discrete elastic rod (theory §1; HYLC20 §5.1, EST22 eq. 5).
 
-Frames are anchored: every edge has a fixed tangent and director (those of its rest shape, carried to the macroscopic
-state), and the reference frame of an edge is the anchor transported to its present tangent. Energy is then a function
-of the state alone, whatever path led to it.
+Frames are anchored: every edge has a fixed tangent and director (those of its rest shape, moved to the macroscopic
+state), and the reference frame of an edge is the anchor transported to its present tangent. The energy is then a
+function of the state alone and independent of its history.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Where segments cut through each other while their ends move straight on.
+"""Intersections of segments whose ends move along straight lines.
 
-Two segments cut where the volume of the tetrahedron of their four ends, a cubic in time, changes its sign while they
-meet; the sign of the change tells from which side.
+Two segments pass through each other where the volume of the tetrahedron of their four ends, a cubic in time, changes
+its sign while they meet; the sign of the change is the side.
 """
 
 from __future__ import annotations

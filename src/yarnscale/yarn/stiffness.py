@@ -1,7 +1,6 @@
-"""What every edge, joint and pair of segments of a pattern is made of: one yarn material or several (EST22 §6).
+"""Stiffness of every edge, joint and contact pair of a pattern with one yarn material or several (EST22 §6).
 
-Lengths are counted in yarn radii. The unit of energy is E π r³ with the largest Young's modulus in use: that of the
-reference material, so that equal materials give what one gives.
+The unit of length is the yarn radius, that of energy E π r³ with the largest Young's modulus of the materials.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ Materials = YarnMaterial | Sequence[YarnMaterial]
 
 
 class Yarns(Protocol):
-    """What stiffness asks of yarns, those of one period or of a whole fabric: sizes of edges and joints, materials."""
+    """Yarns of one period or of a whole fabric: sizes and materials of edges and joints."""
 
     @property
     def name(self) -> str:
@@ -67,7 +66,7 @@ class Yarns(Protocol):
 
 
 def materials_of(pattern: Yarns, material: Materials) -> tuple[YarnMaterial, ...]:
-    """The materials of a pattern by their number; InputError where they do not suit it or each other."""
+    """The materials of a pattern by number; InputError if they do not fit the pattern or each other."""
     if isinstance(material, YarnMaterial):
         return (material,)
     if isinstance(material, str) or not isinstance(material, Iterable):
@@ -122,12 +121,12 @@ class PatternStiffness:
 
     @property
     def rule(self) -> ContactRule:
-        """How contact is counted, the same for all materials."""
+        """Law and quadrature of contact, the same for all materials."""
         return self.materials[0].contact
 
     @property
     def stretch_energy(self) -> StencilEnergy:
-        """The energy of an edge: two-phase as soon as one material is."""
+        """The stretch energy of an edge: two-phase if any material is."""
         two_phase = any(m.stretch.law == "two_phase" for m in self.materials)
         return TWO_PHASE_STRETCH if two_phase else STRETCH
 
@@ -157,7 +156,7 @@ class PatternStiffness:
     def pair_parameters(self, first: Indices, second: Indices, measure: Array) -> Array:
         """Parameters of the contact energy of pairs of edges (N, 2 or 4).
 
-        first, second: edges (N,). measure: product of their lengths [r²] and the share of the pair that counts.
+        first, second: edges (N,). measure: product of their lengths [r²] and the weight of the pair.
         """
         rule, unit = self.rule, self.unit / self.pattern.radius**2
         columns = [self.pair_stiffness(first, second) / unit * measure]
@@ -179,12 +178,12 @@ class PatternStiffness:
         return mean[self.kind[first], self.kind[second]]
 
     def position_scale(self) -> Array:
-        """Typical stiffness of each vertex against being moved (n,): of its yarn in tension, over the mean length."""
+        """Typical translational stiffness of each vertex (n,): stretch stiffness over the mean edge length."""
         soft = self.edge_parameters()[:, 1]
         return soft / (self.pattern.rest_length / self.pattern.radius).mean()
 
     def twist_scale(self) -> Array:
-        """Typical stiffness of each edge against being twisted (n,)."""
+        """Typical twist stiffness of each edge (n,)."""
         r = self.pattern.radius
         twist = self._by_kind([m.twist_stiffness(r) / self.unit for m in self.materials])
         twist = twist * self.pattern.relative_radius**4

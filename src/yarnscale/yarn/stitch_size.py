@@ -1,4 +1,4 @@
-"""Checks that every generated pattern shares: sizes, vertex counts, room between the yarns."""
+"""Checks of generated patterns: sizes, vertex counts, distance of the yarns."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from yarnscale.yarn.pattern import YarnPattern
 LEAST_CLEARANCE = 0.8
 """Generated centre lines stay at least this share of the diameter apart."""
 EDGE_LENGTH = 1.05
-"""Length of an edge in radii where no number of vertices is asked for.
+"""Default length of an edge [radii].
 
 Shorter edges than about 0.7 radii would let a straight yarn touch itself beyond the third neighbour."""
 LARGEST_DRAWING = 100_000

@@ -3,14 +3,14 @@
 A chart has rows (courses, the first knitted first) and columns (wales); both repeat. Every row is one yarn that
 runs along x. Seen from the right side (+z):
 
-    k  knit: a loop drawn through the held loop from behind to the front
-    p  purl: a loop drawn through from the front to behind
-    t  tuck: the yarn is laid over the needle beside the held loop, and both wait for the next k or p
-    b  slip: the held loop waits, the yarn floats past behind it
-    f  slip: the held loop waits, the yarn floats past in front of it
+    k  knit: a loop drawn through the held loop from the back to the front
+    p  purl: a loop drawn through from the front to the back
+    t  tuck: the yarn is laid over the needle beside the held loop; the next k or p takes up both
+    b  slip: the held loop stays on its needle, the yarn floats behind it
+    f  slip: the held loop stays on its needle, the yarn floats in front of it
     -  miss: a slip whose float runs on the back of the held loop (behind a knit loop, in front of a purled one)
 
-A column of slips only is a needle out of work: no loop waits there, and the yarns pass straight on (a ladder).
+A column of slips only is a needle out of work: it has no loop, and the yarns pass straight on (a ladder).
 
 A row of a fabric of two needle beds is written ``front|back``, both beds with as many needles. Needle j of the
 front bed becomes column 2j, the needle of the back bed that faces it column 2j + 1; ``-`` floats then run
@@ -33,7 +33,7 @@ SLIPS = "bf-"
 SYMBOLS = "kpt" + SLIPS
 LARGEST_CHART = 64
 MOST_TUCKS = 8
-"""Tuck loops that may wait on one held loop; more have no room on a needle."""
+"""Most tuck loops on one held loop; a needle has no room for more."""
 MOST_HELD = 12
 """Rows that a loop may be held."""
 
@@ -43,7 +43,7 @@ class StitchChart:
     """A checked chart: texts of equal length, one a row, first knitted first; `beds` needle beds (1 or 2).
 
     In the texts of two beds front and back needles alternate. Raises InputError with row and column (counted
-    from 1, rows from the first knitted) for anything that cannot be knitted round and round.
+    from 1, rows from the first knitted) for charts that cannot be knitted periodically.
     """
 
     rows: tuple[str, ...]
@@ -129,13 +129,13 @@ class StitchChart:
 
     @cached_property
     def most_tucks(self) -> int:
-        """Largest number of tucks that wait on one loop."""
+        """Largest number of tucks on one held loop."""
         cells = [(row, column) for row in range(self.courses) for column in range(self.wales)]
         return max(len(self.held(*cell)) - 1 for cell in cells if not self.empty[cell[1]])
 
     @cached_property
     def empty(self) -> tuple[bool, ...]:
-        """Whether a column's needle is out of work: slips only, so that no loop waits and yarns pass straight on."""
+        """Whether the needle of a column is out of work: slips only."""
         return tuple(all(row[column] in SLIPS for row in self.rows) for column in range(self.wales))
 
     def next_knit(self, row: int, column: int) -> int:
@@ -146,7 +146,7 @@ class StitchChart:
         raise InputError(f"chart {self.place(row, column)}: the wale is never knitted", expected="k or p")
 
     def held(self, row: int, column: int) -> list[int]:
-        """Rows before `row` (as how many rows back) whose loops wait at the wale: held loop, then tucks."""
+        """Loops held at the wale, as numbers of rows before `row`: held loop, then tucks."""
         tucks = []
         for back in range(1, self.courses + 1):
             symbol = self.rows[(row - back) % self.courses][column]

@@ -1,9 +1,9 @@
-"""Make room: yarns that are drawn too thin or too angular are swollen to their size without passing each other.
+"""Relax schematic lines to yarns of their full radius without letting them pass through each other.
 
 A damped motion (FIRE: Bitzek et al., Structural relaxation made simple, 2006) of springs along each yarn, a little
-bending stiffness, and a repulsion ``ln`` of the distance between segments that swells with the yarns. No step
-brings a pair of segments closer than a part of their distance, so that the entanglement drawn stays as it is.
-Lengths are in yarn radii. This is a drawing aid, not mechanics: equilibria are the business of the cell.
+bending stiffness, and a repulsion ``ln`` of the distance between segments whose range grows to the diameter. A step
+reduces the distance of a pair of segments by a bounded part only, so that the topology is preserved.
+Lengths are in yarn radii. This prepares drawings and is not mechanics; ``cell`` computes equilibria.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NEIGHBOUR_ARC = 3.5
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of the way: edges of `edge` [r], repulsion up to `diameter` [r], at most `steps` steps."""
+    """Edges of `edge` [r], repulsion up to `diameter` [r], at most `steps` steps."""
 
     edge: float
     diameter: float
@@ -57,12 +57,12 @@ def swollen(
     radii: Array | None = None,
     stages: Sequence[Stage] = STAGES,
 ) -> list[PeriodicCurve]:
-    """The curves (lengths in radii), rounded and apart; entangled as before.
+    """The curves (lengths in radii), rounded and apart, with the same topology.
 
-    period: (px, py) [r]. tightness: length that a yarn strives for over the length that it was drawn with.
+    period: (px, py) [r]. tightness: target length of a yarn over its drawn length.
     counts: vertices of each curve at the end; by default edges of the last stage's length.
     radii: of each yarn, 1 by default.
-    finest: largest edge at the beginning [r], where bends are sharper than yarns allow.
+    finest: largest edge at the beginning [r], for bends sharper than yarns can have.
     """
     curves = list(curves)
     radii = np.ones(len(curves)) if radii is None else radii

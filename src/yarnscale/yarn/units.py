@@ -1,4 +1,4 @@
-"""Units of the textile trade, to SI and back."""
+"""Conversion between textile units and SI."""
 
 from __future__ import annotations
 

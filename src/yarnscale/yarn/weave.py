@@ -37,23 +37,23 @@ def weave(
     rest_shape: str = "straight",
     name: str = "weave",
 ) -> YarnPattern:
-    """A woven pattern from a binary draft: rows are weft picks (along y), columns warp ends (x).
+    """A woven pattern from a binary draft: rows are weft picks, columns warp ends.
 
-    ``draft[i][j] = 1`` lays warp end j over (on the +z side of) weft pick i. The weft yarns run along x and
-    come first, the warp yarns run along y.
+    ``draft[i][j] = 1``: warp end j is over (on the +z side of) weft pick i. Weft yarns run along x and are listed
+    first, warp yarns run along y.
 
     radius: of the yarn [m]. warp_spacing, weft_spacing: distance between neighbouring warp ends and weft
-    picks, in radii. half_thickness: height of the centre lines above the middle at crossings, in radii.
+    picks, in radii. half_thickness: height of the centre lines above the middle plane where yarns cross, in radii.
     weft_yarns, warp_yarns: a letter for the kind of yarn of each pick and end; kinds are numbered in the order
     of their letters (`YarnPattern.yarn_material`).
-    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``. Spacings and heights then count in
-    the mean radius of the yarns that meet.
+    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``. Spacings and heights are then
+    multiples of the mean radius of the yarns that meet.
     vertices_per_stitch: vertices per crossing along a yarn; by default edges are about as long as the radius.
-    rest_shape: see `curves.pattern_from_curves`. The geometry touches or nearly touches at the crossings; it
-    is a start for a relaxation, not an equilibrium.
+    rest_shape: see `curves.pattern_from_curves`. Yarns touch or nearly touch where they cross: a first guess for
+    an equilibrium.
 
-    Raises InputError for a draft that is not binary or does not hold together (a yarn that never changes
-    sides, or yarns that lie wholly on top of the others), and for sizes at which the yarns would overlap.
+    Raises InputError for a draft that is not binary or not one layer (a yarn that never changes sides, or yarns
+    above all others that they cross), and for sizes at which the yarns would overlap.
     """
     table = _draft_table(draft)
     radius = positive("radius", radius)
@@ -152,7 +152,7 @@ def _draft_table(draft: Sequence[Sequence[int]] | np.ndarray) -> np.ndarray:
 
 
 def _check_layers(table: np.ndarray) -> None:
-    """InputError where some yarns lie on top of all others that they cross (Clapham 1980).
+    """InputError if some yarns are above all others that they cross (Clapham 1980).
 
     The draft is one piece when "lies over", followed from yarn to yarn, leads from every yarn to every other.
     """

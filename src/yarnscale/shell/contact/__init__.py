@@ -1,1 +1,1 @@
-"""Cloth that meets itself and bodies: search, distances, barrier, friction."""
+"""Contact of cloth with itself and with bodies: search, distances, barrier, friction."""

@@ -1,4 +1,4 @@
-"""How surfaces repel and rub: settings, the energy of a distance, and the smoothed length of a slip."""
+"""Contact settings, the barrier energy of a distance, and the smoothed length of a slip."""
 
 from __future__ import annotations
 
@@ -18,13 +18,12 @@ _HALF_WAY_SLOPE = 4.5 * 0.5 + 3.0 * math.log(2.0)
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """How surfaces repel.
+    """Contact settings of a cloth.
 
-    thickness: distance [m] at which repulsion begins; pressure: [Pa] at half the thickness; self_contact:
-    whether the cloth meets itself; friction: Coulomb coefficient; slip: slip over the length of a step [m/s] from which
-    friction is full; holding_force: with which each point of a moving obstacle is held in its place at most [N] (the
-    centre of a ball, a vertex of a mesh): where cloth is pinched harder than that, the obstacle gives way. Raises
-    InputError.
+    thickness: distance [m] at which repulsion begins; pressure: [Pa] at half the thickness; self_contact: whether the
+    cloth is in contact with itself; friction: Coulomb coefficient; slip: speed of slip [m/s] from which friction has
+    its full value; holding_force: largest force [N] that drives each point of a moving obstacle (the centre of a ball,
+    a vertex of a mesh) to its prescribed place. Raises InputError.
     """
 
     thickness: float = 1e-3
@@ -60,7 +59,7 @@ def barrier(distance: Floats, thickness: float) -> tuple[Floats, Floats, Floats]
 
 
 def reach_aside(thickness: float) -> tuple[float, float]:
-    """How far beside each other things half a thickness apart repel: ∫ g dr and (2 ∫ r g dr)^½ [m].
+    """Lateral range of the repulsion at a distance of half a thickness: ∫ g dr and (2 ∫ r g dr)^½ [m].
 
     g: normal force at an offset r along the surfaces, over that without offset.
     """

@@ -1,4 +1,4 @@
-"""Which corners and triangles, and which edges, come near each other: a tree of boxes over triangles.
+"""Vertices near triangles, and edges near edges: a tree of boxes over triangles.
 
 Triangles overlap in pairs; every vertex and edge belongs to one of its triangles, so each pair of a vertex and a
 triangle, and each pair of edges, is found once (representative triangles: Curtis, Tamstorf and Manocha 2008). The
@@ -57,7 +57,7 @@ class Surfaces:
 def near_pairs(
     surfaces: Surfaces, lowest: Floats, highest: Floats, *, within_cloth: bool
 ) -> tuple[Integers, Integers]:
-    """Pairs whose boxes overlap, in a fixed order, other than those with a vertex in common or of bodies only.
+    """Pairs whose boxes overlap, in a fixed order, without those that share a vertex or belong to bodies only.
 
     lowest, highest: corners of the boxes of the vertices, (nv, 3) [m]. Returns vertices and triangles (n, 2), and edges
     and edges (m, 2).
@@ -111,7 +111,7 @@ class _Tree:
 
 
 def _curve(points: Floats) -> Integers:
-    """Place of points (n, 3) along a curve that keeps neighbours together (Morton), 15 bits an axis."""
+    """Place of points (n, 3) along a space-filling curve (Morton), 15 bits an axis."""
     extent = np.ptp(points, axis=0).max() if len(points) else 0.0
     scaled = (points - points.min(axis=0, initial=np.inf)) * (32767.0 / extent if extent > 0 else 0.0)
     cells, place = scaled.astype(np.int64), np.zeros(len(points), np.int64)

@@ -1,14 +1,13 @@
-"""Contact of cloth with itself and with obstacles, as a barrier that is infinite where surfaces meet.
+"""Contact of cloth with itself and with obstacles: a barrier that is infinite at zero distance.
 
 The barrier of Li et al. 2020 (incremental potential contact), b(d) = −(d² − t²)² ln(d²/t²) for distances d
-below the thickness t: layers come to lie somewhere between 0 and t. It is weighted with area and scaled so that
-surfaces t/2 apart press with a given pressure. Steps are cut short before anything touches, so nothing ever
-passes through. Friction is lagged: normal forces of the start of a step resist sliding during it. What sticks holds
-its place from step to step, see ``stick``.
+below the thickness t. It is weighted with area and scaled so that
+surfaces at a distance of t/2 have a given pressure. Steps are shortened before surfaces touch, so that they never
+cross. Friction uses the normal forces at the start of a step. Sticking contacts do not creep, see ``stick``.
 
-Points of moving obstacles are unknowns like the vertices of the cloth, in rows after them, and stiff springs
-pull them where they belong: Newton moves cloth and bodies together, the bound of a step holds for both, and a
-cloth pinched between two bodies pushes them back instead of having no solution: springs hold with a limited force.
+Points of moving obstacles are unknowns like the vertices of the cloth, in rows after them, and stiff springs of
+limited force pull them to their prescribed places: Newton's method moves cloth and bodies together, the bound of a
+step holds for both, and a cloth between two bodies can push them back.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ Integers = NDArray[np.int64]
 
 
 _ROOM = 3.0
-"""Thicknesses within which pairs get places in the matrix before they touch."""
+"""Distance, in thicknesses, within which pairs have entries in the matrix before they are in contact."""
 
 
 class ClothContact:
@@ -71,26 +70,26 @@ class ClothContact:
             self.parts.append(SurfaceContact(mesh, bodies, settings, rows))
 
     def places(self, time: float) -> Floats:
-        """Where the points of moving obstacles belong at a time, (guests, 3) [m]."""
+        """Prescribed places of the points of moving obstacles at a time, (guests, 3) [m]."""
         return np.concatenate([np.zeros((0, 3)), *(o.points(time) for o in self._moving)])
 
     def attachment(self, time: float, stiffness: float = 1e6) -> Attachment:
-        """Springs [N/m] that pull the points of moving obstacles to their places at a time, up to the holding force."""
+        """Springs [N/m] of limited force that pull the points of moving obstacles to their prescribed places."""
         vertices = np.arange(self.count, self.count + self.guests)
         return Attachment(vertices, self.places(time), stiffness, self.settings.holding_force)
 
     def start_step(
         self, positions: Floats, duration: float, time: float = 0.0, slips: Slips | None = None
     ) -> None:
-        """Take normal forces and the origin of slip for friction from the start of a step of ``duration`` [s].
+        """Set normal forces and origin of slip for friction at the start of a step of ``duration`` [s].
 
-        slips: what friction had taken up at the end of the step before.
+        slips: elastic slips at the end of the step before.
         """
         for number, part in enumerate(self.parts):
             part.start_step(positions, duration, time, number, slips)
 
     def slips(self, positions: Floats) -> Slips | None:
-        """What friction has taken up at the end of a step; None without friction."""
+        """Elastic slips at the end of a step; None without friction."""
         if self.settings.friction == 0.0:
             return None
         found = [part.slips(positions) for part in self.parts]
@@ -99,7 +98,7 @@ class ClothContact:
         )
 
     def value(self, positions: Floats) -> float:
-        """Energy [J], inf where surfaces meet."""
+        """Energy [J], inf at zero distance."""
         return sum(part.value(positions) for part in self.parts)
 
     def gradient(self, positions: Floats) -> tuple[float, Floats]:
@@ -123,24 +122,24 @@ class ClothContact:
         return keys[first], np.add.reduceat(np.concatenate([e for _, e in found])[order], first)
 
     def room(self, positions: Floats) -> Integers:
-        """Keys, as of ``hessian``, of what is near and may soon touch, with repetitions."""
+        """Keys, as of ``hessian``, of pairs that are near, with repetitions."""
         within = _ROOM * self.settings.thickness
         return np.concatenate([np.zeros(0, np.int64), *(part.room(positions, within) for part in self.parts)])
 
     def bound(self, positions: Floats, step: Floats) -> float:
-        """Fraction of a step, of the shape of the positions, after which nothing touches, in (0, 1]."""
+        """Fraction of a step, of the shape of the positions, without contact at zero distance, in (0, 1]."""
         return min([1.0, *(part.bound(positions, step) for part in self.parts)])
 
     def closest(self, positions: Floats) -> float:
-        """Smallest distance [m] between surfaces that may meet; inf beyond the thickness, negative inside a body."""
+        """Smallest distance [m] between surfaces; inf beyond the thickness, negative inside a body."""
         return min([math.inf, *(part.closest(positions) for part in self.parts)])
 
     def intersects(self, positions: Floats) -> bool:
-        """Whether any surfaces cross, by tests that do not rely on what contact has searched."""
+        """Whether any surfaces cross, tested independently of the contact search."""
         return any(part.intersects(positions) for part in self.parts)
 
     def crossings(self, positions: Floats) -> list[Crossing]:
-        """Which surfaces cross and where, one entry for each pair of objects; slow, for states that ``intersects``."""
+        """Crossing surfaces and places, one entry for each pair of objects; slow."""
         found = []
         for part, number in zip(self.parts, [*self._shapes, -1], strict=False):
             if isinstance(part, ShapeContact):

@@ -1,4 +1,4 @@
-"""Where surfaces cross that must not: which triangles of which objects, at which place, how many."""
+"""Crossings of surfaces: triangles and objects, place, number."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CLOTH = -1
-"""Number of the cloth where objects are numbered; bodies have theirs."""
+"""Number of the cloth among the objects."""
 _TOUCHING = 1e-9
-"""Distance between vertices that counts as none, over the size of all."""
+"""Distance between vertices that counts as zero, over the size of the whole."""
 
 
 @dataclass(frozen=True)
 class Crossing:
     """Two objects that cross.
 
-    body: number of the obstacle, or ``CLOTH`` where the cloth crosses itself; description: which triangles, where and
-    how many; remedy: what to do about it. triangles: those of the cloth that the description names.
+    body: number of the obstacle, or ``CLOTH`` if the cloth crosses itself; description: triangles, place and
+    number; remedy: advice for the user. triangles: those of the cloth that the description names.
     """
 
     body: int
@@ -35,7 +35,7 @@ class Crossing:
 
 
 def start_that_crosses(found: Sequence[Crossing], lines: Integers) -> InputError:
-    """The error of a start with these crossings; lines: of the cloth's triangles in their file, where there is one."""
+    """The error of a start with these crossings; lines: of the cloth's triangles in their file, if any."""
     told = "; ".join(c.description + _in_file(lines, c.triangles) for c in found) or "some that do"
     remedies = "; ".join(dict.fromkeys(c.remedy for c in found))
     return InputError(
@@ -55,7 +55,7 @@ def _in_file(lines: Integers, triangles: Sequence[int]) -> str:
 def surface_crossings(
     positions: Floats, triangles: Integers, owners: Integers, names: Sequence[str], *, within_cloth: bool
 ) -> list[Crossing]:
-    """Crossings of triangles (m, 3) of the cloth with each other, where asked for, and with those of bodies.
+    """Crossings of triangles (m, 3) of the cloth with each other, if wanted, and with those of bodies.
 
     owners: object of each triangle (m,), increasing from ``CLOTH``; names: of the bodies.
     """

@@ -1,7 +1,7 @@
-"""Bodies that cloth meets: spheres and half-spaces given by formulas, and triangle meshes, rigid or animated.
+"""Bodies in contact with cloth: spheres and half-spaces, and triangle meshes, rigid or animated.
 
-Every obstacle has points that say where it is: the centre of a sphere, a point of a plane, the vertices of a
-mesh. Contact follows the points in a straight line during a step; their places at the ends of a step are exact.
+The place of an obstacle is given by points: the centre of a sphere, a point of a plane, the vertices of a
+mesh. During a step the points move along straight lines; their places at the ends of a step are exact.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Integers = NDArray[np.int64]
 
 
 class Obstacle(Protocol):
-    """A body whose points are where they are at a time, whatever the cloth does."""
+    """A body whose points have a prescribed motion."""
 
     @property
     def moves(self) -> bool:
@@ -44,7 +44,7 @@ class Body(Obstacle, Protocol):
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball: centre [m] before its motion, radius [m]; it rubs as it turns."""
+    """A ball: centre [m] before its motion, radius [m]; friction acts on its rotation too."""
 
     centre: tuple[float, float, float]
     radius: float
@@ -68,7 +68,7 @@ class Sphere:
 class Plane:
     """The half-space below a plane: a point [m] and the normal on the side of the cloth.
 
-    It may shift, along itself (a belt) or not; turning planes are to be given as meshes. Raises InputError.
+    It may move, also along itself (a belt); rotating planes must be given as meshes. Raises InputError.
     """
 
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -122,7 +122,7 @@ class MeshObstacle:
 class AnimatedMesh:
     """A body whose vertices move: poses (k, n, 3) [m] at increasing times (k,) [s], triangles (m, 3).
 
-    Between two poses vertices move in a straight line; before the first and after the last they stand still.
+    Between two poses vertices move along straight lines; before the first and after the last they are at rest.
     """
 
     times: Floats
@@ -161,7 +161,7 @@ Shape = Sphere | Plane
 
 
 def current_points(obstacles: Sequence[Obstacle], time: float, moved: Floats | None) -> list[Floats]:
-    """Where the points of every obstacle are [m]; moved: those of all that move, as in ``ClothState.obstacles``."""
+    """Points of every obstacle [m]; moved: those of all moving ones, as in ``ClothState.obstacles``."""
     places, start = [], 0
     for obstacle in obstacles:
         points = obstacle.points(time)
@@ -172,7 +172,7 @@ def current_points(obstacles: Sequence[Obstacle], time: float, moved: Floats | N
 
 
 def obstacle_name(obstacle: Obstacle, number: int) -> str:
-    """How messages name the obstacle of a number, counted from 0 as in the list of obstacles."""
+    """Name of an obstacle in messages; number: from 0 in the list of obstacles."""
     shapes = {Sphere: "sphere", Plane: "plane"}
     return f"obstacles[{number}] ({shapes.get(type(obstacle), 'mesh')})"
 

@@ -1,7 +1,7 @@
-"""Closest points of a vertex and a triangle, and of two edges, and how close moving ones may come.
+"""Closest points of a vertex and a triangle, and of two edges, and bounds on their motion.
 
 A pair is four vertices x; its closest points are r = Σ c x apart. For a vertex and a triangle c = (1, −w₁, −w₂, −w₃),
-for two edges c = (1 − s, s, t − 1, −t). A share that is exactly zero tells that the closest point lies on a border.
+for two edges c = (1 − s, s, t − 1, −t). A coefficient that is exactly zero means that the closest point is on a border.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _square(x, c):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def advance(x, p, is_corner, kept, until, c, y):
-    """Fraction of moves p (4, 3) of a pair x (4, 3) that keeps a share of its distance, at most ``until``.
+    """Fraction of moves p (4, 3) of a pair x (4, 3) that leaves a share ``kept`` of its distance, at most ``until``.
 
     Conservative advancement (Li, Kaufman and Jiang 2021, section 5): the closest points of a pair approach no faster
     than its fastest points do, measured from their common motion. c (4,), y (4, 3): memory.

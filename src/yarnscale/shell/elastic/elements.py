@@ -1,11 +1,9 @@
-"""From a mesh to the elements of the elastic energy: who gives I, who gives II, and how edges without
-neighbour count.
+"""Elements of the elastic energy of a mesh: which triangle determines I and which II, also at free edges.
 
-A triangle at a free edge misses one of its three fold angles. Counted as zero, as HYLC20 does, a curl about
-the free
-edge is invisible to the last row of triangles: all of it lies in the missing angle. ``extrapolate`` therefore
-takes II of such a triangle from its complete neighbours (half of the area each), whose stencils contain all
-its vertices. Only neighbours in the fabric lend: across a seam II is written in another frame.
+A triangle at a free edge has only two of its three fold angles. HYLC20 counts the third as zero, so that the last row
+does not curl about the free edge. ``extrapolate`` takes II of such a triangle from its complete neighbours (half of
+the area each), whose stencils contain all its vertices. Neighbours across a seam are not used, since their II refers
+to another material frame.
 """
 
 from __future__ import annotations
@@ -29,10 +27,9 @@ FreeEdges = Literal["extrapolate", "zero"]
 class ShellElements:
     """Elements in the order of the mesh, in blocks, padded with elements of no area.
 
-    stencils: (blocks, BLOCK, 6); present: whether a stencil vertex matters, likewise; geometry: (blocks, 18,
+    stencils: (blocks, BLOCK, 6); present: whether a stencil vertex is used, same shape; geometry: (blocks, 18,
     BLOCK), see ``strain.GEOMETRY`` (its reference angles change as the cloth moves); areas: (blocks, BLOCK)
-    [m²];
-    triangles: the triangle of I, (blocks, BLOCK).
+    [m²]; triangles: the triangle of I, (blocks, BLOCK).
     """
 
     stencils: NDArray[np.int64]
@@ -52,11 +49,11 @@ class ShellElements:
 
     @property
     def reference_angles(self) -> NDArray[np.float64]:
-        """Fold angles that the present ones are measured from [rad], a copy, (blocks, 3, BLOCK)."""
+        """Reference fold angles [rad], a copy, (blocks, 3, BLOCK)."""
         return self.geometry[:, REFERENCE].copy()
 
     def set_reference_angles(self, angles: NDArray[np.float64]) -> None:
-        """Go back to reference angles taken earlier."""
+        """Restore earlier reference angles."""
         self.geometry[:, REFERENCE] = angles
 
     def forms(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,8 +2,7 @@
 
 The exact Hessian is rarely positive definite (nearly half of the triangles of a curled knit are not). The
 positive model takes the magnitudes of the eigenvalues of the 6×6 moduli and the tensile part of the
-membrane's geometric term.
-Newton starts with the positive one and moves to the exact one: exact + shift·(positive − exact).
+membrane's geometric term. Newton's method uses exact + shift·(positive − exact), from shift 1 towards 0.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ class ElementKernels(Protocol):
 
 @runtime_checkable
 class ElementMaterial(Protocol):
-    """What the cloth solver needs of a material; ``shell.material`` describes it."""
+    """A material as the cloth solver uses it, see ``shell.materials.material``."""
 
     @property
     def density(self) -> float: ...
@@ -59,8 +58,8 @@ class ElementMaterial(Protocol):
 class ShellEnergy:
     """Elastic energy of a mesh of one material at positions (nv, 3) [m].
 
-    The fold angles are measured from reference angles kept here; call ``follow`` after every accepted motion.
-    threads: parts of the mesh that are evaluated side by side, None for as many as there are processors.
+    Fold angles are relative to reference angles stored here; call ``follow`` after every accepted step.
+    threads: parts of the mesh that are evaluated in parallel, None for the number of processors.
     """
 
     def __init__(
@@ -96,7 +95,7 @@ class ShellEnergy:
         return max(run_parts(part, self._parts))
 
     def value(self, positions: Floats) -> float:
-        """Energy [J]; inf where the state is not admissible."""
+        """Energy [J]; inf for inadmissible states."""
         total = float(np.vdot(self._evaluated(positions), self.elements.areas))
         return total if np.isfinite(total) else np.inf
 
@@ -117,7 +116,7 @@ class ShellEnergy:
         return self._densities
 
     def linearise(self, positions: Floats, into: Linearisation | None = None) -> Linearisation:
-        """Energy, gradient and what the Hessians need; ``into`` lends its memory, and is no longer valid."""
+        """Energy, gradient and data of the Hessians; ``into`` is overwritten to reuse its memory."""
         elements = self.elements
         result = into if into is not None else Linearisation(self)
         result.positions = np.array(positions, dtype=np.float64)
@@ -158,7 +157,7 @@ class ShellEnergy:
         return self._positive(linear, linear.stress)
 
     def rate_stiffness(self, linear: Linearisation) -> Floats:
-        """Entries of Σ area·Jᵀ|C|J in ``pattern`` [N/m]: how strain rates are resisted, blind to rigid motions."""
+        """Entries of Σ area·Jᵀ|C|J in ``pattern`` [N/m] for viscous damping; zero for rigid motions."""
         return self._positive(linear, np.zeros_like(linear.stress))[0]
 
     def _positive(self, linear: Linearisation, stress: Floats) -> tuple[Floats, int]:
@@ -193,7 +192,7 @@ class ShellEnergy:
 
 
 LEAST_BLOCKS = 4
-"""Blocks of elements that are worth a thread."""
+"""Least number of blocks of elements per thread."""
 
 
 def sum_of(arrays: list[Floats]) -> Floats:
@@ -230,7 +229,7 @@ class Linearisation:
 def _pattern_and_slots(
     elements: ShellElements, vertex_count: int
 ) -> tuple[SymmetricPattern, NDArray[np.int32]]:
-    """Pattern of the 3nv unknowns, and where each of the 171 entries of an element goes, (nb, B, 171)."""
+    """Pattern of the 3nv unknowns, and slots of the 171 entries of each element, (nb, B, 171)."""
     size = 3 * vertex_count
     stencils = elements.stencils.reshape(-1, 6)
     unknowns = (3 * stencils[:, :, None] + np.arange(3)).reshape(-1, 18)

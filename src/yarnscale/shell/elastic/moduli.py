@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BENDING_SCALE = 100.0
-"""Curvatures are divided by 100 /m before eigenvalues are taken, else bending drowns in round-off."""
+"""Curvatures are divided by 100 /m before eigenvalues are computed, so that bending is not lost to round-off."""
 
 FAST = {
     "cache": True,
@@ -21,7 +21,7 @@ FAST = {
     "error_model": "numpy",
     "nogil": True,
 }
-"""Numba options of all loops over elements: no assumption that values are finite, free to run beside each other."""
+"""Numba options of all loops over elements: values need not be finite; loops release the interpreter's lock."""
 
 
 @numba.njit(**FAST)
@@ -40,7 +40,7 @@ def full_moduli(moduli: NDArray, out: NDArray) -> None:
 def positive_moduli(moduli: NDArray, out: NDArray) -> int:
     """Symmetric (36, n) from lower triangles (21, n), eigenvalues replaced by magnitudes; how many were indefinite.
 
-    A Cholesky test keeps the definite ones untouched; the others are packed and go through Jacobi rotations together.
+    Definite ones (by a Cholesky test) stay as they are; the others are packed for Jacobi rotations.
     """
     count = moduli.shape[1]
     matrix, lower = np.empty((6, 6)), np.empty((6, 6))

@@ -1,4 +1,4 @@
-"""How much of a cloth is in states that its material was not sampled in."""
+"""Share of a cloth whose states are outside the samples of its material."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class OutOfRange:
 
 
 def out_of_range(energy: ShellEnergy, positions: NDArray[np.float64]) -> OutOfRange | None:
-    """Of a cloth at positions (nv, 3) [m]; None for a material that does not say where it was sampled."""
+    """Of a cloth at positions (nv, 3) [m]; None for a material without samples."""
     material, elements = energy.material, energy.elements
     if not isinstance(material, CompactMaterial):
         return None

@@ -5,11 +5,11 @@ With F = (x1 − x0, x2 − x0) Dm⁻¹ and the dihedral angles θ_k over the th
     I = FᵀF,   Λ = Σ_k θ_k / (2 A l_k) t_k ⊗ t_k,   II = Fᵀ Λ F,
 
 t_k perpendicular to edge k in the triangle's plane, |t_k| = l_k, everything but Dm in world space. Signs:
-z = +x²/2 with normal +z has II11 = +1. θ_k is what an edge is folded by beyond its angle at rest, which is zero
-but for seams that say otherwise.
+z = +x²/2 with normal +z has II11 = +1. θ_k is the fold angle minus its value at rest, which is zero except at seams
+with a rest angle.
 
-Two liberties. The angle is measured from a reference angle that follows the motion, so that it neither jumps
-at ±π nor loses a turn. And the triangle that gives I need not be the one that gives II (``shell.elements``).
+Two differences from HYLC20: the angle is relative to a reference angle that follows the motion, so that it is
+continuous at ±π; and the triangle of I may differ from the triangle of II (``elastic.elements``).
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from yarnscale.numerics.kernel import Kernel, compile_kernel
 
 GEOMETRY = 18
-"""Numbers per element: inverse rest matrix of the triangle of II (4, by columns), of that of I (4, by
-columns),
+"""Numbers per element: inverse rest matrix of the triangle of II (4, by columns), of that of I (4, by columns),
 choice of the triangle of I (0: v0 v1 v2, 1: v0 v1 v3), neighbour flags (3), reference angles (3), fold angles
 at rest (3)."""
 FLAGS = slice(9, 12)
@@ -125,10 +124,9 @@ def form_kernels() -> FormKernels:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def follow_angles(positions: NDArray, stencils: NDArray, geometry: NDArray) -> float:
-    """Move the reference angles of ``geometry`` (nb, 18, B) to the present fold angles; the largest |angle|
-    [rad].
+    """Set the reference angles of ``geometry`` (nb, 18, B) to the present fold angles; the largest |angle| [rad].
 
-    positions: (nv, 3) [m]; stencils: (nb, B, 6). The angle taken is the one nearest to the old reference.
+    positions: (nv, 3) [m]; stencils: (nb, B, 6). Of all branches the one nearest to the old reference is used.
     """
     largest = 0.0
     for block in range(stencils.shape[0]):

@@ -24,7 +24,7 @@ class Seam:
     """Two edges sewn together: (panel, edge) and (panel, edge), of equal division.
 
     Seen from the right side one edge runs forwards and the other backwards, so that both panels show the same side.
-    rest_angle: fold that the seam has at rest [rad], positive where the right side is on the outside.
+    rest_angle: fold angle of the seam at rest [rad], positive if the right side is on the outside.
     """
 
     first: tuple[str, str]
@@ -50,8 +50,8 @@ def sew(
 ) -> Garment:
     """Join panels along seams.
 
-    positions: where the points of each panel start in space, panel name → (n, 3) [m]; points joined by a seam start
-    at their mean. The panels lie beside each other in the fabric. Raises InputError.
+    positions: initial positions of the points of each panel, panel name → (n, 3) [m]; points joined by a seam start
+    at their mean. In material coordinates panels do not overlap. Raises InputError.
     """
     by_name = {panel.name: k for k, panel in enumerate(panels)}
     if len(by_name) < len(panels):

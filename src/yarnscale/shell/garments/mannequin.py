@@ -1,8 +1,8 @@
-"""A body that the project makes itself: torso, arms, neck and head as one smooth closed surface that moves.
+"""The built-in body: torso, arms, neck and head as one smooth closed surface that moves.
 
 Its shape is a smooth union of capsules and ellipsoids given by distance functions; the surface where the distance is
-zero is cut out of a grid, one vertex in every cell that it crosses (surface nets), and drawn onto the zero set.
-Coordinates: x to the body's left as seen from the front, y to its back, z up; the arms lie along x at z = 0.
+zero is extracted from a grid, one vertex in every cell that it crosses (surface nets), and projected onto the zero
+set. Coordinates: x to the body's left as seen from the front, y to its back, z up; the arms are along x at z = 0.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 SHOULDER = 0.17
 """Distance of the shoulder joints from the middle [m]."""
 REACH = 0.76
-"""Where the hands end [m]."""
+"""x of the ends of the hands [m]."""
 _LOW, _HIGH = np.array([-0.84, -0.21, -0.86]), np.array([0.84, 0.21, 0.45])
 _BLEND = 0.05
 
@@ -36,9 +36,9 @@ class Mannequin:
     triangles: Integers
 
     def pose(self, *, lowered: float = 0.0, turned: float = 0.0, depth: float = 1.0) -> Floats:
-        """Vertices (n, 3) [m] with the arms lowered by an angle [rad], the whole turned about z by an angle [rad].
+        """Vertices (n, 3) [m] with the arms lowered and the body rotated about z by angles [rad].
 
-        depth: factor of its front-to-back extent, to put clothes on: a thin body fits between their layers.
+        depth: factor of its front-to-back extent; a thin body fits between the layers of flat clothes.
         """
         points = self.vertices * [1.0, depth, 1.0]
         share = _arm_share(self.vertices)[:, None]
@@ -52,7 +52,7 @@ class Mannequin:
 
 @dataclass(frozen=True)
 class Pose:
-    """What the body does at a time [s]: see ``Mannequin.pose`` for angles [rad] and depth."""
+    """Pose of the body at a time [s]: angles [rad] and depth as in ``Mannequin.pose``."""
 
     time: float
     lowered: float = 0.0
@@ -62,7 +62,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class MovingMannequin:
-    """A body that goes from pose to pose, easing in and out, as an obstacle for cloth. Raises InputError."""
+    """A body that moves smoothly from pose to pose, as an obstacle for cloth. Raises InputError."""
 
     body: Mannequin
     poses: tuple[Pose, ...]
@@ -99,7 +99,7 @@ class MovingMannequin:
 
 @cache
 def mannequin(spacing: float = 0.02) -> Mannequin:
-    """The body with edges of about ``spacing`` [m]. Raises InputError for sizes it cannot be made of."""
+    """The body with edges of about ``spacing`` [m]. Raises InputError for impossible spacings."""
     if not (math.isfinite(spacing) and 0.004 <= spacing <= 0.03):
         raise InputError("spacing of the body", expected="between 0.004 and 0.03 m", found=spacing)
     points, triangles = _surface(spacing)
@@ -109,7 +109,7 @@ def mannequin(spacing: float = 0.02) -> Mannequin:
 
 
 def body_distance(points: Floats) -> Floats:
-    """About the distance of points (n, 3) from the body's surface [m], negative inside, (n,)."""
+    """Approximate distance of points (n, 3) from the body's surface [m], negative inside, (n,)."""
     mirrored = np.abs(points[:, :1])
     half = np.concatenate([mirrored, points[:, 1:]], axis=1)
     # The torso is a capsule in a space stretched so that its section becomes round.

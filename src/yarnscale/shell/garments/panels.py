@@ -1,7 +1,7 @@
 """Panels as cut from fabric: an outline of named edges, filled with nearly equilateral triangles.
 
-Edges are divided evenly, so that edges of equal division can be sewn point to point. Inside lies a lattice of
-equilateral triangles; Delaunay's triangulation joins it to the edges.
+Edges are divided evenly, so that edges of equal division can be sewn point to point. The interior is a lattice of
+equilateral triangles, connected with the edges by Delaunay triangulation.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Panel:
     grain: float = 0.0
 
     def edge(self, name: str) -> Integers:
-        """Points along an edge; InputError where the panel has none of that name."""
+        """Points along an edge; InputError for an unknown name."""
         if name not in self.edges:
             raise InputError(
                 f"edge '{name}' of panel '{self.name}'",
@@ -58,7 +58,7 @@ class Panel:
 
 
 def check_spacing(name: str, spacing: float, extent: float) -> None:
-    """InputError for a spacing that is no length, or by which an extent [m] would have too many divisions."""
+    """InputError for a spacing that is not positive or divides an extent [m] into too many parts."""
     if not (math.isfinite(spacing) and spacing > 0 and extent <= MOST_DIVISIONS * spacing):
         least = f"at least {extent / MOST_DIVISIONS:g} m" if extent else "a positive length [m]"
         raise InputError(f"spacing of panel '{name}'", expected=least, found=spacing)
@@ -74,8 +74,8 @@ def cut_panel(
 ) -> Panel:
     """Fill an outline with triangles.
 
-    outline: named edges in counter-clockwise order, each a polyline (k, 2) [m] that begins where the one before ends;
-    spacing: wanted edge length [m]; segments: number of divisions of an edge where it must match another (default:
+    outline: named edges in counter-clockwise order, each a polyline (k, 2) [m] from the end of the one before;
+    spacing: desired edge length [m]; segments: number of divisions of an edge to match another (default:
     length over spacing); grain: angle of the fabric's course direction [rad].
 
     Raises InputError for outlines that are open, clockwise or too narrow for the spacing.

@@ -1,4 +1,4 @@
-"""Polygons as surface files have them, cut into triangles with every corner kept."""
+"""Polygons of surface files, cut into triangles without removing corners."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def triangulated(coordinates: Floats, starts: Integers) -> tuple[Integers, Integ
     """Triangles of polygons in the plane, as numbers of corners (m, 3), and the polygon of each (m,).
 
     coordinates: of all corners, polygon by polygon, (nc, 2); polygon k owns the corners starts[k] … starts[k + 1] − 1.
-    Convex and concave polygons keep all their corners, those on straight sides too, and their sense of turning.
-    Raises PolygonError for one that crosses itself or has no area.
+    All corners are kept, also those on straight sides, and so is the orientation.
+    Raises PolygonError for a polygon that crosses itself or has no area.
     """
     sizes = np.diff(starts)
     parts, faces = [], []

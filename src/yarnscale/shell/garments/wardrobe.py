@@ -1,9 +1,9 @@
-"""Garments that the project makes itself: sweater, T-shirt and scarf, in any resolution.
+"""Built-in garments: sweater, T-shirt and scarf, in any resolution.
 
-Sweater and T-shirt have the oldest cut of knitwear: front and back are rectangles with a neck, the sleeves trapezoids
-sewn to the straight sides ("drop shoulders"). They start lying flat, front over back with a round edge between
-them, so that nothing touches and hardly anything is stretched; a thin body fits between the layers.
-Coordinates as those of the ``mannequin``: x across, y to the back, z up.
+Sweater and T-shirt have drop shoulders: front and back are rectangles with a neck, the sleeves trapezoids
+sewn to the straight sides. They start flat, front over back with a round edge between
+them, without contact and almost without stretch; a thin body fits between the layers.
+Coordinates are those of the ``mannequin``: x across, y to the back, z up.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Borders of cloth that lie on each other: found, counted, and sewn together.
+"""Coincident borders of cloth: found, counted, and sewn together.
 
 Files of garments hold vertices that are split for every face or panel, and long edges that meet two short ones (a
-vertex "hangs" within the long edge). Such cloth falls apart along these borders. Both are mended on polygons, before
-they are cut into triangles: split vertices become one, and a hanging vertex becomes a corner of the other polygon.
+vertex "hangs" within the long edge). Such cloth would fall apart along these borders. Before polygons are cut into
+triangles, split vertices become one, and a hanging vertex becomes a corner of the other polygon.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 NEAR = 0.05
-"""Distance of borders over the length of their edges, below which they are taken for one line."""
+"""Distance of borders over the length of their edges, below which they count as one line."""
 _LARGEST_SHARE = 0.45
 """Of the edges at a vertex: whatever distance is asked for, no edge may shrink to a point."""
 
@@ -86,7 +86,7 @@ def joined(pairs: Integers, count: int) -> Integers:
 
 
 def weld(cloth: Polygons, distance: float | None = None) -> Weld:
-    """Sew borders that lie within ``distance`` [m] of each other, by default within ``NEAR`` of their edges' length."""
+    """Sew borders within ``distance`` [m] of each other, by default within ``NEAR`` of their edges' length."""
     border = cloth.border()
     if not len(border):
         return Weld(cloth)
@@ -121,7 +121,7 @@ def weld(cloth: Polygons, distance: float | None = None) -> Weld:
 def continuous(cloth: Polygons) -> Polygons:
     """Material points that are one point of the fabric but numbered for every face become one.
 
-    The fabric goes on over an edge where both polygons have its ends at the same places and turn the same way.
+    The fabric is continuous across an edge whose ends coincide in both polygons, if these have the same orientation.
     """
     following, count = cloth.following, len(cloth.positions)
     tails, heads = cloth.vertices, cloth.vertices[following]

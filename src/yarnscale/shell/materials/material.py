@@ -1,8 +1,8 @@
-"""What every shell material offers: an energy density of the fundamental forms.
+"""Shell materials: an energy density of the fundamental forms.
 
 A material writes its energy once, as a symbolic function of the forms (I11, I12, I22, II11, II12, II22) and
 of parameters, which all elements share or each has its own. The cloth solver calls the kernels on blocks of elements;
-``energy_density``, ``stress`` and ``moduli`` serve everyone else.
+``energy_density``, ``stress`` and ``moduli`` are for other uses.
 """
 
 from __future__ import annotations
@@ -83,15 +83,15 @@ class ShellMaterial(ABC):
 
     @property
     def strain_scale(self) -> Array:
-        """Strains (6,) of like importance: a half in-plane, 100/m of bending where nothing is known of the yarn."""
+        """Scale of the strains (6,): 0.5 in-plane, 100/m of bending if the yarn is unknown."""
         return np.array([0.5] * 3 + [100.0] * 3)
 
     @abstractmethod
     def parameters(self, forms: Array) -> Array:
         """Parameters of the kernels: (P, 1) that all elements share, or (P, n) of elements with these forms (6, n).
 
-        Forms are rows I11, I12, I22 [-], II11, II12, II22 [1/m]; n is a multiple of LANES, and columns that only pad
-        it hold some valid state.
+        Forms are rows I11, I12, I22 [-], II11, II12, II22 [1/m]; n is a multiple of LANES; padding columns
+        hold some valid state.
         """
 
     @abstractmethod
@@ -99,7 +99,7 @@ class ShellMaterial(ABC):
         """Compiled energy and derivatives, the same object for every material of a kind."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Copied and pickled by their fields: read-only mappings cannot be."""
+        """Copy and pickle by fields, since read-only mappings cannot be pickled."""
         values = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}  # type: ignore[arg-type]
         plain = {name: dict(v) if isinstance(v, MappingProxyType) else v for name, v in values.items()}
         return _built, (type(self), plain)
@@ -155,7 +155,7 @@ def _built(kind: type[ShellMaterial], values: dict[str, object]) -> ShellMateria
 
 
 def checked_strains(strains: ArrayLike) -> Array:
-    """Strains (..., 6) as float64; InputError where no surface has such a state."""
+    """Strains (..., 6) as float64; InputError for states that no surface has."""
     array = np.asarray(strains, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 6:
         raise InputError("strains", expected=f"the 6 components {', '.join(COMPONENTS)}", found=array.shape)

@@ -11,17 +11,15 @@ quadratic
       = κ² (k_weft cos⁴φ + k_warp sin⁴φ + (4 k_bias − k_weft − k_warp) cos²φ sin²φ)
 
 has exactly k_weft κ², k_bias κ² and k_warp κ² in the three directions of curvature, and the same value k κ²
-in every direction if the three are equal. Between them it differs from linear interpolation in the angle,
-being smooth. Here κ is the curvature of the cylinder. EST22 measures κ = 3θ/H on an edge, H the altitude of
+in every direction if the three are equal. Between them it is smooth, unlike linear interpolation in the angle.
+Here κ is the curvature of the cylinder. EST22 measures κ = 3θ/H on an edge, H the altitude of
 its triangles. On a mesh with rows of edges along the axis, h apart, these edges turn by θ = κ h and the
 others do not turn: the measure is 3κ on one edge of every triangle and averages to κ over its three. The
 literal sum of edge energies, each times the area of two triangles, is then 9 k_θ κ² per area: multiply
-constants estimated with such a mesh by 9. Where the dependence on the mesh is wanted too, an edge energy is a
-stencil of its own, not a function of II.
+constants estimated with such a mesh by 9.
 
-The cylinder fixes only 2 D12 + 4 D33 = 4 k_bias − k_weft − k_warp =: S. We take D12 = 0 (bending along and
-across do not know each other) unless S < 0, where D33 = 0 and D12 = S/2 keep the energy from falling below
-zero.
+The cylinder fixes only 2 D12 + 4 D33 = 4 k_bias − k_weft − k_warp =: S. We take D12 = 0 (no coupling of bending
+along weft and warp) unless S < 0; then D33 = 0 and D12 = S/2 keep the energy non-negative.
 """
 
 from __future__ import annotations
@@ -48,10 +46,10 @@ class OrthotropicMaterial(ShellMaterial):
     """St. Venant–Kirchhoff cloth with area terms and direction-dependent bending (EST22 eq. 1 and 4).
 
     stretch_weft (k_xx), stretch_coupling (k_xy), stretch_warp (k_yy), shear (k_ss): entries of K [N/m].
-    area (k_n1), log_area (k_n2): resistance to change of area [N/m].
+    area (k_n1), log_area (k_n2): stiffness against change of area [N/m].
     bend_weft, bend_bias, bend_warp: ψ/κ² of a cylinder curved along that direction [J].
-    density: mass per area [kg/m²]. provenance: where it comes from, as plain JSON values.
-    Raises InputError where the energy would not be bounded below.
+    density: mass per area [kg/m²]. provenance: its origin, as plain JSON values.
+    Raises InputError if the energy is not bounded below.
     """
 
     stretch_weft: float

@@ -9,8 +9,8 @@ of II: smooth, also where the eigenvalues coincide. Where λ1 > λ2 lie in piece
 
     f(II) = q(II) + d(λ1) v1 v1ᵀ,    d = p − q,    [v1 v1ᵀ]₁₁ = c² = ½ (1 + (II11 − II22)/(2ρ)),
 
-and d is small (second order at a shared knot), so nothing is lost when λ1 and λ2 meet at the knot. The gather
-decides which pieces; the symbolic energy only sees q and d (d = 0 within one piece).
+and d is small (second order at a shared knot), so rounding is harmless when λ1 and λ2 meet at the knot. The gather
+selects the pieces; the symbolic energy contains only q and d (d = 0 within one piece).
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ Array = NDArray[np.float64]
 class SplineMaterial(ShellMaterial):
     """Energy density from 5 one-dimensional and 9 two-dimensional splines.
 
-    constant: ψ of the undeformed state [J/m²], apart from what the terms add there. axes: f_i of s_x, s_a,
+    constant: ψ of the undeformed state [J/m²] without the terms. axes: f_i of s_x, s_a,
     s_y [-], lambda_x, lambda_y [1/m]. planes: f_ij by pair of axes, of which ``PLANES`` are possible; missing
     ones are zero. density: mass per area [kg/m²]. range: sampled box, (5, 2) lowest and highest of each axis
-    (default: ends of the knots of the one-dimensional terms). provenance: where it comes from, as plain JSON
+    (default: ends of the knots of the one-dimensional terms). provenance: its origin, as plain JSON
     values. Raises InputError on a wrong number of terms, unknown planes or values that are not finite.
     """
 

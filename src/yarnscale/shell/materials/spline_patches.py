@@ -1,7 +1,7 @@
 """Spline terms laid out for evaluation: patches on shared knots, gathered by element.
 
-A material of splines is evaluated by one polynomial kernel; what differs from element to element, the patches its
-strains lie in, are parameters of that kernel. The rows of parameters are named here, and filled by the gather.
+A spline material is evaluated by one polynomial kernel; the patches of an element's
+strains are parameters of that kernel. The rows of parameters are named here, and filled by the gather.
 """
 
 from __future__ import annotations

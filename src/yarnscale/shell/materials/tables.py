@@ -1,6 +1,6 @@
 """Piecewise cubics in one and two variables: nodal data, their polynomial patches, and the interval search.
 
-A spline is kept as what a file holds, Hermite nodal data (values and slopes at knots). For evaluation it
+A spline is stored as Hermite nodal data (values and slopes at knots), as in files. For evaluation it
 becomes a table of patches: n knots give n + 1 intervals, the first and last being the continuation outside
 the knots, and every interval holds the coefficients of a polynomial about its origin (its left knot; the
 first knot for the interval below it). A table can be refined to any superset of its knots without changing
@@ -80,8 +80,8 @@ def _inside(knots: Array, coarse: Array) -> NDArray[np.int64]:
 class CubicSpline:
     """A C¹ piecewise cubic of one variable from values and slopes at its knots.
 
-    knots (n,), values (n,), slopes (n,) = d value / d variable. Outside, the function goes on along its
-    end slopes. Raises InputError on wrong lengths, knots that do not increase, and numbers that are not finite.
+    knots (n,), values (n,), slopes (n,) = d value / d variable. Outside, it is continued linearly.
+    Raises InputError for wrong lengths, knots that do not increase, and numbers that are not finite.
     """
 
     knots: Array
@@ -122,8 +122,7 @@ class BicubicSpline:
     """A C¹ piecewise bicubic of two variables from values, slopes and twists at a grid of knots.
 
     knots_u (n,), knots_v (m,); values, slopes_u, slopes_v, twists (= mixed derivative), each (n, m). Outside,
-    the function goes on linearly along each axis that is out of range; zero slopes at the border give a
-    constant.
+    it is continued linearly along each axis; zero slopes at the border give a constant.
     """
 
     knots_u: Array
@@ -195,7 +194,7 @@ def union_knots(*knots: Array) -> Array:
 
 
 def padded_knots(knots: Array) -> Array:
-    """Knots followed by +inf up to a power of two less one, as ``find_interval`` wants them."""
+    """Knots followed by +inf up to a power of two minus one, for ``find_interval``."""
     size = 1
     while size - 1 < len(knots):
         size *= 2

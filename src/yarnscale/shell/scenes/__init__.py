@@ -1,4 +1,4 @@
-"""Scenes of cloth: what is simulated, from where, how long, and what is measured; ready ones for any material."""
+"""Scenes of cloth: start, loads, schedule and measured quantities; ready scenes for any material."""
 
 from yarnscale.shell.scenes.body_scenes import scarf, sweater, t_shirt
 from yarnscale.shell.scenes.ready import READY, ready_scene

@@ -25,7 +25,7 @@ from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.state import ClothState
 
 THIN = 0.2
-"""Depth of the body before it is dressed, as a part of its own."""
+"""Depth of the body before it is dressed, over its full depth."""
 FRAME = 1.0 / 30.0
 """Time between frames [s]."""
 DANCE = (
@@ -37,7 +37,7 @@ DANCE = (
 )
 """Dressed after 0.4 s, arms lowered, turned, arms lifted half way and back: 60 frames."""
 PRESSURE = 2e3
-"""Of contact at half its thickness [Pa]: clothes hang from little area."""
+"""Of contact at half its thickness [Pa]: clothes rest on a small area."""
 _WAIT = (
     Pose(0.0, lowered=0.9),
     Pose(1.0, lowered=0.9),
@@ -91,7 +91,7 @@ def scarf(
     thickness: float = 2e-3,
     friction: float = 0.4,
 ) -> Scene:
-    """A scarf that falls from above the shoulders round the neck of a body that turns; its wale runs lengthwise.
+    """A scarf that falls from above the shoulders around the neck of a rotating body; wales along its length.
 
     length, width: [m], at least 0.6 and at most 0.3. Measures: see ``measure_clothes``. Raises InputError.
     """

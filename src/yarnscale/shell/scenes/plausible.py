@@ -1,4 +1,4 @@
-"""Sizes, weights and loads of a cloth that are likely not meant: reported, or refused where they make no sense."""
+"""Checks of sizes, weights and loads of a cloth: unlikely values are reported, impossible ones refused."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _THICK_EDGES, _THICKEST_EDGES, _THICKEST_SHARE = 0.5, 10.0, 0.5
 """Thickness over the median edge, and over the smaller extent of the fabric."""
 _MANY_GRAVITIES, _MOST_GRAVITIES = 10.0, 500.0
 _LONG_WAY, _LONGEST_WAY, _FAR_APART = 20.0, 100.0, 5.0
-"""Ways of handles and bodies over the size of what they move."""
+"""Displacements of handles and bodies over the size of what they move."""
 _FAST = 50.0
 """Mean speed of a handle or body [m/s]."""
 _PRESSING = 1e4
@@ -42,7 +42,7 @@ def sizes_of(cloth: Cloth) -> str:
 
 
 def check_size(mesh: TriangleMesh, density: float) -> Iterator[str]:
-    """Sentences about a size that is likely not meant; InputError where a unit must have been left out."""
+    """Sentences about unlikely sizes; InputError for a size that must be in another unit."""
     size = float(max(np.ptp(mesh.panel, axis=0).max(), np.ptp(mesh.assembled, axis=0).max()))
     low, high = _POSSIBLE_SIZE
     found = f"{_extent(mesh.panel)} and {mesh.areas.sum() * density:.3g} kg"
@@ -60,7 +60,7 @@ def check_size(mesh: TriangleMesh, density: float) -> Iterator[str]:
 
 
 def check_cloth(cloth: Cloth) -> Iterator[str]:
-    """Sentences about mass, thickness and loads that are likely not meant; InputError where they make no sense."""
+    """Sentences about unlikely mass, thickness and loads; InputError for impossible ones."""
     density = cloth.material.density
     if density > _LARGEST_DENSITY:
         raise InputError(

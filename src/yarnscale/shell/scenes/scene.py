@@ -1,4 +1,4 @@
-"""Scenes: a cloth, where it starts, how long it moves and what is measured at the end; two of them built in."""
+"""Scenes: a cloth, its start, its schedule and the quantities measured at the end; two built-in ones."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SPACING = 0.0065
 BAR_WIDTH, BAR_LENGTH, BAR_INSET = 0.021, 0.201, 0.048
 """The bars of the published stretch tests [m]: strips with their centre lines 48 mm inside opposite edges."""
 BAR_TRAVEL = {"stockinette": 0.035, "basket": 0.020, "rib": 0.040}
-"""Way of each bar in the published tests [m], to both sides; of the rib along its wale."""
+"""Displacement of each bar in the published tests [m]; of the rib along its wale."""
 AIR_DRAG = 10.0
 """Of the published stretch tests, quadratic in the speed across the surface [kg/m³]."""
 BAR_GAP = SHEET - 2 * BAR_INSET - BAR_WIDTH
@@ -48,8 +48,8 @@ BAR_GAP = SHEET - 2 * BAR_INSET - BAR_WIDTH
 class Scene:
     """Something to simulate: name, cloth, first state, schedule and what to measure of the last state.
 
-    may_give_way: whether handles and obstacles may be kept from their motion; else such a run counts as failed.
-    notices: sentences about its sizes, and about what in its files is likely not meant.
+    may_give_way: whether unfulfilled motion of handles and obstacles is allowed; else such a run fails.
+    notices: sentences about sizes and unlikely values.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Scene:
 
     @property
     def settings(self) -> dict[str, object]:
-        """All that shapes a run; not the scene's name, nor what is measured at the end."""
+        """All that influences a run; without name and measures."""
         return {name: getattr(self, name) for name in ("cloth", "start", "schedule", "options")}
 
     def __repr__(self) -> str:
@@ -72,7 +72,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """Outcome of a scene: its run, seconds of work and numbers; ``measures`` are those of the scene."""
+    """Outcome of a scene: its run, seconds of work, and ``measures`` of the scene."""
 
     scene: Scene
     run: Run[ClothState]
@@ -106,12 +106,12 @@ class SceneResult:
 
     @property
     def converged(self) -> bool:
-        """Whether the whole schedule was reached."""
+        """Whether the whole schedule was completed."""
         return self.run.converged
 
     @property
     def succeeded(self) -> bool:
-        """Whether the schedule was reached, without crossings, with every motion carried out that may not give way."""
+        """Whether the schedule was completed without crossings and without forbidden unfulfilled motion."""
         fulfilled = self.scene.may_give_way or not self.unfulfilled
         return self.converged and not any(self.run.faults.values()) and fulfilled
 
@@ -165,14 +165,13 @@ def stretch(
     self_contact: bool = True,
     frame_interval: float | None = None,
 ) -> Scene:
-    """A square sheet hanging between two bars that move apart until their gap has grown by ``amount``, then
-    at rest.
+    """A square sheet between two bars that move apart until their gap has grown by ``amount``, then at rest.
 
-    The published test of HYLC20 (its Fig. 16): 30×30 cm, gravity −z, the bars of ``BAR_WIDTH`` etc. travel: way of
-    each bar [m], instead of ``amount``; published ones in ``BAR_TRAVEL``. duration: of it [s], default
+    The published test of HYLC20 (Fig. 16): 30×30 cm, gravity −z, bars as ``BAR_WIDTH`` etc. travel: displacement of
+    each bar [m], instead of ``amount``; published ones in ``BAR_TRAVEL``. duration: of the motion [s], default
     ``bar_duration``. air_drag: [kg/m³]. size: of the sheet [m]; bars and triangles (``spacing``, by default) grow with
     it. Measures: ``lambda_along``, ``lambda_across`` (area-weighted stretch over the central fifth of both edges) and
-    ``bar_force`` [N]. Without self-contact the curled edges of a knit pass through themselves.
+    ``bar_force`` [N]. Without self-contact the curled edges of a knit intersect themselves.
     Raises InputError.
     """
     if direction not in ("course", "wale"):
@@ -219,7 +218,7 @@ def stretch(
 
 
 def bar_points(points: Floats, axis: int, side: float, size: float) -> NDArray[np.int64]:
-    """Which points (n, 2) of a flat sheet about 0 [m] a bar of the stretch test holds.
+    """Which points (n, 2) [m] of a flat sheet centred on 0 belong to a bar of the stretch test.
 
     axis: of the pull; side: −1 or 1, on which the bar is; size: of the sheet [m], as in ``stretch``.
     """
@@ -231,7 +230,7 @@ def bar_points(points: Floats, axis: int, side: float, size: float) -> NDArray[n
 
 
 def bar_duration(travel: float) -> float:
-    """Seconds in which the bars of the stretch test go this way [m].
+    """Duration [s] of a displacement [m] of the bars of the stretch test.
 
     The published 0.4 s for 35 mm, 0.25 s for 20 mm and 0.45 s for 40 mm lie on a line: 0.1 m/s and 0.05 s.
     """
@@ -251,8 +250,7 @@ def drape(
     self_contact: bool = True,
     frame_interval: float | None = None,
 ) -> Scene:
-    """A square sheet that falls over a ball of ``radius`` [m] with its centre at the origin, for ``duration``
-    [s].
+    """A square sheet that falls on a ball of ``radius`` [m] at the origin, for ``duration`` [s].
 
     Measures: ``lowest`` and ``highest`` point [m], ``closest`` distance between surfaces [m], ``speed``, the
     root mean square of velocities [m/s].

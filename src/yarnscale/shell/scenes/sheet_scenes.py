@@ -74,7 +74,7 @@ def twist(
     width: float = 0.10,
     duration: float = 2.0,
 ) -> Scene:
-    """A strip of 30 cm between two bars that turn against each other by ``turns`` in all, then stand still."""
+    """A strip of 30 cm between two bars that rotate against each other by ``turns``, then stop."""
     if not (math.isfinite(turns) and abs(turns) <= 5):
         raise InputError("turns", expected="up to 5", found=turns)
     mesh = rectangle(SHEET, width, spacing)
@@ -129,8 +129,8 @@ def pull_through(
 def roomy_opening(thickness: float) -> float:
     """Radius [m] of a hole of which a sheet pulled through by its middle fills at most a quarter.
 
-    It is fullest when the middles of the sheet's edges arrive: a circle of this radius, thickness [m] wide. Folds do
-    not pack better than by half, and friction holds what is pressed.
+    It is fullest when the middles of the sheet's edges arrive: a circle of this radius, thickness [m] wide. Folds fill
+    at most half of the area, and friction blocks compressed cloth.
     """
     return max(0.025, math.sqrt(4.0 * SHEET * thickness))
 

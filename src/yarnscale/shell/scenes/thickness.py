@@ -1,4 +1,4 @@
-"""How thick a cloth is, where its material knows the fabric it was made from."""
+"""Thickness of a cloth, from the provenance of its material."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.state import ClothState
 
 UNKNOWN_THICKNESS = 1e-3
-"""Of cloth whose material does not say [m]."""
+"""Of cloth whose material has none [m]."""
 _LARGEST_SHARE = 0.4
-"""Of the edges of a mesh: thicker cloth would repel its own next-nearest triangles while it lies flat."""
+"""Of the edges of a mesh: thicker flat cloth would repel its own next-nearest triangles."""
 
 _LEAST_PART = 0.1
 """Of the thickness of cloth whose layers start closer to each other than that."""
 
 
 def garment_thickness(material: ElementMaterial, mesh: TriangleMesh, start: ClothState) -> float:
-    """``cloth_thickness`` [m] of a mesh whose layers may lie close to each other at the start: no more than they do.
+    """``cloth_thickness`` [m] of a mesh with close layers at the start: at most their distance.
 
-    Thicker layers would be driven apart when the run begins. At least a tenth of the thickness of the cloth.
+    Otherwise the layers would be pushed apart at the start. At least a tenth of the thickness of the cloth.
     """
     thickness = cloth_thickness(material, mesh)
     closest = ClothContact(mesh, ContactSettings(thickness)).closest(start.positions)
