@@ -1,9 +1,9 @@
-"""Where to begin the pattern on every panel, so that it goes on across seams.
+"""Offsets of the pattern on the panels, so that it is continuous across seams.
 
-A seam lets the pattern go on where its two edges lie in the fabric like the two sides of one cut: one is the other
-shifted. The place in the pattern is u = (ξ − origin)/(stretch·period) on every panel; at such a seam both panels should
-agree on it up to whole tiles. Seams that close a ring of panels (the second side of a body, the one seam of a tube)
-have no freedom left: the pattern is stretched a little until a whole number of tiles goes round.
+The pattern can continue across a seam whose two edges are the two sides of one cut: one is the other shifted. The place
+in the pattern is u = (ξ − origin)/(stretch·period) on every panel; at such a seam both panels should have the same u up
+to whole tiles. If seams close a ring of panels (the second side of a body, the one seam of a tube), the pattern is
+stretched slightly to a whole number of tiles around the ring.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 LARGEST_STRETCH = 0.03
-"""Of a pattern, to make it fit round a ring of panels; where more would be needed it is left as it is."""
+"""Largest stretch of a pattern to fit around a ring of panels; if more is needed it is not stretched."""
 _OFF_BORDER = 1e-3
-"""Shift of the pattern, in tiles: no vertex of panels of round sizes lies on a seam, where both would have it."""
+"""Shift of the pattern, in tiles, so that for panels of round sizes no yarn vertex is exactly on a seam."""
 _PARALLEL = 0.05
 """Largest difference of the two sides of a seam, over its length, that counts as one shifted by the other."""
 
@@ -37,7 +37,7 @@ class _Shift:
 
 
 def aligned_tilings(period: Floats, mesh: TriangleMesh) -> Tilings:
-    """Tilings of the panels of a mesh by a pattern of a period (2,) [m] that agree across seams where they can."""
+    """Tilings of the panels of a mesh by a pattern of period (2,) [m], continuous across seams where possible."""
     numbers = mesh.panel_numbers
     count = int(numbers.max()) + 1
     if not mesh.has_seams:

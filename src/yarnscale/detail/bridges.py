@@ -1,4 +1,4 @@
-"""Bridges: yarn vertices between two panels, which follow from those on either side."""
+"""Bridges: yarn vertices between two panels, interpolated from those on either side."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Bridges:
         )
 
     def among(self, kept: NDArray[np.bool_]) -> Bridges:
-        """Those left, numbered anew, where whole curves of the vertices (n,) are left out."""
+        """The remaining bridges, renumbered, if whole curves of the vertices (n,) are left out."""
         number = np.cumsum(kept) - 1
         own = kept[self.vertices]
         return Bridges(number[self.vertices[own]], number[self.anchors[own]], self.share[own])
@@ -47,5 +47,5 @@ NO_BRIDGES = Bridges(np.zeros(0, np.int64), np.zeros((0, 4), np.int64), np.zeros
 
 
 def _direction(vectors: Floats) -> Floats:
-    """Unit vectors, zero where there is no direction."""
+    """Unit vectors; zero for zero vectors."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]

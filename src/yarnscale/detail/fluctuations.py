@@ -1,12 +1,12 @@
-"""How the yarns of a cell lie under any strain: sampled fluctuations û, interpolated.
+"""Fluctuations û of the yarns of a cell under any strain, interpolated between samples.
 
     û(s, II) ≈ û(s, 0) + [û(s, λ_x = II11) − û(s, 0)] + [û(s, λ_y = II22) − û(s, 0)]
 
 each bracket linear between samples, as is û(s, 0) in s = (s_x, s_a, s_y): exact at every sampled state, continuous
-everywhere. (HYLC20 §6 adds energies like this, and Sperl et al. 2021, "Mechanics-Aware Deformation of Yarn Pattern
-Geometry", displacements; here bending is sampled at every in-plane state, for slack and taut fabric answer
-differently.) Twist II12 bends the yarns with the surface and has no term of its own. Outside the samples the nearest
-sampled state stands in; the yarns still follow the surface and its full stretch.
+everywhere. (HYLC20 §6 adds energies in this way, and Sperl et al. 2021, "Mechanics-Aware Deformation of Yarn Pattern
+Geometry", displacements; here bending is sampled at every in-plane state, since slack and taut fabric
+differ.) Twist II12 bends the yarns with the surface and has no term of its own. Outside the samples the nearest
+sampled state is used; the yarns still follow the surface and its full stretch.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ Floats = NDArray[np.float64]
 STRETCHES = (-0.16, -0.08, 0.0, 0.12, 0.27, 0.46, 0.7)
 SHEARS = (-0.5, -0.25, 0.0, 0.25, 0.5)
 CURVATURE = 0.08
-"""Sampled by default: s_x and s_y, s_a, and curvature times yarn radius, either way."""
+"""Sampled by default: s_x and s_y, s_a, and curvature times yarn radius, of both signs."""
 LARGEST_TABLE = 300_000_000
-"""Bytes up to which a table that needs no solves is made fine."""
+"""Largest size of a table that needs no solves [bytes]."""
 _TABLED = [0, 1, 2, 3, 5]
 """Components of strain that a table has axes for: all but the twist II12."""
 _BEND_SIZE = 0.2
-"""Curvature times yarn radius that counts as much as a strain of one."""
+"""Curvature times yarn radius that corresponds to a strain of one."""
 
 
 def detail_grid(cell: PeriodicCell) -> StrainGrid:
-    """The states that a table of a cell is made from by default: 245 flat ones, each bent in four ways too."""
+    """Default states of a table: 245 flat ones, each also bent along x and y with both signs."""
     bend = CURVATURE / cell.pattern.radius
     bends = (-bend, 0.0, bend)
     return StrainGrid(STRETCHES, SHEARS, STRETCHES, bends, bends)
@@ -56,7 +56,7 @@ class FluctuationTable:
 
     axes: sampled s_x, s_a, s_y [-], λ_x, λ_y [1/m], increasing. values: (n_x, n_a, n_y, 1 + m_x + m_y, n, 3) [m]; along
     the fourth axis û of the flat state, then û minus it for every λ_x, then for every λ_y. replaced: number of states
-    that did not converge, for which the nearest one that did stands in.
+    that did not converge and are replaced by the nearest converged one.
     """
 
     pattern: YarnPattern
@@ -69,7 +69,7 @@ class FluctuationTable:
         """The table of a store of samples: of a grid with flat states among them as it is, of scattered states by
         interpolation (``from_scattered``).
 
-        Raises InputError where the store is of another pattern or without any usable state.
+        Raises InputError for a store of another pattern or without a usable state.
         """
         if store.attributes["provenance"]["pattern_hash"] != pattern.content_hash():
             raise InputError("samples of another pattern", where=store.path, expected=pattern.name)
@@ -92,10 +92,10 @@ class FluctuationTable:
 
     @classmethod
     def from_scattered(cls, store: SampleStore, pattern: YarnPattern) -> FluctuationTable:
-        """The table whose entries are interpolated between the converged states of a store, no solve needed.
+        """A table interpolated between the converged states of a store, without solves.
 
         The interpolant is piecewise smooth, exact at the stored states, and used within their range only. Raises
-        InputError where no state of the store converged.
+        InputError if no state of the store converged.
         """
         stored = ScatteredFluctuations.of(store, pattern.radius)
         axes = stored.axes()
@@ -117,7 +117,7 @@ class FluctuationTable:
 class ScatteredFluctuations:
     """û (m, 3n) [m] at scattered strains (m, 6), interpolated by radial basis functions |Δ| and a linear polynomial.
 
-    Components in the order of ``kinematics.COMPONENTS``. size: (6,) by which distances of states are counted.
+    Components in the order of ``kinematics.COMPONENTS``. size: (6,) units of the distance of states.
     """
 
     states: Floats
@@ -126,7 +126,7 @@ class ScatteredFluctuations:
 
     @classmethod
     def of(cls, store: SampleStore, radius: float) -> ScatteredFluctuations:
-        """From the converged states of a store; a yarn radius [m] counts curvatures. Raises InputError."""
+        """From the converged states of a store; radius: of the yarn [m], the scale of curvatures. Raises InputError."""
         good = np.flatnonzero(store.status() == CODE_OF["converged"])
         if len(good) == 0:
             raise InputError(
@@ -137,9 +137,9 @@ class ScatteredFluctuations:
         return cls(states, values, np.array([1.0] * 3 + [_BEND_SIZE / radius] * 3))
 
     def axes(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """Axes of a table: the usual ones in the range of the states, its ends, and what lies half-way.
+        """Axes of a table: the default values in the range of the states, its ends, and midpoints.
 
-        The latter as long as the table stays below ``LARGEST_TABLE``.
+        Midpoints as long as the table stays below ``LARGEST_TABLE``.
         """
         bend = CURVATURE * self.size[3] / _BEND_SIZE
         usual = (STRETCHES, SHEARS, STRETCHES, (-bend, 0.0, bend), (-bend, 0.0, bend))
@@ -158,7 +158,7 @@ class ScatteredFluctuations:
 
     @cached_property
     def _varying(self) -> NDArray[np.bool_]:
-        """Which components differ among the states."""
+        """Which components vary among the states."""
         return np.ptp(self.states, axis=0) > 0.0
 
     @cached_property
@@ -181,7 +181,7 @@ class ScatteredFluctuations:
     def error_on(self, store: SampleStore) -> Floats:
         """‖Δû‖ [m] of every vertex in converged states of another store, (k, n).
 
-        Those within the range of these states that are none of them.
+        Only states within the range of these ones and different from them.
         """
         other = ScatteredFluctuations.of(store, _BEND_SIZE / self.size[3])
         inside = (other.states >= self.states.min(axis=0)) & (other.states <= self.states.max(axis=0))
@@ -211,7 +211,7 @@ def _values(
     axes: tuple[Floats, Floats, Floats, Floats, Floats],
     slots: list[NDArray[np.int64]],
 ) -> tuple[Floats, int]:
-    """``values`` and ``replaced`` of a table; ``slots`` number the states over (s_x, s_a, s_y), the flat ones first."""
+    """``values`` and ``replaced`` of a table; slots: numbers of the states over (s_x, s_a, s_y), flat ones first."""
     good = store.status() == CODE_OF["converged"]
     if not good[slots[0]].any():
         raise InputError(
@@ -239,7 +239,7 @@ def _values(
 
 @numba.njit(cache=True, error_model="numpy")
 def bracket(axis, value):
-    """Interval of an increasing axis that holds a value, and how far in it lies, clamped to [0, 1]."""
+    """Interval of an increasing axis that contains a value, and the relative place in it, clamped to [0, 1]."""
     last = len(axis) - 1
     if last == 0 or value <= axis[0]:
         return 0, 0.0

@@ -1,11 +1,11 @@
-"""Yarns that go on across seams: ends on either side are joined one to one.
+"""Yarns continued across seams: ends on either side are joined one to one.
 
-At a seam both panels meet in space; laid flat beside each other, each end of a yarn has a place where it would go on
-(the next vertex of the pattern, beyond the border). An end is joined to the one of the other panel that is nearest to
-that place, and that it is nearest to in turn; the best pairs come first. Both are of one material. Where the pattern
-goes on unbroken, that is the very next vertex. Elsewhere a smooth bridge takes the place of the last vertices of both.
-Ends that find no partner within half a stitch, because one panel has more of them, look for one beside them on their
-own side, as where a loop of the pattern is cut off; what is still left stays cut.
+With both panels laid flat beside each other, each yarn end has a continuation (the next vertex of the pattern, beyond
+the border). An end is joined to the end of the other panel that is nearest to this place if the converse holds too; the
+closest pairs come first. Both are of one material. Where the pattern is continuous, the partner is the next vertex.
+Elsewhere a smooth bridge replaces the last vertices of both.
+Ends without a partner within half a stitch, because one panel has more of them, are joined to a neighbour on their own
+side, as at a loop that is cut off; the rest stays cut.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _EXACT = 0.5
-"""Miss of an end, in steps of the yarn, below which it is joined as it is."""
+"""Distance of two ends, in steps of the yarn, below which they are joined without a bridge."""
 
 
 def sewn_layout(pattern: YarnPattern, mesh: TriangleMesh, tilings: Tilings | None = None) -> YarnLayout:
-    """The pattern laid over all panels so that it goes on across seams where it can, with the yarns joined there.
+    """The pattern laid over all panels, continuous across seams where possible, with the yarns joined there.
 
-    tilings: where the pattern lies, default ``aligned_tilings``. Errors as of ``YarnLayout.of``, which it equals on
-    cloth without seams.
+    tilings: offsets of the pattern, default ``aligned_tilings``. Without seams, and in its errors, like
+    ``YarnLayout.of``.
     """
     if tilings is None:
         tilings = aligned_tilings(pattern.period, mesh)
@@ -44,12 +44,12 @@ def sewn_layout(pattern: YarnPattern, mesh: TriangleMesh, tilings: Tilings | Non
 
 @dataclass(frozen=True, eq=False)
 class YarnEnds:
-    """Ends of open yarns that lie at a seam.
+    """Ends of open yarns at a seam.
 
     end: 2·curve for its first vertex, 2·curve + 1 for its last one, (k,). place: reference coordinates and height,
-    (k, 3) [m]; step: from there to where the yarn would go on, (k, 3) [m]; panel: (k,); kind: (k,)
-    number of the yarn's material. seen: place, step and panel as
-    the other side of the seam has them, if it went on flat beyond its border.
+    (k, 3) [m]; step: from there to the continuation of the yarn, (k, 3) [m]; panel: (k,); kind: (k,)
+    number of the yarn's material. seen: place, step and panel in the coordinates of
+    the other side of the seam, continued flat beyond its border.
     """
 
     end: Integers
@@ -63,7 +63,7 @@ class YarnEnds:
 
     @classmethod
     def of(cls, layout: YarnLayout, pattern: YarnPattern, mesh: TriangleMesh) -> YarnEnds:
-        """Those whose next vertex lies beyond a sewn edge."""
+        """Those whose next vertex is beyond a sewn edge."""
         curves = np.flatnonzero(~layout.closed)
         end = np.column_stack([2 * curves, 2 * curves + 1]).ravel()
         vertex = np.where(end % 2 == 0, layout.offsets[end // 2], layout.offsets[end // 2 + 1] - 1)

@@ -1,4 +1,4 @@
-"""How far yarns placed on a cloth overlap: distances of neighbouring yarns over their diameter."""
+"""Overlap of yarns on a cloth: distances of neighbouring yarns over their diameter."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from yarnscale.yarn.neighbours import segment_gap
 Floats = NDArray[np.float64]
 
 NEIGHBOURS = 3
-"""Segments so many edges apart along a yarn are no pair, as in the contact of the cell."""
+"""Segments at most so many edges apart along a yarn are no pair, as in the contact of the cell."""
 SAME_STITCH = 2.5
-"""Segments nearer than so many periods in the fabric touch as stitches do; others because layers of cloth meet."""
+"""Segments closer than so many periods in the fabric belong to neighbouring stitches, others to layers of cloth."""
 
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Distance of every yarn segment to the nearest other one, over the diameter; inf where none is within one.
+    """Distance of every yarn segment to the nearest other one, over the diameter; inf beyond one diameter.
 
     fabric: to yarns of the same stitches, (m,). layers: to yarns of other layers of the cloth or other panels, (m,).
     """

@@ -5,10 +5,10 @@ through the vertex itself). The fit is linear in positions, so its weights are f
 
     φ(ξ) = Σ_v λ_v(ξ) (x_v + ½ A_v (ξ − ξ_v)),   A(ξ) = Σ_v λ_v A_v,   I(ξ) = Σ_v λ_v I_v,   II(ξ) = Σ_v λ_v II_v,
 
-λ the barycentric coordinates and A_v the fitted ∂φ/∂ξ. φ reproduces every quadratic exactly, on any mesh; it, A, I and
-II have no jump across triangles, since on an edge only its two ends count. A tells directions only: where cloth rolls
-up within a few triangles, a fit takes the short way across the roll and would call it compression. So I_v is the mean
-of the metrics of the triangles around a vertex.
+λ the barycentric coordinates and A_v the fitted ∂φ/∂ξ. φ reproduces every quadratic exactly, on any mesh; φ, A, I and
+II are continuous across triangles, since on an edge only its two ends contribute. A is used for directions only: where
+cloth rolls up within a few triangles, the fit cuts through the roll, which would appear as compression. So I_v is the
+mean of the metrics of the triangles around a vertex.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class SurfaceFit:
 
     @classmethod
     def of(cls, mesh: TriangleMesh) -> SurfaceFit:
-        """Fits over two rings of neighbours; more where those do not determine a quadratic."""
+        """Fits over two rings of neighbours, or more if these do not determine a quadratic."""
         count = len(mesh.material)
         tails, heads = mesh.corners.ravel(), np.roll(mesh.corners, -1, axis=1).ravel()
         both = np.concatenate([tails, heads]), np.concatenate([heads, tails])

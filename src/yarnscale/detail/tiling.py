@@ -1,4 +1,4 @@
-"""A pattern laid over the panels of a cloth: long yarns, cut at the panels' borders, and where each vertex lies."""
+"""A pattern laid over the panels of a cloth: yarns cut at the borders, and the place of each vertex."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ON_EDGE = -1e-9
 
 @dataclass(frozen=True, eq=False)
 class Tilings:
-    """Where the pattern lies on every panel: reference coordinates ξ = origin + stretch·(place in the pattern).
+    """Place of the pattern on every panel: reference coordinates ξ = origin + stretch·(place in the pattern).
 
     origin: (panels, 2) [m]; stretch: (panels, 2) [-], near one.
     """
@@ -41,13 +41,13 @@ class Tilings:
 
 @dataclass(frozen=True, eq=False)
 class YarnLayout:
-    """Yarn vertices on a cloth, curve after curve; what deformation never changes.
+    """Yarn vertices on a cloth, curve by curve, independent of its deformation.
 
-    vertex: (n,) of the pattern. triangle: (n,) that holds its reference coordinates ξ; place: (n, 3) barycentric
+    vertex: (n,) of the pattern. triangle: (n,) that contains its reference coordinates ξ; place: (n, 3) barycentric
     coordinates there. material: ξ, (n, 2) [m]. panel: (n,). stretch: of the pattern on that panel, (n, 2).
     offsets: (c + 1,) where each curve begins and the last one ends. yarn: (c,) number of each curve's yarn in the
-    pattern. closed: (c,) whether the last vertex joins the first one. bridges: vertices that belong to no panel but
-    lead from one to another; what the arrays say of them is copied from their neighbours.
+    pattern. closed: (c,) whether the last vertex is joined to the first. bridges: vertices between panels, for which
+    the arrays copy their neighbours.
     """
 
     vertex: Integers
@@ -65,8 +65,8 @@ class YarnLayout:
     def of(cls, pattern: YarnPattern, mesh: TriangleMesh) -> YarnLayout:
         """Repeat ``pattern`` over every panel, tile (0, 0) at the origin of its material coordinates.
 
-        A yarn ends at the last vertex whose reference coordinates lie in the panel. Raises InputError where no yarn
-        fits on any panel, or where the pattern is far too fine for the cloth.
+        A yarn ends at the last vertex whose reference coordinates are in the panel. Raises InputError if no yarn
+        fits on any panel, or if the pattern is far too fine for the cloth.
         """
         return cls.pieces(pattern, mesh, Tilings.plain(_panel_count(mesh))).without_snippets(pattern, mesh)
 
@@ -98,13 +98,13 @@ class YarnLayout:
 
     @property
     def curve_of_vertex(self) -> Integers:
-        """Which curve every vertex is of, (n,)."""
+        """Number of the curve of every vertex, (n,)."""
         return np.repeat(np.arange(len(self.yarn)), np.diff(self.offsets))
 
     def without_snippets(self, pattern: YarnPattern, mesh: TriangleMesh) -> YarnLayout:
-        """Without pieces too short to be yarns; at a seam, where they fill the fabric up to it, three vertices do.
+        """Without pieces that are too short; at a seam three vertices suffice.
 
-        Raises InputError where nothing is left.
+        Raises InputError if nothing is left.
         """
         starts, ends = self.offsets[:-1], self.offsets[1:]
         kept = np.zeros(len(starts), bool)

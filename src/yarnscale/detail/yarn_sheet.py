@@ -1,7 +1,7 @@
 """Yarns laid on a mesh with material coordinates, as a sheet that can be simulated yarn by yarn.
 
-Where a vertex lies is the business of ``YarnDetail``; its frame turns with the surface, by the rotation nearest to the
-surface's gradient there. Yarns keep the lengths that they have in the pattern: a mesh that is stretched stretches them.
+``YarnDetail`` places the vertices; frames rotate with the surface, by the rotation nearest to its gradient.
+Yarns keep the rest lengths of the pattern, so that a stretched mesh stretches them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SheetOnMesh:
-    """A sheet, the mesh's normal at each of its vertices (n, 3), and how far each is from a border or seam (n,) [m]."""
+    """A sheet, the mesh's normal at each of its vertices (n, 3), and their distance from a border or seam (n,) [m]."""
 
     sheet: YarnSheet
     normals: Array
@@ -42,8 +42,8 @@ def sheet_on_mesh(
 ) -> SheetOnMesh:
     """The pattern over every panel of a mesh, its loops as in a cell's equilibrium without strain (default: as drawn).
 
-    positions: of the mesh's vertices (nv, 3) [m], by default as assembled. Raises InputError where no yarn fits, and
-    for cloth too large for its yarns.
+    positions: of the mesh's vertices (nv, 3) [m], by default as assembled. Raises InputError if no yarn fits or the
+    cloth is too large for its yarns.
     """
     detail = YarnDetail.of(_one_state(pattern, state), mesh, seams="cut")
     layout, vertex = detail.layout, detail.layout.vertex

@@ -1,12 +1,12 @@
 """Yarns on a moving cloth: laid out once, placed in every frame.
 
-A yarn vertex with reference coordinates (ξ, h) lies at
+A yarn vertex with reference coordinates (ξ, h) is at
 
     x = φ(ξ) + Q(ξ) (û + h e3),
 
 as in the cell (theory §2, C1), with the cloth's surface φ for the cell's, and Q, whose columns are ∂φ/∂ξ · I^(−1/2) and
-the normal, for R. On a uniformly stretched or cylindrically bent cloth that is the cell's own equilibrium. Everything
-that enters is continuous across triangles, so the yarns are.
+the normal, for R. On a uniformly stretched or cylindrically bent cloth this is the cell's own equilibrium. All
+terms are continuous across triangles, and so are the yarns.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Integers = NDArray[np.int64]
 Seams = Literal["joined", "cut"]
 
 _CRUSHED = 1e-6
-"""Area over rest area below which a surface has no normal of its own; the triangle's stands in for it."""
+"""Area over rest area below which the normal of the triangle replaces that of the surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class YarnDetail:
     def of(cls, table: FluctuationTable, mesh: TriangleMesh, *, seams: Seams = "joined") -> YarnDetail:
         """Lay the table's pattern over a mesh, its yarns joined across seams or cut there.
 
-        Raises InputError where no yarn fits on any panel.
+        Raises InputError if no yarn fits on any panel.
         """
         if seams not in get_args(Seams):
             raise InputError("yarns at seams", expected=" or ".join(get_args(Seams)), found=seams)
@@ -62,7 +62,7 @@ class YarnDetail:
     def curves(self, positions: Floats) -> Floats:
         """Yarn vertices [m], shape (n, 3) in the order of ``layout``, of the mesh deformed to positions (nv, 3) [m].
 
-        Raises InputError on positions of another mesh or that are not finite.
+        Raises InputError for positions of another mesh or that are not finite.
         """
         return self._placed(positions)[0]
 
