@@ -68,7 +68,7 @@ def sheet_on_mesh(
 
 
 def _one_state(pattern: YarnPattern, state: Equilibrium | None) -> FluctuationTable:
-    """A table that knows one shape of the pattern."""
+    """A table with one shape of the pattern."""
     zero = np.zeros(1)
     values = np.zeros((1, 1, 1, 3, len(pattern.edges), 3))
     if state is not None:

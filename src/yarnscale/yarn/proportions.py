@@ -48,7 +48,7 @@ def _unusual(pattern: YarnPattern) -> Iterator[str]:
     if cover > _DENSE:
         yield f"yarns lie {cover:.3g} times on each other: {sizes}"
     if cover < _OPEN:
-        # A yarn is near to itself along its way; that says nothing.
+        # Neighbouring parts of one yarn are always close.
         reach = 3.0 * _FAR_APART * radius
         own = math.ceil(reach / float(np.median(pattern.rest_length)))
         apart = closest_approach(pattern, within=reach, neighbours=own).distance / (2.0 * radius)

@@ -40,7 +40,7 @@ def pair_cuts(before, after, ends, first, second):
         e, f = ends[i], ends[g]
         if i == g or e == g or f == i:
             continue
-        # Volume u·(v × w) of the edges u, w and the way v between them, each linear in time.
+        # Volume u·(v × w) of the edges u, w and the vector v between them, each linear in time.
         u0, w0, v0 = before[e] - before[i], before[f] - before[g], before[g] - before[i]
         u1, w1, v1 = after[e] - after[i] - u0, after[f] - after[g] - w0, after[g] - after[i] - v0
         k[0] = _triple(u0, v0, w0)

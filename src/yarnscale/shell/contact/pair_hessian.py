@@ -1,12 +1,12 @@
 """Second derivatives of the contact of pairs, positive and in closed form, and their sum in a sparse matrix.
 
 The distance d of the closest points Σ c x, whose coefficients change along g_a as the points slide on their
-triangle or edges, has ∇d = c n and, with t_a = Σ g_a x made orthonormal, and the g_a with them,
+triangle or edges, has ∇d = c n. With orthonormalised t_a = Σ g_a x and correspondingly changed g_a,
 
     −d ∇²d = Σ_a [(c t_a)(d g_a n)ᵀ + (d g_a n)(c t_a)ᵀ + (d g_a n)(d g_a n)ᵀ] − Σ_p (c p)(c p)ᵀ
 
 with p normal to n and all t_a. Repulsion has b' < 0, so −b'/d times this is added to b'' (c n)(c n)ᵀ.
-With the t_a turned so that the g_a are normal to each other the sum falls into blocks of two by two, [[0, α], [α, β]],
+With t_a rotated so that the g_a are orthogonal, the sum consists of 2×2 blocks [[0, α], [α, β]],
 whose positive parts have rank one; the last term is negative and left out.
 """
 
@@ -152,7 +152,7 @@ def _twist(x, turning, turned, vectors, sizes, count):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def add_repulsion(positions, pairs, corner, coefficients, slopes, bends, turning, turned, slots, blocks):
-    """Add the Hessians of pairs (n, 4) to blocks (m, 9); slots (n, 10) say where, see ``block_slots``."""
+    """Add the Hessians of pairs (n, 4) to blocks (m, 9) at slots (n, 10), see ``block_slots``."""
     x, vectors, sizes = np.empty((4, 3)), np.empty((6, 4, 3)), np.empty(6)
     for n in range(len(pairs)):
         for i in range(4):
@@ -178,7 +178,7 @@ def add_repulsion(positions, pairs, corner, coefficients, slopes, bends, turning
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def add_friction(pairs, coefficients, normals, sliding, across, along, slots, blocks):
-    """Add c cᵀ ⊗ K of pairs (n, 4) to blocks (m, 9): K has ``along`` for sliding on and ``across`` to its side."""
+    """Add c cᵀ ⊗ K of pairs (n, 4) to blocks (m, 9): K has ``along`` along the slip and ``across`` normal to it."""
     stiffness = np.empty((3, 3))
     for n in range(len(pairs)):
         square = sliding[n, 0] ** 2 + sliding[n, 1] ** 2 + sliding[n, 2] ** 2

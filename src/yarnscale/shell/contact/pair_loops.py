@@ -59,7 +59,7 @@ def free_fraction(positions, step, pairs, corners, kept, begin, end):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def add_forces(positions, pairs, coefficients, forces, moments, gradient):
-    """Add, of pairs (n, 4), forces (n,) times the way between closest points, and moments (n,) times ∇|a × b|².
+    """Add, of pairs (n, 4), forces (n,) times the vector between closest points, and moments (n,) times ∇|a × b|².
 
     a and b: the first and second edge, x₁ − x₀ and x₃ − x₂.
     """

@@ -1,12 +1,12 @@
-"""Pairs of a vertex and a triangle, and of two edges, that are near: searched for rarely, kept while they hold.
+"""Near pairs of a vertex and a triangle, and of two edges: a list that is valid for several iterations.
 
-What is searched for holds while every vertex stays in a box around where it was, or around the way it was to go,
-wider by a slack: then no pair outside the search can come nearer than the thickness.
+The list is valid while every vertex stays in a box around its position, or around its path, with a margin: then no
+other pair can be closer than the thickness.
 
-Between two surfaces a quarter of the pressure comes from the vertices of either, half from pairs of edges. A vertex
-stands for its area, but meets several triangles at once where these are not large against the thickness; and an area
-holds the more pairs of edges the shorter they are. So the weight of a pair is what its vertex or its edges stand for,
-over the mean number of such pairs at a place: pairs per area times the area over which a pair is felt. That area is
+Between two surfaces a quarter of the pressure comes from the vertices of each, half from pairs of edges. A vertex
+represents its area, but is near several triangles if these are not large compared with the thickness; and the number
+of pairs of edges per area grows as they get shorter. So the weight of a pair is the area of its vertex or its edges
+over the mean number of such pairs at a point: pairs per area times the area in which a pair repels. This area is
 S + P r₁ + π r₂² for a triangle of area S and outline P, and (2/π) a b + 2 (a + b) r₁ + π r₂² for edges of lengths a and
 b at random angles (Steiner's formula), with r₁ and r₂ from ``barrier.reach_aside``.
 """
@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _PARALLEL = 1e-3
-"""Squared sine of the angle between edges, of their lengths at rest, below which their repulsion fades."""
+"""Squared sine of the angle between edges, for their rest lengths, below which repulsion is reduced."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Pairs:
     """Pairs that may be near while every vertex stays in its box ``lowest`` … ``highest`` (nv, 3) [m].
 
     vertices: (n, 4), the first ``corners`` pairs of a vertex and a triangle, the others of two edges; weights: areas
-    times stiffness (n,) [N/m³]; limits: squared cross products below which repulsion fades, or 0 (n,) [m⁴].
+    times stiffness (n,) [N/m³]; limits: squared cross products below which repulsion is reduced, or 0 (n,) [m⁴].
     """
 
     lowest: Floats
@@ -93,10 +93,10 @@ class PairSearch:
         self._close: Close | None = None
 
     def _fit_bodies(self, thirds: Floats) -> None:
-        """Take the areas of coarse bodies from the cloth, whose vertices count the more the larger their triangles are.
+        """Limit the areas of coarse bodies and add the rest to the vertices of the cloth.
 
-        Vertices and edges of bodies stand for no more area than those inside the cloth do on average; what is then
-        left out is given to the cloth's vertices, by triangle of the body. thirds: of areas of triangles, (m,) [m²].
+        Vertices and edges of bodies represent at most the mean area of those inside the cloth; the rest is
+        added to the cloth's vertices, by triangle of the body. thirds: of areas of triangles, (m,) [m²].
         """
         surfaces, split = self.surfaces, self.surfaces.cloth
         usual = thirds[:split].mean()
@@ -112,20 +112,20 @@ class PairSearch:
             areas[of_body] = np.minimum(areas[of_body], around * usual)
 
     def _met(self, over: Floats, around: Floats) -> Floats:
-        """Area of the places that a figure is felt from [m²]: those over it, and those beside it by their force.
+        """Area from which a figure repels [m²]: its own, and that beside it weighted with the force.
 
-        over, around: area [m²] and outline [m] of a triangle, or of the parallelogram that edges span on average.
+        over, around: area [m²] and outline [m] of a triangle, or of the mean parallelogram of two edges.
         """
         return over + around * self.strip + math.pi * self.disc**2
 
     def _edge_areas(self, met: Integers) -> Floats:
-        """Areas that pairs of edges (n, 2) stand for, (n,) [m²]."""
+        """Areas represented by pairs of edges (n, 2), (n,) [m²]."""
         first, second = self.lengths[met].T
         spanned = self._met(2.0 / math.pi * first * second, 2.0 * (first + second))
         return 0.5 * self.edge_areas[met].prod(axis=1) / spanned
 
     def along(self, start: Floats, end: Floats) -> Pairs:
-        """Pairs that may come near on the straight way from start to end."""
+        """Pairs that can be near along the straight path from start to end."""
         pairs = self._pairs
         if pairs is None or not (pairs.hold(start) and pairs.hold(end)):
             pairs = self._pairs = self._search(np.minimum(start, end), np.maximum(start, end))
@@ -138,7 +138,7 @@ class PairSearch:
         return self._close
 
     def nearer(self, positions: Floats, within: float) -> Close:
-        """Pairs nearer than a distance [m]; those that are farther than the thickness may be missed."""
+        """Pairs closer than a distance [m]; complete up to the thickness only."""
         pairs = self.along(positions, positions)
 
         def part(bounds: tuple[int, int]) -> tuple[Integers, Floats, Floats]:
@@ -196,7 +196,7 @@ def _summed(numbers: Integers, values: Floats, count: int) -> Floats:
 
 
 def _fade(crossed: Floats, limits: Floats) -> tuple[Floats, Floats, Floats]:
-    """Factor of the repulsion of edges that is 0 where they are parallel, with derivatives (Li et al. 2020, eq. 24)."""
+    """Factor of the repulsion of edges, 0 if they are parallel, with derivatives (Li et al. 2020, eq. 24)."""
     faded = crossed < limits
     limit = np.where(faded, limits, 1.0)
     share = np.where(faded, crossed / limit, 1.0)

@@ -1,7 +1,7 @@
 """Cloth against a sphere or a half-space.
 
-A plane is met by the vertices, which are the closest points of flat triangles. A sphere is met by the point of
-each triangle that is closest to its centre, so that it cannot poke through a coarse mesh.
+A plane is in contact with vertices, the closest points of flat triangles. A sphere is in contact with the point of
+each triangle that is closest to its centre, so that it cannot penetrate a coarse mesh.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _KEPT = 0.1
-"""Share of a distance that a step may not use up."""
+"""Part of a distance that remains after a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class _Touch:
 
 
 class ShapeContact:
-    """Contact with one shape, whose point is row ``guest`` of the ``rows`` of positions, or stands still (None)."""
+    """Contact with one shape, whose point is row ``guest`` of the ``rows`` of positions, or at rest (None)."""
 
     def __init__(
         self, shape: Shape, mesh: TriangleMesh, settings: ContactSettings, guest: int | None, rows: int
@@ -77,7 +77,7 @@ class ShapeContact:
         self.origin = away @ self._turned(time, duration).T
 
     def slips(self, positions: Floats) -> Slips:
-        """What friction has taken up at the end of a step."""
+        """Elastic slips at the end of a step."""
         return ended_with(self.between, self._slip(positions)[0], self.reach)
 
     def value(self, positions: Floats) -> float:
@@ -116,7 +116,7 @@ class ShapeContact:
         return np.concatenate([k for k, _ in found]), np.concatenate([e for _, e in found])
 
     def room(self, positions: Floats, within: float) -> Integers:
-        """Keys, as of ``hessian``, of what is nearer than ``within`` [m]."""
+        """Keys, as of ``hessian``, of points closer than ``within`` [m]."""
         touch = self._touch(positions, within)
         return self._entries(touch, np.zeros((len(touch.which), 3, 3)))[0]
 
@@ -137,7 +137,7 @@ class ShapeContact:
         return self.closest(positions) <= 0
 
     def crossings(self, positions: Floats, body: int, name: str) -> list[Crossing]:
-        """How the cloth crosses the shape; body: its number among the obstacles."""
+        """Crossings of the cloth with the shape; body: its number among the obstacles."""
         flat = isinstance(self.shape, Plane)
         inside = self._touch(positions, math.nextafter(0.0, 1.0))
         if not len(inside.which):
@@ -146,7 +146,7 @@ class ShapeContact:
         return [shape_crossing(body, name, kind, inside.distances, _combine(inside, positions), count)]
 
     def _advance(self, corners: Floats, steps: Floats) -> float:
-        """Fraction of steps of corners (n, 3, 3) about the centre that leaves every triangle outside.
+        """Fraction of steps of corners (n, 3, 3) relative to the centre that keeps every triangle outside.
 
         Conservative advancement: no point of a triangle is faster than its fastest corner.
         """
@@ -170,7 +170,7 @@ class ShapeContact:
         return min(first, float(done.min(initial=1.0)))
 
     def _touch(self, positions: Floats, within: float | None = None) -> _Touch:
-        """What is nearer than the thickness, or than ``within`` [m]."""
+        """Points closer than the thickness, or than ``within`` [m]."""
         limit = self.settings.thickness if within is None else within
         relative = positions[: self.count] - self._point(positions)
         if isinstance(self.shape, Plane):
@@ -242,9 +242,9 @@ class ShapeContact:
 
 
 def _tilts(corners: Floats, weights: Floats, normals: Floats, distances: Floats) -> Floats:
-    """How the direction from the centre to the closest points of triangles (n, 3, 3) turns: (n, 4, 3, 3).
+    """Change of the direction from the centre to the closest points of triangles (n, 3, 3): (n, 4, 3, 3).
 
-    distances: from the centre, (n,). The closest point lies on a face, an edge or a corner, with barycentric weights
+    distances: from the centre, (n,). The closest point is on a face, an edge or a corner, with barycentric weights
     w, gradients g of w along it, and the projection P onto it. To second order in moves x of the corners and c of
     the centre, −∇²d = d |Σ C_j x_j + C c|² − |…|²/d with C_j = g_j nᵀ + w_j P/d and C = −P/d. The last term, the
     curvature of the ball, is left out.

@@ -1,10 +1,10 @@
-"""Slip that friction has taken up, kept from one step to the next.
+"""Elastic slip of friction, transferred from one step to the next.
 
-Friction is a spring along the surface that yields: within a step its force grows with the slip u up to μN at
-|u| = ``reach``. A spring that began every step without slip would let what sticks creep by a part of ``reach`` a step.
-So each contact begins a step with the slip that its last one ended with, at most ``reach``: sticking contacts hold
-their place, as in elastic–plastic friction with a return to the yield surface (Simo and Laursen 1992). Slips are kept
-in units of ``reach``, which grows with the step, so that forces stay as they are where steps grow.
+Friction is elastic–plastic along the surface: within a step its force grows with the slip u up to μN at
+|u| = ``reach``. If every step began without slip, sticking contacts would creep by a part of ``reach`` per step.
+So each contact begins with the slip at the end of the last step, at most ``reach``, as in a return to the yield surface
+(Simo and Laursen 1992). Slips are stored in units of ``reach``, which is proportional to the step, so that forces do
+not change with the length of steps.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ def begun_with(slips: Slips | None, between: Integers, normals: Floats, reach: f
 
 
 def ended_with(between: Integers, slips: Floats, reach: float) -> Slips:
-    """What contacts ``between`` (n, 5) keep of slips (n, 3) [m] at the end of a step."""
+    """Elastic slips of contacts ``between`` (n, 5) at the end of a step, from slips (n, 3) [m]."""
     amounts = slips / reach
     amounts /= np.maximum(np.linalg.norm(amounts, axis=1), 1.0)[:, None]
     return Slips(between, amounts)
 
 
 def _numbers(between: Integers) -> NDArray[np.uint64]:
-    """A number of each row, by which equal rows are found; rows are compared afterwards."""
+    """Hash of each row; rows with equal hashes are compared afterwards."""
     return (between.astype(np.uint64) * _FACTORS).sum(axis=1, dtype=np.uint64)

@@ -1,9 +1,8 @@
-"""Cloth against itself and against bodies of triangles.
+"""Contact of cloth with itself and with bodies of triangles.
 
 Energy Σ w b(d) over pairs of a vertex and a triangle and over pairs of edges, the latter times a factor that vanishes
-where edges are parallel (Li et al. 2020, sections 4 and 5). The weights w are areas such that the pressure between
-surfaces does not depend on how finely they are divided: see ``pair_search``. Frames are checked for crossings by
-``ipctk``, which has no part in keeping them apart.
+for parallel edges (Li et al. 2020, sections 4 and 5). The weights w are areas such that the pressure between
+surfaces does not depend on the mesh, see ``pair_search``. ``ipctk`` tests frames for crossings independently.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _KEPT = 0.1
-"""Share of a distance that a step may not use up."""
+"""Part of a distance that remains after a step."""
 
 # One warning for every pair of a state that intersects says nothing that ``intersects`` does not say.
 ipctk.set_logger_level(ipctk.LoggerLevel.error)
@@ -38,11 +37,10 @@ ipctk.set_logger_level(ipctk.LoggerLevel.error)
 
 @dataclass(frozen=True, eq=False)
 class _Grip:
-    """What rubs during a step: pairs (k, 4), coefficients (k, 4), normals (k, 3), limits of friction (k,) [N].
+    """Friction contacts of a step: pairs (k, 4), coefficients (k, 4), normals (k, 3), largest friction (k,) [N].
 
-    origin: all vertices at its start (nv, 3) [m]; reach: slip below which friction is not full [m]; begun: slip
-    with which the step begins (k, 3) [m]; between: (k, 5) as in ``Slips``, and signs (k,) that make pairs of edges one
-    whichever comes first.
+    origin: all vertices at its start (nv, 3) [m]; reach: slip of full friction [m]; begun: elastic slip at the start
+    (k, 3) [m]; between: (k, 5) as in ``Slips``, and signs (k,) for the order of the two edges of a pair.
     """
 
     vertices: Integers
@@ -63,9 +61,9 @@ class _Grip:
 
 
 class SurfaceContact:
-    """Contact of surfaces; bodies come with the row of their first point, or None where they stand still.
+    """Contact of surfaces; bodies have the row of their first point, or None if they are at rest.
 
-    Vertices: all rows of the positions, then those of bodies that stand still.
+    Vertices: all rows of the positions, then those of bodies at rest.
     """
 
     def __init__(
@@ -121,7 +119,7 @@ class SurfaceContact:
         )
 
     def slips(self, positions: Floats) -> Slips:
-        """What friction has taken up at the end of a step."""
+        """Elastic slips at the end of a step."""
         grip = self._grip
         if grip is None:
             return Slips(np.zeros((0, 5), np.int64), np.zeros((0, 3)))
@@ -203,7 +201,7 @@ class SurfaceContact:
         return keys, pair_hessian.scalar_entries(starts, found, blocks, len(keys))
 
     def room(self, positions: Floats, within: float) -> Integers:
-        """Keys, as of ``hessian``, of pairs nearer than ``within`` [m]."""
+        """Keys, as of ``hessian``, of pairs closer than ``within`` [m]."""
         close = self.search.nearer(self.everything(positions), within)
         _, starts, found = pair_hessian.block_slots(close.vertices, self.rows)
         return pair_hessian.scalar_keys(starts, found, 3 * self.rows)
@@ -224,7 +222,7 @@ class SurfaceContact:
         return bool(ipctk.has_intersections(self._check, np.asfortranarray(self.everything(positions))))
 
     def crossings(self, positions: Floats, numbers: Sequence[int], names: Sequence[str]) -> list[Crossing]:
-        """Where surfaces cross, by the search of ``intersects``; numbers, names: of the bodies among the obstacles."""
+        """Crossings, found as by ``intersects``; numbers, names: of the bodies among the obstacles."""
         found = surface_crossings(
             self.everything(positions), self.search.surfaces.triangles, self._owners, names,
             within_cloth=self.settings.self_contact,
@@ -237,7 +235,7 @@ class SurfaceContact:
 
 
 def _check_mesh(cloth: int, triangles: Integers, rest: Floats, self_contact: bool) -> ipctk.CollisionMesh:
-    """What the test of frames sees: all surfaces, the first ``cloth`` vertices of the cloth."""
+    """All surfaces for the test of frames, the first ``cloth`` vertices of the cloth."""
     faces = np.asfortranarray(triangles.astype(np.int32))
     mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(faces), faces)
     if not self_contact:

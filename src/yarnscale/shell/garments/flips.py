@@ -1,4 +1,4 @@
-"""Edges turned so that more than three triangles meet at every inner vertex, as bending of triangles needs."""
+"""Edge flips so that at least four triangles meet at every inner vertex, as bending of triangles requires."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _SLIVER = 0.02
-"""Area over the square of the longest edge that a turned triangle must have."""
+"""Least area over the square of the longest edge of a flipped triangle."""
 
 
 def turned_edges(triangles: Integers, corners: Integers, material: Floats) -> tuple[Integers, Integers, int]:
-    """The triangles (nt, 3) and their corners in the fabric (nt, 3), and how many edges were turned.
+    """The triangles (nt, 3), their corners in the fabric (nt, 3), and the number of flipped edges.
 
-    An edge opposite to a vertex with three triangles is turned to end there, where both of its triangles are one piece
-    of fabric, stay well shaped in it, and the ends of the edge can spare it. ``material``: points of the fabric (n, 2).
-    Vertices without such an edge are left as they are.
+    An edge opposite to a vertex with three triangles is flipped to end there if both of its triangles are one piece
+    of fabric and stay well shaped, and its ends keep at least four. ``material``: points of the fabric (n, 2).
+    Vertices without such an edge are not changed.
     """
     inner, count = _inner(triangles), np.bincount(triangles.ravel())
     threes = np.flatnonzero(inner & (count == 3))
@@ -67,7 +67,7 @@ def turned_edges(triangles: Integers, corners: Integers, material: Floats) -> tu
 
 
 def _inner(triangles: Integers) -> NDArray[np.bool_]:
-    """Whether a vertex lies on no border, (nv,)."""
+    """Whether a vertex is inside, not on a border, (nv,)."""
     edges = np.sort(np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
     distinct, count = np.unique(edges, axis=0, return_counts=True)
     inner = np.ones(int(triangles.max()) + 1, bool)

@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 NEAR = 0.05
 """Distance of borders over the length of their edges, below which they count as one line."""
 _LARGEST_SHARE = 0.45
-"""Of the edges at a vertex: whatever distance is asked for, no edge may shrink to a point."""
+"""Of the edges at a vertex: largest distance, so that no edge shrinks to a point."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -212,7 +212,7 @@ def stretch(
             "bar_force": float(np.mean(forces)),
         }
 
-    # Only the rest counts; dynamics on the way to it need not be solved exactly.
+    # Only the final equilibrium counts; the dynamics before it need not be solved exactly.
     schedule = Schedule(duration, time_step, frame_interval=frame_interval, rough_iterations=30)
     return Scene(f"stretch {direction}", cloth, start, schedule, measure=measure)
 
