@@ -61,6 +61,17 @@ def test_time_place_and_side_of_a_cut() -> None:
     assert len(pair_cuts(aside, aside + fall, ends, np.array([0]), np.array([2]))) == 0
 
 
+def test_segments_side_by_side_do_not_cut_however_round_off_tilts_them() -> None:
+    """Parallel floats of a weave are coplanar but for round-off, whose sign any motion changes."""
+    generator, first = np.random.default_rng(0), 4 * np.arange(3000)
+    along = generator.uniform(0.5, 1.0, (3000, 1, 3))
+    places = generator.uniform(50.0, 100.0, (3000, 1, 3)) + along * np.array([[0.0], [1.0], [0.1], [1.1]])
+    places[:, 2:] += np.cross(along, generator.uniform(2.0, 3.0, (3000, 1, 3)))
+    lifted = places + generator.uniform(-0.1, 0.1, places.shape) * [[1.0], [1.0], [0.0], [0.0]]
+    ends = np.where(np.arange(12000) % 2 == 0, np.arange(12000) + 1, -1)
+    assert len(pair_cuts(places.reshape(-1, 3), lifted.reshape(-1, 3), ends, first, first + 2)) == 0
+
+
 def test_two_opposite_cuts_of_one_motion_undo_each_other() -> None:
     """Forth and back at the same place counts for nothing, at distant places of the yarn it does."""
     energy = PeriodicCell(library.build("basket-2x2"), MATERIAL).energy(ShellStrain())

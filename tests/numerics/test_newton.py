@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.newton import LinearConstraints, ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.newton import LinearConstraints, Reuse, ShiftRule, Solution, Status, minimise
 
 
 def full_pattern(n: int) -> SymmetricPattern:
@@ -176,6 +176,19 @@ def double_well(n: int = 2) -> Dense:
     return Dense(
         n, lambda x: float(0.25 * (x[0] ** 2 - 1) ** 2 + 0.5 * (x[1:] ** 2).sum()), gradient, hessian
     )
+
+
+def test_a_factor_used_again_saves_factorisations_on_the_way_to_the_same_minimum() -> None:
+    constraints = LinearConstraints(np.ones((1, 30)), np.array([20.0]))
+    start = np.linspace(0.0, 1.0, 30) + 1.0 / 6.0
+    once, again = (
+        minimise(rosenbrock(30), start, constraints=constraints, tolerance=1e-9, reuse=reuse)
+        for reuse in (None, Reuse())
+    )
+    assert once.converged
+    assert again.converged
+    np.testing.assert_allclose(again.x, once.x, atol=1e-7)
+    assert again.factorisations < 0.8 * once.factorisations
 
 
 def test_a_start_on_a_saddle_is_left() -> None:

@@ -230,3 +230,15 @@ def test_images_know_the_ends_of_segments() -> None:
     assert (images.tiles[0] == 0).all() and len(images.segment_end) == images.home * n == 15 * n
     edge = nodes[images.segment_end] - nodes[: images.home * n]
     np.testing.assert_allclose(edge, np.tile(pattern.edge_vectors(), (images.home, 1)), atol=1e-12)
+
+
+def test_a_wide_sheet_has_the_pairs_of_its_repeats() -> None:
+    """It is searched strip by strip."""
+    unit, counts = library.build("plain"), []
+    for pattern in (unit, unit.repeated(15, 14)):
+        images = Images.of(pattern, (1, 1))
+        moves = np.pad(images.tiles, ((0, 0), (0, 1))) * [*pattern.period, 0.0]
+        nodes = (pattern.vertices + moves[:, None]).reshape(-1, 3) / pattern.radius
+        search = PairSearch(pattern, images, neighbours=3, ordered=True)
+        counts.append(len(search.find(nodes, 2.71)[0]))
+    assert counts[1] == 15 * 14 * counts[0]

@@ -22,6 +22,7 @@ from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
+from yarnscale.numerics.newton import Reuse
 from yarnscale.numerics.null_space import ChainConstraints
 from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.neighbours import Images, pair_gaps, safe_fraction
@@ -94,6 +95,7 @@ class CellEnergy:
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
         self._large = n > LARGE
+        self.reuse = Reuse() if self._large else None
         self._rings = self._rings_within(SLACK)
         self.images = Images.of(pattern, self._rings)
         self.reference = self.placed(self.images)

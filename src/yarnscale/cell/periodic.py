@@ -279,6 +279,7 @@ class PeriodicCell:
             watch=self.watch,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
+            reuse=energy.reuse,
             backend=self.backend,
         )
 

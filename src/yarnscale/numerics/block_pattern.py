@@ -52,10 +52,8 @@ class BlockPattern:
         first = np.zeros(groups + 1, np.int64)
         np.cumsum(group_sizes, out=first[1:])
         group = np.repeat(np.arange(groups), group_sizes)
-        keys = np.unique(np.concatenate([np.arange(groups) * (groups + 1), keys]))
-        columns, rows = np.divmod(keys, groups)
-        starts = np.searchsorted(columns, np.arange(groups + 1))
-        offsets = np.empty(len(keys), np.int32)
+        starts, rows = _columns(keys, groups)
+        offsets = np.empty(len(rows), np.int32)
         size = int(first[-1])
         column_starts = np.zeros(size + 1, np.int64)
         entries = _lay_out(starts, rows, first, offsets, column_starts)
@@ -111,6 +109,36 @@ def _met(group, unknowns, groups):
                 keys[found] = min(own[a], own[b]) * groups + max(own[a], own[b])
                 found += 1
     return keys[:found]
+
+
+@numba.njit(**_JIT)
+def _columns(keys, groups):
+    """Starts (g + 1,) and sorted rows of the columns of keys, each once, the diagonal with them."""
+    first = np.zeros(groups + 1, np.int64)
+    for key in keys:
+        first[key // groups + 1] += 1
+    first = np.cumsum(first)
+    bucket, filled = np.empty(len(keys), np.int64), first.copy()
+    for key in keys:
+        column = key // groups
+        bucket[filled[column]] = key - column * groups
+        filled[column] += 1
+    starts, rows, seen = (
+        np.zeros(groups + 1, np.int64),
+        np.empty(len(keys) + groups, np.int64),
+        np.full(groups, -1),
+    )
+    found = 0
+    for column in range(groups):
+        rows[found], seen[column] = column, column
+        found += 1
+        for row in bucket[first[column] : first[column + 1]]:
+            if seen[row] != column:
+                rows[found], seen[row] = row, column
+                found += 1
+        rows[starts[column] : found].sort()
+        starts[column + 1] = found
+    return starts, rows[:found].copy()
 
 
 @numba.njit(**_JIT)

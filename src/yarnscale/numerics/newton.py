@@ -2,7 +2,8 @@
 
 Each step solves the KKT system of HYLC20 eq. 29, ``(H + shift·M) p + Cᵀ λ = −g, C p = d − C x``, with the few
 constraints eliminated by a Schur complement. The shift grows when the matrix is not positive definite or a step
-disappoints, and decays otherwise; exact Hessians with a small shift converge where projected ones do not.
+disappoints, and decays otherwise; exact Hessians with a small shift converge where projected ones do not. Of large
+systems each factor serves for some more steps, corrected by the changes of the gradient (``Reuse``).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
 from yarnscale.numerics.null_space import ChainConstraints, NullSpaceSolver
 from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
+from yarnscale.numerics.secant import SecantPairs
 
 Array = NDArray[np.float64]
 Constraints = LinearConstraints | SparseConstraints | ChainConstraints
@@ -85,6 +87,18 @@ class ShiftRule:
         return lower
 
 
+@dataclass(frozen=True)
+class Reuse:
+    """How long a factor is used again, where a factorisation costs many times a gradient.
+
+    steps: at most, after the step of Newton's method. worth: share of the decrease of that step below which a further
+    one does not pay.
+    """
+
+    steps: int = 5
+    worth: float = 0.05
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Outcome of ``minimise``: the point, its energy and how it was reached."""
@@ -111,6 +125,8 @@ _WORTH_MORE = 1.1
 """Actual over predicted decrease from which a longer step is tried."""
 _LONGEST = 16.0
 """Largest multiple of a step."""
+_SHORTEST = 0.1
+"""Fraction of a step with an old factor below which the factor is outdated."""
 _MOST_ESCAPES = 5
 """Saddles that one minimisation may leave."""
 
@@ -131,6 +147,7 @@ def minimise(
     enough: float = 0.0,
     max_iterations: int = 300,
     shift: ShiftRule | None = None,
+    reuse: Reuse | None = None,
     backtracks: int = 6,
     check_minimum: bool = True,
     backend: str | None = None,
@@ -144,12 +161,12 @@ def minimise(
     decrease of the energy than this, by the Hessian without shift, is the last, and the point it leads to counts as
     converged. check_minimum: accept a point below the tolerance only where the Hessian, restricted by the constraints,
     has no negative eigenvalue; else leave the saddle along it. backtracks: halvings of a step before the shift is
-    raised instead. linear: a solver with the same constraints from an earlier call, whose symbolic analysis lives on
-    while the pattern is the same.
+    raised instead. reuse: use every factor for further steps. linear: a solver with the same constraints from an
+    earlier call, whose symbolic analysis lives on while the pattern is the same.
     """
     return _Minimisation(
         objective, constraints, bound, after_step, watch, tolerance, enough, max_iterations, shift or ShiftRule(),
-        backtracks, check_minimum, linear if linear is not None else linear_solver(constraints, backend),
+        reuse, backtracks, check_minimum, linear if linear is not None else linear_solver(constraints, backend),
     ).run(np.array(start, dtype=np.float64))  # fmt: skip
 
 
@@ -173,6 +190,7 @@ class _Minimisation:
     enough: float
     max_iterations: int
     rule: ShiftRule
+    reuse: Reuse | None
     backtracks: int
     check_minimum: bool
     linear: LinearSolver
@@ -211,7 +229,7 @@ class _Minimisation:
                         x, iteration = moved, iteration + 1
                         value, gradient, residual = self._arrived(x)
                     break
-                x = moved
+                x = moved if self.reuse is None else self._further(x, value, gradient, moved, self.reuse)
             if self.after_step is not None:
                 self.after_step(x)
             value, gradient, model = self.objective.quadratic(x)
@@ -284,6 +302,31 @@ class _Minimisation:
                 return None, False
             self.shift = before = self.rule.raised(self.rule.raised(self.shift))
         return None, False
+
+    def _further(self, x: Array, value: float, gradient: Array, moved: Array, reuse: Reuse) -> Array:
+        """Where further steps with the present factor lead from ``moved``, the end of the step from x."""
+        pairs, least, gradient = SecantPairs(reuse.steps), 0.0, self._project(gradient)
+        for number in range(reuse.steps):
+            reached, force = self.objective.gradient(moved)
+            if number == 0:
+                least = reuse.worth * (value - reached)
+            if not value - reached >= least or not self._feasible(moved):
+                break
+            force = self._project(force)
+            pairs.add(moved - x, force - gradient)
+            x, value, gradient = moved, reached, force
+            step = pairs.direction(gradient, lambda right: self.linear.step(right, None))
+            fraction = 1.0 if self.bound is None else self.bound(x, step)
+            wanted = 1e-4 * float(gradient @ step)
+            while (
+                fraction > _SHORTEST
+                and not self.objective.value(x + fraction * step) < value + fraction * wanted
+            ):
+                fraction *= 0.4
+            if fraction <= _SHORTEST:
+                break
+            moved = x + fraction * step
+        return moved
 
     def _gains_little(self, gradient: Array, model: QuadraticModel, step: Array) -> bool:
         """Whether the way along a step promises less than ``enough``, whatever shift has shortened the step."""

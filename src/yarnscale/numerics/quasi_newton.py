@@ -1,8 +1,8 @@
 """Minimise an energy by quasi-Newton steps on a factor that is kept for many of them (L-BFGS).
 
 Where a factorisation costs many times a gradient, as for cloth, it pays to keep the factor of the positive model and
-to correct it by the last few changes of the gradient: the two-loop recursion of Nocedal 1980, with the factor as the
-first inverse Hessian. The factor is renewed after some iterations, while forces are large, and where a step fails.
+to correct it by the last few changes of the gradient, with the factor as the first inverse Hessian. The factor is
+renewed after some iterations, while forces are large, and where a step fails.
 
 Convergence is linear: leave the last digits to ``newton.minimise``.
 """
@@ -10,7 +10,6 @@ Convergence is linear: leave the last digits to ``newton.minimise``.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import Objective, Solution, Status
+from yarnscale.numerics.secant import SecantPairs
 
 Array = NDArray[np.float64]
 Bound = Callable[[Array, Array], float]
@@ -73,13 +73,13 @@ class _Run:
     keep: KeepRule
     linear: ConstrainedSolver
     history: list[tuple[float, float]] = field(default_factory=list)
-    changes: deque[tuple[Array, Array, float]] = field(default_factory=deque)
+    changes: SecantPairs = field(init=False)
     age: int = 0
     """Iterations since the factor was made."""
 
     def run(self, x: Array) -> Solution:
         before = self.linear.factorisations
-        self.changes = deque(maxlen=self.keep.memory)
+        self.changes = SecantPairs(self.keep.memory)
         value, gradient, status, iterations = math.inf, np.zeros_like(x), Status.INVALID, 0
         renewed = self._renew(x)
         if renewed is not None:
@@ -127,26 +127,13 @@ class _Run:
         if self.age > 0 and outdated and self._renew(x) is None:
             return None
         for _ in range(2):
-            moved = self._search(x, value, gradient, self._direction(gradient), residual)
+            direction = self.changes.direction(gradient, lambda right: self.linear.step(right, None))
+            moved = self._search(x, value, gradient, direction, residual)
             if moved is not None or self.age == 0:
                 return moved
             if self._renew(x) is None:
                 return None
         return None
-
-    def _direction(self, gradient: Array) -> Array:
-        """−H⁻¹ g by the two-loop recursion; −K⁻¹ g with the bare factor where that is no descent."""
-        rest, shares = -gradient, []
-        for step, change, weight in reversed(self.changes):
-            shares.append(weight * float(step @ rest))
-            rest = rest - shares[-1] * change
-        direction = self.linear.step(rest, None)
-        for (step, change, weight), share in zip(self.changes, reversed(shares), strict=True):
-            direction += (share - weight * float(change @ direction)) * step
-        if float(gradient @ direction) < 0:
-            return direction
-        self.changes.clear()
-        return self.linear.step(-gradient, None)
 
     def _search(
         self, x: Array, value: float, gradient: Array, direction: Array, residual: float
@@ -161,7 +148,9 @@ class _Run:
             reached, force = self.objective.gradient(trial)
             finite = math.isfinite(reached) and bool(np.isfinite(force).all())
             if finite and self._falls(value, reached, fraction * slope, residual, force):
-                self._remember(trial - x, force - gradient, fraction)
+                self.changes.add(trial - x, force - gradient)
+                if fraction < self.keep.shortest:
+                    self.age = self.keep.iterations
                 return trial, reached, force
             shrink = 0.5
             if finite:
@@ -175,10 +164,3 @@ class _Run:
             return True
         # Below the noise of the energy only the gradient can tell.
         return -predicted < 1e-11 * abs(value) and self._residual(force) < residual
-
-    def _remember(self, step: Array, change: Array, fraction: float) -> None:
-        curvature = float(step @ change)
-        if curvature > 1e-10 * float(np.linalg.norm(step) * np.linalg.norm(change)):
-            self.changes.append((step, change, 1.0 / curvature))
-        if fraction < self.keep.shortest:
-            self.age = self.keep.iterations

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import numba
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
@@ -138,18 +139,31 @@ def _closed(plan: np.ndarray, wales: int) -> np.ndarray:
 
 def line_crossings(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Crossings of two plane polylines (k, 2), (m, 2): places (index plus fraction) on the first and the second."""
-    low, high = second.min(axis=0), second.max(axis=0)
-    d, e = np.diff(first, axis=0), np.diff(second, axis=0)
-    near = np.flatnonzero(
-        ((np.maximum(first[:-1], first[1:]) >= low) & (np.minimum(first[:-1], first[1:]) <= high)).all(axis=1)
-    )
-    d = d[near][:, None, :]
-    gap = second[None, :-1, :] - first[near][:, None, :]
+    return _line_crossings(np.ascontiguousarray(first), np.ascontiguousarray(second))
 
-    def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s, u = cross(gap, e[None]) / cross(d, e[None]), cross(gap, d) / cross(d, e[None])
-    i, k = np.nonzero((s >= 0.0) & (s < 1.0) & (u >= 0.0) & (u < 1.0))
-    return near[i] + s[i, k], k + u[i, k]
+@numba.njit(cache=True, error_model="numpy")
+def _line_crossings(first, second):
+    low, high = second[0].copy(), second[0].copy()
+    for point in second:
+        low, high = np.minimum(low, point), np.maximum(high, point)
+    on_first, on_second = [0.0][:0], [0.0][:0]
+    for i in range(len(first) - 1):
+        x, y = first[i]
+        dx, dy = first[i + 1, 0] - x, first[i + 1, 1] - y
+        if (
+            max(x, x + dx) < low[0]
+            or min(x, x + dx) > high[0]
+            or max(y, y + dy) < low[1]
+            or min(y, y + dy) > high[1]
+        ):
+            continue
+        for k in range(len(second) - 1):
+            ex, ey = second[k + 1, 0] - second[k, 0], second[k + 1, 1] - second[k, 1]
+            gx, gy = second[k, 0] - x, second[k, 1] - y
+            size = dx * ey - dy * ex
+            s, u = (gx * ey - gy * ex) / size, (gx * dy - gy * dx) / size
+            if 0.0 <= s < 1.0 and 0.0 <= u < 1.0:
+                on_first.append(i + s)
+                on_second.append(k + u)
+    return np.array(on_first), np.array(on_second)

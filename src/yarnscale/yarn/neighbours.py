@@ -140,7 +140,7 @@ def _find(
             longest = max(longest, half[k])
             for c in range(3):
                 low[c], high[c] = min(low[c], middle[k, c]), max(high[c], middle[k, c])
-    # Copies near the box of the primary segments, sorted along its longest side.
+    # Copies near the box of the primary segments, sorted along its longest side; of a large sheet strip by strip.
     near = np.empty(segments, np.int64)
     count = 0
     for k in range(segments):
@@ -152,47 +152,65 @@ def _find(
             near[count] = k
             count += 1
     axis = 0 if high[0] - low[0] > high[1] - low[1] else 1
+    widest = reach + 3.0 * longest
+    strips = int((high[1 - axis] - low[1 - axis]) / (2.0 * widest))
+    if strips < 8:
+        strips = 1
+    across = (high[1 - axis] - low[1 - axis]) / strips
+    span = high[axis] - low[axis] + 8.0 * widest
     keys = np.empty(count)
     for m in range(count):
-        keys[m] = middle[near[m], axis]
+        place_across = middle[near[m], 1 - axis] - low[1 - axis]
+        strip = min(max(int(place_across / across), 0), strips - 1) if strips > 1 else 0
+        keys[m] = strip * span + middle[near[m], axis] - low[axis]
     order = np.argsort(keys)
     keys = keys[order]
     found = 0
     for i in range(n):
         window = reach + half[i] + longest * 2.0
-        first = np.searchsorted(keys, middle[i, axis] - window)
-        for m in range(first, count):
-            if keys[m] > middle[i, axis] + window:
-                break
-            g = near[order[m]]
-            j, tile = g % n, g // n
-            if ordered:
-                if g == i:
+        lowest, last = 0, 0
+        if strips > 1:
+            place_across = middle[i, 1 - axis] - low[1 - axis]
+            lowest = min(max(int((place_across - window) / across), 0), strips - 1)
+            last = min(max(int((place_across + window) / across), 0), strips - 1)
+        for strip in range(lowest, last + 1):
+            centre = strip * span + middle[i, axis] - low[axis]
+            for m in range(np.searchsorted(keys, centre - window), count):
+                if keys[m] > centre + window:
+                    break
+                g = near[order[m]]
+                j, tile = g % n, g // n
+                if ordered:
+                    if g == i:
+                        continue
+                elif j < i:
                     continue
-            elif j < i:
-                continue
-            elif j == i:
-                a, b = tiles[tile, 0], tiles[tile, 1]
-                if a < 0 or (a == 0 and b <= 0):
+                elif j == i:
+                    a, b = tiles[tile, 0], tiles[tile, 1]
+                    if a < 0 or (a == 0 and b <= 0):
+                        continue
+                limit = reach + half[i] + half[g]
+                x, y, z = (
+                    middle[g, 0] - middle[i, 0],
+                    middle[g, 1] - middle[i, 1],
+                    middle[g, 2] - middle[i, 2],
+                )
+                if x * x + y * y + z * z >= limit * limit:
                     continue
-            limit = reach + half[i] + half[g]
-            x, y, z = middle[g, 0] - middle[i, 0], middle[g, 1] - middle[i, 1], middle[g, 2] - middle[i, 2]
-            if x * x + y * y + z * z >= limit * limit:
-                continue
-            if yarn[i] == yarn[j] and _along(
-                i, j, tiles[tile], neighbours, yarn, place, walked, lengths, shift
-            ):
-                continue
-            e, f = ends[i], ends[g]
-            gap = segment_gap(
-                nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[e, 0], nodes[e, 1], nodes[e, 2],
-                nodes[g, 0], nodes[g, 1], nodes[g, 2], nodes[f, 0], nodes[f, 1], nodes[f, 2],
-            )  # fmt: skip
-            if gap < reach * reach:
-                if found == pairs.shape[0]:
-                    return -1
-                pairs[found, 0], pairs[found, 1] = i, g
-                found += 1
+                if yarn[i] == yarn[j] and _along(
+                    i, j, tiles[tile], neighbours, yarn, place, walked, lengths, shift
+                ):
+                    continue
+                e, f = ends[i], ends[g]
+                gap = segment_gap(
+                    nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[e, 0], nodes[e, 1], nodes[e, 2],
+                    nodes[g, 0], nodes[g, 1], nodes[g, 2], nodes[f, 0], nodes[f, 1], nodes[f, 2],
+                )  # fmt: skip
+                if gap < reach * reach:
+                    if found == pairs.shape[0]:
+                        return -1
+                    pairs[found, 0], pairs[found, 1] = i, g
+                    found += 1
     return found
 
 

@@ -10,6 +10,8 @@ import numba
 import numpy as np
 
 _JIT = {"cache": True, "error_model": "numpy"}
+_MEETING = 1e-8
+"""Squared distance, over squared lengths of the segments, below which coplanar segments meet."""
 
 
 @numba.njit(**_JIT)
@@ -72,6 +74,11 @@ def pair_cuts(before, after, ends, first, second):
                 continue
             s, r = (uv * ww - uw * vw) / skew, (uw * uv - uu * vw) / skew
             if 0.0 <= s < 1.0 and 0.0 <= r < 1.0:
+                gap = s * u - v - r * w
+                if np.sum(gap * gap) > _MEETING * (
+                    uu + ww
+                ):  # side by side: coplanar all the time, but for round-off
+                    continue
                 if found == out.shape[0]:
                     out = np.concatenate((out, np.empty((found, 6))))
                 out[found] = np.array([i, g, t, s, r, sign])
