@@ -109,7 +109,7 @@ def homogenized(size: tuple[float, float]) -> tuple[TriangleMesh, np.ndarray]:
 
 def draw(path: Path, piece: YarnSheet, yarns: np.ndarray, mesh: TriangleMesh, surface: np.ndarray) -> None:
     """Both side by side, seen from the lower right."""
-    from yarnscale.show.cloth import ClothFrame, cloth_picture
+    from yarnscale.show.cloth import ClothFrame, contact_sheet
     from yarnscale.show.curves import Curve
     from yarnscale.show.tubes import yarn_picture
 
@@ -118,7 +118,7 @@ def draw(path: Path, piece: YarnSheet, yarns: np.ndarray, mesh: TriangleMesh, su
     curves = [Curve(yarns[a:b], number) for number, (a, b) in enumerate(ends)]
     camera, size = (0.45, -1.0, 0.55), (580, 451)
     yarn_picture(parts[0], curves, piece.radius, camera=camera, size=size)
-    cloth_picture(parts[1], mesh.triangles, ClothFrame(surface), camera=camera, size=size)
+    contact_sheet(parts[1], mesh.triangles, [ClothFrame(surface)], camera=camera, size=size)
     image = import_module("matplotlib.image")
     image.imsave(path, np.concatenate([image.imread(part)[:, :, :3] for part in parts], axis=1))
     for part in parts:

@@ -21,7 +21,6 @@ from validation_shapes import silhouettes
 
 from yarnscale.show import theme
 from yarnscale.show.canvas import aim, light, screen
-from yarnscale.show.cloth import Solid
 from yarnscale.show.curves import Curve
 from yarnscale.show.plots import written_figure
 from yarnscale.show.tubes import tube_mesh
@@ -65,10 +64,7 @@ def rendered(row: dict, yarns: dict[str, Array], cloth: dict[str, Array]) -> lis
                 back = {"color": theme.CLOTH_BACK}
                 plotter.add_mesh(surface, color=theme.CLOTH_FRONT, backface_params=back, smooth_shading=True)
             if row["ball"]:
-                ball = Solid.sphere(*row["ball"])
-                plotter.add_mesh(
-                    pyvista.PolyData.from_regular_faces(ball.vertices, ball.triangles), color=ball.colour
-                )
+                plotter.add_mesh(pyvista.Sphere(*reversed(row["ball"])), color=theme.OBSTACLE)
             aim(plotter, whole, camera=EYES[row["scene"]])
             found.append(plotter.screenshot(return_img=True))
     return found
@@ -84,7 +80,7 @@ def outlines(axes: Axes, yarns: Array, cloth: Array) -> None:
 
 def side_by_side(folder: Path, names: list[str], scene: str, path: Path) -> None:
     """The picture of a scene."""
-    with written_figure(path, WIDTH, 1.42 * len(names) + 0.3, title="") as figure:
+    with written_figure(path, WIDTH, 1.42 * len(names) + 0.3) as figure:
         panels = figure.subplots(len(names), 6, squeeze=False)
         for line, name in zip(panels, names, strict=True):
             for k, direction in enumerate(DIRECTIONS):
@@ -114,7 +110,7 @@ def side_by_side(folder: Path, names: list[str], scene: str, path: Path) -> None
 
 def forces(folder: Path, names: list[str], path: Path) -> None:
     """Force of the bars over their way, while they move and when they stand still."""
-    with written_figure(path, WIDTH, 2.0, title="") as figure:
+    with written_figure(path, WIDTH, 2.0) as figure:
         for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
             for direction, dashes in zip(DIRECTIONS, ("-", "--"), strict=True):
                 row, yarns, cloth = kept(folder, name, "stretch", direction)

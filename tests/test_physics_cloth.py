@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.integrate import quad, solve_bvp
 from scipy.optimize import brentq
 
-from yarnscale.files.hylc_json import read_hylc_json
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
+from yarnscale.files.material_json import read_material
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.integrator import Integrator
@@ -76,7 +76,7 @@ def test_flat_cloth_without_stress_is_at_rest() -> None:
 @pytest.mark.parametrize("name", ["stock1", "satin1"])
 def test_homogeneous_stretch_has_the_energy_and_force_of_the_material(shared: Path, name: str) -> None:
     """E = A ψ(s) exactly, on any mesh (patch test); inner vertices feel no force."""
-    material = read_hylc_json(shared / "reference" / f"{name}.json")
+    material = read_material(shared / "reference" / f"{name}.json")
     mesh = rectangle(0.06, 0.05, 0.008)
     energy = ShellEnergy(mesh, material)
     stretch_x, shear, stretch_y = 0.12, 0.05, 0.07

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class InputError(ValueError):
@@ -30,6 +32,30 @@ class InputError(ValueError):
         if found is not None:
             parts.append(f"found {found}")
         super().__init__(" ".join("; ".join(parts).split()))
+
+    def at(self, where: object) -> InputError:
+        """The same fault at another place."""
+        return InputError(self.what, where=where, expected=self.expected, found=self.found)
+
+
+@contextmanager
+def located(where: object) -> Iterator[None]:
+    """Faults that name no place get this one."""
+    try:
+        yield
+    except InputError as error:
+        if error.where is not None:
+            raise
+        raise error.at(where) from None
+
+
+def quoted(value: object) -> str:
+    """A quotation of a user's value on one line of sixty characters at most."""
+    try:
+        text = ascii(value)
+    except (RecursionError, ValueError):
+        text = type(value).__name__
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 class InputNotice(UserWarning):

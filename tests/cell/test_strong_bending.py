@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.files.hylc_json import read_hylc_json
+from yarnscale.files.material_json import read_material
 from yarnscale.files.pyp import read_pyp
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.material import YarnMaterial
@@ -20,7 +20,7 @@ def test_energy_of_strong_bending_is_the_published_one(shared: Path, component: 
     """±200 /m is half a turn a period for courses; a cell that rolls through itself costs a hundred times more."""
     file = shared / "reference" / "stock1.json"
     assert "coeffs" in json.loads(file.read_text())
-    published = read_hylc_json(file)
+    published = read_material(file)
     pattern = read_pyp(shared / "reference" / "stockinette.pyp")
     cell = PeriodicCell(pattern, YarnMaterial.preset("hylc2020-stockinette"))
     sign = 1.0 if component == "II11" else -1.0  # against the curl, where contact carries

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from yarnscale.cli import main
-from yarnscale.files.hylc_json import read_hylc_json
-from yarnscale.files.material_json import write_material
+from yarnscale.files.material_json import read_material, write_material
 from yarnscale.shell.materials.compact import CompactMaterial, Springs
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -24,7 +23,7 @@ def source(tmp_path):
 
 def test_hylc_json_gives_the_same_energy_and_says_what_is_lost(source, tmp_path, capsys):
     assert main(["export", str(source), "--format", "hylc", "--out", str(tmp_path / "out.json")]) == 0
-    again = read_hylc_json(tmp_path / "out.json")
+    again = read_material(tmp_path / "out.json")
     strain = np.array([0.2, 0.1, -0.3, 20.0, 5.0, -30.0])
     x = strain[:3] / [0.5, 0.6, 0.7]
     bend = np.array([[20.0, 5.0], [5.0, -30.0]])
@@ -50,7 +49,7 @@ def test_source_is_written_of_a_compact_material_and_the_published_form_says_its
     out = tmp_path / "published.json"
     assert main(["export", str(tmp_path / "c.json"), "--format", "hylc", "--out", str(out)]) == 0
     assert "95th percentile" in capsys.readouterr().err
-    assert read_hylc_json(out).density == 0.2
+    assert read_material(out).density == 0.2
 
 
 def test_wrong_suffixes_and_other_kinds_are_refused(source, tmp_path, capsys):

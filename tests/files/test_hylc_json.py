@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.files.hylc_json import read_hylc_json
+from yarnscale.files.material_json import read_material
 from yarnscale.shell.materials.spline_patches import PLANES
 
 CHECK_STATE = np.array([0.2, 0.1, -0.05, 15.0, -8.0, -20.0])
@@ -41,12 +41,12 @@ def written(folder, text: str | bytes):
 
 @pytest.mark.parametrize(("name", "value"), [("stock1", 1.17430886), ("satin1", 0.66167915)])
 def test_published_materials_give_the_check_values(shared, name, value):
-    material = read_hylc_json(shared / "reference" / f"{name}.json")
+    material = read_material(shared / "reference" / f"{name}.json")
     assert float(material.energy_density(CHECK_STATE)) == pytest.approx(value, abs=1e-8)
 
 
 def test_published_terms_are_kept_although_not_zero_at_zero(shared):
-    material = read_hylc_json(shared / "reference" / "stock1.json")
+    material = read_material(shared / "reference" / "stock1.json")
     rest = material.constant + sum(float(f(0.0)) for f in material.axes)
     rest += sum(float(f(0.0, 0.0)) for f in material.planes.values())
     assert float(material.energy_density(np.zeros(6))) == pytest.approx(rest, rel=1e-12)
@@ -55,7 +55,7 @@ def test_published_terms_are_kept_although_not_zero_at_zero(shared):
 
 
 def test_published_stress_is_the_derivative(shared):
-    material = read_hylc_json(shared / "reference" / "satin1.json")
+    material = read_material(shared / "reference" / "satin1.json")
     step = np.array([1e-6] * 3 + [1e-4] * 3)
     pairs = CHECK_STATE + np.concatenate([np.diag(step), -np.diag(step)])
     energy = material.energy_density(pairs)
@@ -64,7 +64,7 @@ def test_published_stress_is_the_derivative(shared):
 
 
 def test_strains_are_normalised_and_planes_are_laid_out_by_v(tmp_path):
-    material = read_hylc_json(written(tmp_path, json.dumps(content())))
+    material = read_material(written(tmp_path, json.dumps(content())))
     x = np.array([0.2 / 0.8, 0.1 / 0.5, 0.1 / 0.8, 30 / 200, 0.0])
     expected = 0.05 + np.sum(x**2) + x[0] * x[1]
     assert float(material.energy_density([0.2, 0.1, 0.1, 30.0, 0.0, 0.0])) == pytest.approx(expected)
@@ -73,7 +73,7 @@ def test_strains_are_normalised_and_planes_are_laid_out_by_v(tmp_path):
 def test_mixed_slopes_default_to_zero(tmp_path):
     broken = content()
     del broken["coeffs"]["2D"][0]["muv"]
-    material = read_hylc_json(written(tmp_path, json.dumps(broken)))
+    material = read_material(written(tmp_path, json.dumps(broken)))
     assert not material.planes[0, 1].twists.any()
 
 
@@ -122,7 +122,7 @@ def test_broken_content_names_file_and_field(tmp_path, change, words):
     change(document)
     path = written(tmp_path, json.dumps(document))
     with pytest.raises(InputError) as caught:
-        read_hylc_json(path)
+        read_material(path)
     message = str(caught.value)
     assert "\n" not in message
     for word in [path.name, *words]:
@@ -145,11 +145,11 @@ def test_broken_content_names_file_and_field(tmp_path, change, words):
 def test_broken_files_are_refused_in_one_line(tmp_path, text, word):
     path = written(tmp_path, text)
     with pytest.raises(InputError) as caught:
-        read_hylc_json(path)
+        read_material(path)
     assert word in str(caught.value)
     assert path.name in str(caught.value)
 
 
 def test_a_missing_file_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match=r"nowhere\.json"):
-        read_hylc_json(tmp_path / "nowhere.json")
+        read_material(tmp_path / "nowhere.json")

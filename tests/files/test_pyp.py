@@ -278,7 +278,6 @@ def test_yarns_through_each_other_are_refused(tmp_path: Path) -> None:
         read_pyp(path)
     assert re.search(r"segment \d+-\d+ and segment \d+-\d+", str(e.value))
     assert str(e.value).startswith(f"{path}: ")
-    assert len(read_pyp(path, check_crossings=False).vertices) == 32
 
 
 @pytest.mark.parametrize(

@@ -196,11 +196,11 @@ ease = false
     [
         ('garment = "gown"', "field 'garment'; expected stretch-course or"),
         ('garment = "sweater"\nspacing = -1', "field 'spacing'; expected a positive number"),
-        ('garment = "sweater"\n[mesh]\nshape = "disk"', "unknown key 'mesh'"),
+        ('garment = "sweater"\n[mesh]\nshape = "disk"', "unknown field 'mesh'"),
         ('[mesh]\nshape = "sweater"\nwidth = -1', r"\[mesh\] width of the cut; expected a positive length"),
-        ('[mesh]\nshape = "sweater"\nradius = 1', "unknown key 'mesh.radius'"),
+        ('[mesh]\nshape = "sweater"\nradius = 1', "unknown field 'mesh.radius'"),
         ('[mesh]\nfile = "none.obj"', "none.obj: file does not exist"),
-        ('[mesh]\nshape = "sweater"\nrest_angle = {hem = 3}', "unknown key 'mesh.rest_angle.hem'"),
+        ('[mesh]\nshape = "sweater"\nrest_angle = {hem = 3}', "unknown field 'mesh.rest_angle.hem'"),
         ('[mesh]\nfile = "none.obj"\nscale = 0', "field 'mesh.scale'; expected a positive number"),
         (
             '[[obstacles]]\nshape = "mesh"\nframes = "body.obj"\nframe_rate = 1',
@@ -214,7 +214,7 @@ ease = false
             '[[obstacles]]\nshape = "mesh"\nframes = "body_*.obj"',
             "missing field 'obstacles\\[0\\].frame_rate'",
         ),
-        ('[[obstacles]]\nshape = "mannequin"\npose = 1', "unknown key 'obstacles\\[0\\].pose'"),
+        ('[[obstacles]]\nshape = "mannequin"\npose = 1', "unknown field 'obstacles\\[0\\].pose'"),
         (
             '[[obstacles]]\nshape = "mannequin"\n[[obstacles.poses]]\ntime = 0\ndepth = 0',
             "depth'; expected 0.05 to 1.5",

@@ -12,11 +12,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from yarnscale.errors import InputError
-from yarnscale.files.hylc_json import read_hylc_json
 from yarnscale.motion.body import Step
 from yarnscale.motion.quasi_static import equilibrium, follow_load
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import LoadSteps, Schedule
+from yarnscale.files.material_json import read_material
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
@@ -112,7 +112,7 @@ def test_a_path_that_cannot_go_on_keeps_the_last_equilibrium() -> None:
 
 
 def test_stretched_stockinette_narrows_the_same_by_statics_and_by_dynamics(shared: Path) -> None:
-    material = read_hylc_json(shared / "reference" / "stock1.json")
+    material = read_material(shared / "reference" / "stock1.json")
     mesh = rectangle(0.1, 0.1, 0.01)
     cloth = Cloth(mesh, material, clamps(mesh, 0.035, 0.01))
     solver = ClothSolver(cloth)

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from yarnscale.show.curves import Curve, flat_placement, periodic_curves, smooth_curve
+from yarnscale.show.curves import Curve, Placement, periodic_curves, smooth_curve
 
 PERIOD = (2.0, 3.0)
+
+
+def flat_placement(positions: np.ndarray, period: tuple[float, float]) -> Placement:
+    steps = np.array([[period[0], 0.0, 0.0], [0.0, period[1], 0.0]])
+    return lambda vertices, tiles: positions[vertices] + tiles @ steps
 
 
 def straight_course(vertices: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -59,12 +64,6 @@ def test_loop_that_stays_in_its_tile_is_closed() -> None:
     assert len(line) == len(solid)
     centre = curves[4].points.mean(axis=0)
     assert np.linalg.norm(line - centre, axis=1) == pytest.approx(1.0, abs=1e-3)
-
-
-def test_deformation_moves_copies() -> None:
-    place = flat_placement(np.zeros((1, 3)), PERIOD, deformation=np.array([[1.5, 0.2], [0.0, 0.8]]))
-    moved = place(np.zeros(2, np.int64), np.array([[1, 0], [0, 1]]))
-    assert np.allclose(moved, [[3.0, 0.0, 0.0], [0.6, 2.4, 0.0]])
 
 
 def test_smoothing_passes_through_the_vertices_and_stays_near() -> None:

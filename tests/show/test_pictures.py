@@ -9,8 +9,9 @@ import pytest
 from matplotlib.image import imread
 
 from yarnscale.errors import InputError
+from yarnscale.files.body_surface import ball
 from yarnscale.show.canvas import PicturesUnavailable, require_renderer
-from yarnscale.show.cloth import ClothFrame, Solid, cloth_picture, contact_sheet
+from yarnscale.show.cloth import ClothFrame, Solid, contact_sheet
 from yarnscale.show.curves import Curve
 from yarnscale.show.tubes import tube_mesh, yarn_picture
 
@@ -63,9 +64,10 @@ def test_yarn_picture(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixtu
 
 def test_cloth_picture_and_sheet(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     positions, triangles = sheet()
-    solids = [Solid.sphere((0, 0, -0.5), 0.3), Solid.bar((-1, -1, 0), (1, -1, 0), radius=0.02)]
-    frame = ClothFrame(positions, values=positions[:, 2], solids=solids, title="end")
-    cloth_picture(tmp_path / "one.png", triangles, frame, label="height [m]", size=(240, 180))
+    vertices, faces = ball()
+    solids = [Solid(0.3 * vertices - [0, 0, 0.5], faces)]
+    frame = ClothFrame(positions, solids=solids, title="end")
+    contact_sheet(tmp_path / "one.png", triangles, [frame], size=(240, 180))
     contact_sheet(
         tmp_path / "all.png",
         triangles,

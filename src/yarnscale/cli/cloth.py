@@ -198,7 +198,8 @@ def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None
 def draw_cloth(folder: Path) -> list[Path]:
     """A contact sheet of moments and a large picture of the last one, from the frames in a folder."""
     from yarnscale.files.cloth_frames import read_cloth_frames
-    from yarnscale.show.cloth import ClothFrame, Solid, cloth_picture, contact_sheet
+    from yarnscale.show.cloth import ClothFrame, Solid, contact_sheet
+    from yarnscale.show.theme import PICTURE_SIZE
 
     stored = read_cloth_frames(folder / "frames")
     numbers = list(stored.paths)
@@ -210,5 +211,5 @@ def draw_cloth(folder: Path) -> list[Path]:
         frames.append(ClothFrame(state.positions, solids=solids, title=f"{state.time:.2f} s"))
     paths = [folder / "frames.png", folder / "last.png"]
     contact_sheet(paths[0], stored.triangles, frames, columns=3)
-    cloth_picture(paths[1], stored.triangles, replace(frames[-1], title=""))
+    contact_sheet(paths[1], stored.triangles, [replace(frames[-1], title="")], size=PICTURE_SIZE)
     return paths

@@ -25,6 +25,8 @@ from yarnscale.shell.mesh import TriangleMesh
 
 Array = NDArray[np.float64]
 
+TOLERANCE = 1e-8
+"""Of the residual, relative to the forces that hold the shell."""
 EXACT_FIRST = ShiftRule(
     start=0.0, lowest=1e-6, highest=1.0, growth=2.0, least=0.125, decay=0.2, lowest_is_zero=True
 )
@@ -65,8 +67,8 @@ class Measure:
 class HeldShell:
     """A panel with free and held coordinates; ``free`` is a mask (nv, 3)."""
 
-    def __init__(self, mesh: TriangleMesh, free: NDArray[np.bool_], *, tolerance: float = 1e-8) -> None:
-        self.mesh, self.tolerance = mesh, tolerance
+    def __init__(self, mesh: TriangleMesh, free: NDArray[np.bool_]) -> None:
+        self.mesh = mesh
         self._material = OrthotropicMaterial(1.0, 0.0, 1.0, 1.0)
         self.energy = ShellEnergy(mesh, self._material)
         self.free = np.flatnonzero(free.ravel())
@@ -87,18 +89,16 @@ class HeldShell:
         objective = _HeldObjective(self, np.array(start, np.float64), self._load(material, gravity))
         solution = minimise(
             objective, start.ravel()[self.free], after_step=lambda x: self._follow(objective.full(x)),
-            tolerance=self.tolerance, max_iterations=iterations, shift=EXACT_FIRST,
+            tolerance=TOLERANCE, max_iterations=iterations, shift=EXACT_FIRST,
         )  # fmt: skip
         positions = objective.full(solution.x)
         stable = solution.converged and self._is_minimum(positions)
         return Equilibrium(positions, solution, stable)
 
-    def forces(
-        self, material: OrthotropicMaterial, positions: Array, *, gravity: Sequence[float] = (0, 0, 0)
-    ) -> Array:
-        """Forces that hold the shell where it is [N], (nv, 3)."""
+    def forces(self, material: OrthotropicMaterial, positions: Array) -> Array:
+        """Forces that hold a weightless shell where it is [N], (nv, 3)."""
         self.energy.material = material
-        return self.energy.linearise(positions).gradient - self._load(material, gravity)
+        return self.energy.linearise(positions).gradient
 
     def derivatives(
         self,

@@ -146,11 +146,6 @@ class StretchCurve:
     contraction: Array | None
     contraction_spread: Array | None
 
-    @property
-    def load_spread(self) -> Array:
-        """Spread of the load at equal stretch [N/m]: that of the stretch times the slope, (n,)."""
-        return self.stretch_spread * np.gradient(self.load, self.stretch)
-
     def load_at(self, stretch: Array) -> Array:
         """Line load at stretches inside the curve [N/m], by monotone cubics."""
         return _between(stretch, self.stretch, self.load)
@@ -238,7 +233,7 @@ class BendTest:
     """Pear loops of one swatch: the aspect ratio of the loop at distances of the clamps (EST22 §4.3).
 
     swatch_length: between the clamps, swatch_width: across [m]. distance: of the clamps [m], ratio: height over width
-    of the loop, mean over runs, both (n,); ratio_spread: standard deviation over runs, (n,).
+    of the loop, mean over runs, both (n,).
     """
 
     direction: Direction
@@ -246,22 +241,17 @@ class BendTest:
     swatch_width: float
     distance: Array
     ratio: Array
-    ratio_spread: Array
 
     def __post_init__(self) -> None:
         for name in ("swatch_length", "swatch_width"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(name, expected="a positive length [m]", found=getattr(self, name))
-        for name in ("distance", "ratio", "ratio_spread"):
+        for name in ("distance", "ratio"):
             array = np.array(getattr(self, name), dtype=np.float64)
             object.__setattr__(self, name, array)
             if array.ndim != 1 or not len(array) or len(array) != len(self.distance):
                 raise InputError(f"bend test: {name}", expected="as many as distances", found=array.shape)
-            if (
-                not np.isfinite(array).all()
-                or (array < 0).any()
-                or (name != "ratio_spread" and (array == 0).any())
-            ):
+            if not np.isfinite(array).all() or (array <= 0).any():
                 raise InputError(f"bend test: {name}", expected="positive numbers", found=array.min())
         if (self.distance >= 2 * self.swatch_length / math.pi).any():
             raise InputError(
@@ -295,11 +285,6 @@ class YarnComposition:
                 raise InputError(f"{name} of {where}", expected="a positive number", found=value)
         if self.mass_share > 1:
             raise InputError(f"mass_share of {where}", expected="at most 1", found=self.mass_share)
-
-    @property
-    def line_density(self) -> float:
-        """Mass per length of unstretched yarn [kg/m]."""
-        return self.denier * 1e-3 / 9000.0
 
 
 @dataclass(frozen=True, eq=False)

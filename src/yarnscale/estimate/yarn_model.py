@@ -42,6 +42,8 @@ SOFTEST_CONTACT, STIFFEST_CONTACT = 1e-2, 3e3
 """Range of k_c1 [kg/s²]. EST22's ends at 1e2, where fits of thick spun yarns in tight hand knits end too and fail."""
 LARGEST_ASPECT = 3.0
 LARGEST_SHORTENING = 0.15
+_NEIGHBOURS = 3
+"""Segments of one yarn at most this many edges apart do not count as touching."""
 ITERATIONS, TOLERANCE = 150, 1e-8
 """Of equilibria: loose yarns change their stress long after forces are small, which differences would feel."""
 TWIST_SHARE = 0.8
@@ -181,16 +183,15 @@ def reshaped(pattern: YarnPattern, aspect: float) -> YarnPattern:
     return replace(drawn.scaled(factor), radius=pattern.radius)
 
 
-def estimated_radius(pattern: YarnPattern, *, neighbours: int = 3) -> float:
+def estimated_radius(pattern: YarnPattern) -> float:
     """R_est: the smallest radius at which every segment touches another [m] (EST22 §7.3.2).
 
-    neighbours: segments of one yarn at most this many edges apart do not count. Raises InputError where a segment is
-    alone within the cell's own size.
+    Raises InputError where a segment is alone within the cell's own size.
     """
     largest = 0.25 * float(np.linalg.norm(pattern.period))
     reach = min(4.0 * pattern.radius, largest)
     while True:
-        nearest = _nearest(pattern, reach, neighbours)
+        nearest = _nearest(pattern, reach)
         # A pair search stops at ``reach``; only gaps within it are certain to be the smallest.
         if nearest.max() <= reach:
             return 0.5 * float(nearest.max())
@@ -203,14 +204,14 @@ def estimated_radius(pattern: YarnPattern, *, neighbours: int = 3) -> float:
         reach *= 1.5
 
 
-def _nearest(pattern: YarnPattern, reach: float, neighbours: int) -> Array:
+def _nearest(pattern: YarnPattern, reach: float) -> Array:
     """Distance of each segment to the nearest other one, infinite beyond ``reach``, (n,) [m]."""
     rings = np.ceil((reach + np.linalg.norm(pattern.edge_vectors(), axis=1).max()) / pattern.period).astype(
         int
     )
     extent = np.ceil(np.ptp(pattern.vertices[:, :2], axis=0) / pattern.period).astype(int)
     images = Images.of(pattern, (int(rings[0] + extent[0]), int(rings[1] + extent[1])))
-    search = PairSearch(pattern, images, neighbours=neighbours, ordered=True)
+    search = PairSearch(pattern, images, neighbours=_NEIGHBOURS, ordered=True)
     shifts = np.zeros((len(images.tiles), 3))
     shifts[:, :2] = images.tiles * pattern.period
     nodes = (pattern.vertices[None] + shifts[:, None]).reshape(-1, 3)

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from yarnscale.errors import InputError
+from yarnscale.files.fields import Fields
 from yarnscale.files.material_json import read_material
-from yarnscale.files.material_toml import material_of_table
+from yarnscale.files.material_toml import material_of
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
 
@@ -37,7 +38,7 @@ class CellOrigin:
             raise InputError("field 'provenance.material'", where=where, expected="yarn materials")
         if not (isinstance(tiles, list) and len(tiles) == 2 and all(isinstance(n, int) for n in tiles)):
             raise InputError("field 'provenance.tiles'", where=where, expected="two integers", found=tiles)
-        given = tuple(material_of_table(table, where) for table in tables)
+        given = tuple(material_of(Fields(table, os.fspath(where))) for table in tables)
         return cls(
             where,
             str(provenance.get("pattern")),

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, quoted
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn.chart_error import ChartError
 from yarnscale.yarn.knit import knit
@@ -98,8 +98,7 @@ def _placed(path: Path, chart: _Chart) -> Iterator[None]:
     try:
         yield
     except ChartError as error:
-        where = _place(path, chart.rows[::-1], error)
-        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+        raise error.at(_place(path, chart.rows[::-1], error)) from None
     except InputError as error:
         if error.where is not None:
             raise
@@ -107,8 +106,7 @@ def _placed(path: Path, chart: _Chart) -> Iterator[None]:
         sizes = sorted((key for key in chart.keys if key in LENGTHS), key=LENGTHS.index)
         named = (error.what.split(" ", 1)[0], *sizes)
         line = next((chart.keys[key][0] for key in named if key in chart.keys), None)
-        where = path if line is None else f"{path}:{line}"
-        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+        raise error.at(path if line is None else f"{path}:{line}") from None
 
 
 def _read(path: Path) -> _Chart:
@@ -141,11 +139,14 @@ def _parse(path: Path, text: str) -> _Chart:
             key, equals, value = (part.strip() for part in content.partition("="))
             if not equals or not key or not value:
                 raise InputError(
-                    "line is no setting", where=where, expected="key = value, or rows:", found=_short(content)
+                    "line is no setting",
+                    where=where,
+                    expected="key = value, or rows:",
+                    found=quoted(content.strip()),
                 )
             if key in chart.keys:
                 raise InputError(
-                    f"{_short(key)} stands twice", where=where, expected=f"only line {chart.keys[key][0]}"
+                    f"{quoted(key)} stands twice", where=where, expected=f"only line {chart.keys[key][0]}"
                 )
             chart.keys[key] = (number, value)
     if not chart.rows:
@@ -164,14 +165,16 @@ def _row(where: str, line: int, content: str) -> _Row:
         place for place, letter in enumerate(symbols, start=1) if not letter.isspace() and letter != "|"
     ]
     if not columns:
-        raise InputError("row has no stitches", where=where, expected="symbols", found=_short(content))
+        raise InputError(
+            "row has no stitches", where=where, expected="symbols", found=quoted(content.strip())
+        )
     letters = "".join(yarns.split())
     if colon and not (letters.isalpha() and letters.isascii() and len(letters) <= 2):
         raise InputError(
             "row names no yarn",
             where=f"{where}:{len(symbols) + 1}",
             expected="a letter after the colon, or two for plated yarns",
-            found=_short(yarns),
+            found=quoted(yarns.strip()),
         )
     return _Row(line, "".join(symbols.split()), columns, letters if colon else None)
 
@@ -182,7 +185,7 @@ def _kind(path: Path, chart: _Chart) -> str:
     line, kind = chart.keys["kind"]
     if kind not in NUMBERS:
         raise InputError(
-            "kind is unknown", where=f"{path}:{line}", expected="knit or weave", found=_short(kind)
+            "kind is unknown", where=f"{path}:{line}", expected="knit or weave", found=quoted(kind)
         )
     return kind
 
@@ -205,7 +208,7 @@ def _options(path: Path, chart: _Chart, kind: str) -> dict:
                 options[key] = value.split() if any(letter.isspace() for letter in value) else list(value)
         else:
             known = ", ".join((*TEXTS[kind], "radius_A (of yarn A)", *NUMBERS[kind]))
-            raise InputError(f"{_short(key)}: unknown key", where=where, expected=known)
+            raise InputError(f"{quoted(key)}: unknown key", where=where, expected=known)
     return options
 
 
@@ -219,7 +222,7 @@ def _number(where: str, key: str, value: str) -> float:
             raise ValueError
     except ValueError:
         raise InputError(
-            f"{key} is no positive number", where=where, expected="a number of radii", found=_short(value)
+            f"{key} is no positive number", where=where, expected="a number of radii", found=quoted(value)
         ) from None
     return number
 
@@ -233,7 +236,7 @@ def _length(where: str, key: str, value: str) -> float:
             f"{key} needs a number and a unit",
             where=where,
             expected=f"as in 1 mm ({', '.join(units)})",
-            found=_short(value),
+            found=quoted(value),
         )
     return to_si(_number(where, key, words[0]), words[1])
 
@@ -268,9 +271,3 @@ def _place(path: Path, rows: list[_Row], error: ChartError) -> str:
     if error.column is None or error.column >= len(row.columns):
         return f"{path}:{row.line}"
     return f"{path}:{row.line}:{row.columns[error.column]}"
-
-
-def _short(value: str) -> str:
-    """A quotation that keeps the error on one readable line."""
-    text = ascii(value.strip())
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import os
+from pathlib import Path
 
 from yarnscale.checked import checked
-from yarnscale.errors import InputError
-from yarnscale.files.toml_text import fields_of, read_toml
+from yarnscale.files.fields import toml_file
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.worker import STRAINS
 
@@ -15,22 +14,6 @@ from yarnscale.homogenize.worker import STRAINS
 @checked
 def read_grid(path: str | os.PathLike[str]) -> StrainGrid:
     """The grid of a file; InputError naming file, field (or line), expected and found for anything else."""
-    content, text = read_toml(path)
-    with fields_of(path, text):
-        for name in content:
-            if name not in STRAINS:
-                raise InputError(f"unknown field {name!r:.60}", expected=", ".join(STRAINS))
-        return StrainGrid(**{name: _numbers(path, name, values) for name, values in content.items()})
-
-
-def _numbers(path: str | os.PathLike[str], name: str, values: object) -> tuple[float, ...]:
-    fault = InputError(f"field '{name}'", where=path, expected="an array of numbers", found=f"{values!r:.60}")
-    if not isinstance(values, list):
-        raise fault
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise fault
-    try:
-        return tuple(float(value) for value in values)
-    except OverflowError:
-        return (math.inf,)  # a whole number beyond all floats, which the grid refuses by its name
+    with toml_file(Path(path)) as table:
+        table.known(*STRAINS)
+        return StrainGrid(**{name: tuple(table.numbers(name).tolist()) for name in table.content})

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.files.json_fields import Fields, read_json
+from yarnscale.files.fields import Fields
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import AXES, PLANES
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
@@ -25,11 +25,6 @@ Array = NDArray[np.float64]
 def is_hylc(content: Mapping[str, object]) -> bool:
     """Whether a parsed file looks like a HYLC material."""
     return "coeffs" in content or "strain scale" in content
-
-
-def read_hylc_json(path: str | Path) -> SplineMaterial:
-    """Material of a published HYLC JSON file; InputError (file and field) where it is not one."""
-    return hylc_material(read_json(path), path)
 
 
 def hylc_material(content: Mapping[str, object], path: str | Path) -> SplineMaterial:

@@ -6,27 +6,24 @@ docs/reference/shell_material_format.md describes the format. Numbers are writte
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.checked import checked
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, located
 from yarnscale.files.atomic import write_text
+from yarnscale.files.fields import Fields, read_json
 from yarnscale.files.hylc_export import hylc_text
 from yarnscale.files.hylc_json import hylc_material, is_hylc
-from yarnscale.files.json_fields import Fields, read_json
 from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import CONSTANTS, OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 
 Array = NDArray[np.float64]
-
-Built = TypeVar("Built")
 
 FORMAT = "yarnscale-material"
 VERSION = 2
@@ -133,27 +130,22 @@ def _short(array: Array, *, digits: int = 17) -> object:
 def _read_compact(fields: Fields) -> CompactMaterial:
     _check_units(fields, COMPACT_UNITS)
     terms, trusted = fields.fields("terms"), fields.fields("trusted")
-    mirrored = fields.get("mirrored")
-    if not isinstance(mirrored, bool):
-        raise fields.fault("mirrored", expected="true or false", found=repr(mirrored)[:60])
     counts = [len(terms.numbers(f"{name}_offsets")) for name in ("ramp", "spring", "wall")]
     shapes = shapes_of(*counts)._asdict()
     springs = Springs(**{name: _matrix(terms, name, shape) for name, shape in shapes.items()})
     found = trusted.get("samples")
     rows = len(found) if isinstance(found, list) else 0
-    return _built(
-        fields,
-        lambda: CompactMaterial(
+    with located(fields.path):
+        return CompactMaterial(
             terms.number("constant"),
             fields.numbers("scale", shape=(6,)),
             springs,
             density=fields.number("density", positive=True),
-            mirrored=mirrored,
+            mirrored=fields.flag("mirrored"),
             samples=trusted.numbers("samples", shape=(rows, 6)),
             spacing=trusted.number("spacing", positive=True),
             provenance=fields.fields("provenance").content,
-        ),
-    )
+        )
 
 
 def _matrix(terms: Fields, name: str, shape: tuple[int, ...]) -> Array:
@@ -178,7 +170,8 @@ def _read_orthotropic(fields: Fields) -> OrthotropicMaterial:
     terms = fields.fields("terms")
     constants = {name: terms.number(name) for name in CONSTANTS}
     density, provenance = fields.number("density", positive=True), fields.fields("provenance").content
-    return _built(fields, lambda: OrthotropicMaterial(**constants, density=density, provenance=provenance))
+    with located(fields.path):
+        return OrthotropicMaterial(**constants, density=density, provenance=provenance)
 
 
 def _check_units(fields: Fields, units: Mapping[str, str]) -> None:
@@ -186,13 +179,3 @@ def _check_units(fields: Fields, units: Mapping[str, str]) -> None:
     for name, unit in units.items():
         if found.text(name) != unit:
             raise found.fault(name, expected=f"'{unit}'", found=repr(found.get(name))[:60])
-
-
-def _built(fields: Fields, build: Callable[[], Built]) -> Built:
-    """What ``build`` returns, with the file named in its errors."""
-    try:
-        return build()
-    except InputError as error:
-        if error.where is not None:
-            raise
-        raise InputError(error.what, where=fields.path, expected=error.expected, found=error.found) from None

@@ -3,33 +3,22 @@
 from __future__ import annotations
 
 import os
-import re
-import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from yarnscale.checked import checked
-from yarnscale.errors import InputError
+from yarnscale.errors import quoted
 from yarnscale.estimate.loading import CYCLES
 from yarnscale.estimate.measurements import SwatchMeasurements, YarnComposition
+from yarnscale.files.fields import Fields, toml_file
 from yarnscale.files.measurements_csv import read_bend, read_logs
 from yarnscale.files.measurements_swatches import LogSettings, direction_named
-from yarnscale.files.source_text import read_source
 
-_FIELDS = {
-    "name": str,
-    "fabric": str,
-    "stretch": (str, dict, list),
-    "bend": str,
-    "single_run": bool,
-    "area_density": float,
-    "pattern": str,
-    "photographs": list,
-    "yarn": list,
-}
+_FIELDS = (
+    "name", "fabric", "stretch", "bend", "single_run", "area_density", "pattern", "photographs", "yarn",
+)  # fmt: skip
 _LOG_FIELDS = ("file", "direction", "run", "swatch_width_mm", "swatch_length_mm", "cycle")
-_YARN_FIELDS = tuple(field.name for field in fields(YarnComposition))
 
 
 @checked
@@ -51,95 +40,64 @@ def read_measurements(
 
 
 def _from_toml(path: Path, sample: str | None, single_run: bool, settings: LogSettings) -> SwatchMeasurements:
-    table = _table(path)
-    fabric = sample or table.get("fabric")
-    single_run = single_run or table.get("single_run", False)
-    tests, bend, notes = (), (), ()
-    if "stretch" in table:
-        entries = table["stretch"] if isinstance(table["stretch"], list) else [table["stretch"]]
-        logs = [_log(path, entry, settings) for entry in entries]
-        readings = read_logs(logs, fabric=fabric, single_run=single_run)
-        tests, notes = readings.tests, readings.notes
-    if "bend" in table:
-        bend, remarks = read_bend(path.parent / table["bend"], fabric=fabric)
-        notes = tuple(dict.fromkeys((*notes, *remarks)))
-    try:
+    with toml_file(path) as table:
+        table.known(*_FIELDS)
+        fabric = sample or table.text_or("fabric", None)
+        single_run = single_run or table.flag_or("single_run", False)
+        tests, bend, notes = (), (), ()
+        if "stretch" in table.content:
+            logs = [_log(path, entry, settings) for entry in _logs(table)]
+            readings = read_logs(logs, fabric=fabric, single_run=single_run)
+            tests, notes = readings.tests, readings.notes
+        if "bend" in table.content:
+            bend, remarks = read_bend(path.parent / table.text("bend"), fabric=fabric)
+            notes = tuple(dict.fromkeys((*notes, *remarks)))
+        photographs = table.content.get("photographs", [])
+        if not isinstance(photographs, list) or not all(isinstance(name, str) for name in photographs):
+            raise table.fault("photographs", expected="names of files", found=quoted(photographs))
         return SwatchMeasurements(
-            table.get("name", path.stem), tests, bend, tuple(_yarn(entry) for entry in table.get("yarn", ())),
-            table.get("area_density"), table.get("pattern"), tuple(table.get("photographs", ())), notes,
+            table.text_or("name", path.stem), tests, bend,
+            tuple(_yarn(entry) for entry in table.items("yarn", optional=True)),
+            table.number_or("area_density", None), table.text_or("pattern", None), tuple(photographs), notes,
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
 
 
-def _table(path: Path) -> dict:
-    text = read_source(path)
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        line = re.search(r"at line (\d+)", str(error))
-        number = int(line.group(1)) if line else text.rstrip().count("\n") + 1
-        raise InputError("file is not TOML", where=f"{path}:{number}", found=str(error)) from None
-    for key, value in table.items():
-        if key not in _FIELDS:
-            raise InputError(f"unknown field {key!r:.60}", where=path, expected=", ".join(_FIELDS))
-        kind = _FIELDS[key]
-        number = kind is float and isinstance(value, (int, float)) and not isinstance(value, bool)
-        right = number or (kind is not float and isinstance(value, kind))
-        if not right or (key == "stretch" and not value):
-            expected = (
-                "the name of a file or tables [[stretch]]" if key == "stretch" else f"a {kind.__name__}"
+def _logs(table: Fields) -> list[Fields]:
+    """The tables of readings that a fabric file names: a file, or tables [[stretch]]."""
+    given = table.content["stretch"]
+    entries = [{"file": entry} if isinstance(entry, str) else entry for entry in _listed(given)]
+    if not entries or not all(isinstance(entry, dict) for entry in entries):
+        raise table.fault("stretch", expected="the name of a file or tables [[stretch]]", found=quoted(given))
+    return [Fields(entry, table.path, "stretch") for entry in entries]
+
+
+def _listed(value: object) -> list:
+    return value if isinstance(value, list) else [value]
+
+
+def _log(path: Path, entry: Fields, settings: LogSettings) -> tuple[Path, LogSettings]:
+    """A table of readings, and what the fabric file says of it."""
+    entry.known(*_LOG_FIELDS)
+    said: dict[str, Any] = {}
+    if "run" in entry.content:
+        said["run"] = entry.text("run")
+    if "cycle" in entry.content:
+        said["cycle"] = entry.choice("cycle", CYCLES)
+    if "direction" in entry.content:
+        said["direction"] = direction_named(entry.text("direction"))
+        if said["direction"] is None:
+            raise entry.fault(
+                "direction", expected="weft, bias or warp", found=quoted(entry.get("direction"))
             )
-            raise InputError(f"field '{key}'", where=path, expected=expected, found=f"{value!r:.60}")
-    if not all(isinstance(name, str) for name in table.get("photographs", ())):
-        raise InputError("field 'photographs'", where=path, expected="names of files", found="something else")
-    return table
+    for size in ("swatch_width", "swatch_length"):
+        if f"{size}_mm" in entry.content:
+            said[size] = 1e-3 * entry.number(f"{size}_mm", positive=True)
+    return path.parent / entry.text("file"), replace(settings, **said)
 
 
-def _log(path: Path, entry: object, settings: LogSettings) -> tuple[Path, LogSettings]:
-    """A table of readings that a fabric file names, and what it says of it."""
-    if isinstance(entry, str):
-        entry = {"file": entry}
-    if not isinstance(entry, dict) or not isinstance(entry.get("file"), str) or not entry["file"]:
-        raise InputError(
-            "field 'stretch'", where=path, expected='file = "NAME.csv" in it', found=f"{entry!r:.60}"
-        )
-    for key, value in entry.items():
-        if key not in _LOG_FIELDS:
-            raise InputError(f"unknown field stretch.{key:.40}", where=path, expected=", ".join(_LOG_FIELDS))
-        number = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e6
-        right = number if key.endswith("_mm") else isinstance(value, str)
-        if key == "direction":
-            right = direction_named(str(value)) is not None
-        if key == "cycle":
-            right = value in CYCLES
-        if not right:
-            choices = {"direction": "weft, bias or warp", "cycle": "first or last"}
-            expected = choices.get(key, "a positive number" if key.endswith("_mm") else "text")
-            raise InputError(f"field stretch.{key}", where=path, expected=expected, found=f"{value!r:.60}")
-    said: dict[str, Any] = {key: entry[key] for key in ("run", "cycle") if key in entry}
-    sizes = ("swatch_width", "swatch_length")
-    said |= {size: 1e-3 * float(entry[f"{size}_mm"]) for size in sizes if f"{size}_mm" in entry}
-    if "direction" in entry:
-        said["direction"] = direction_named(str(entry["direction"]))
-    return path.parent / entry["file"], replace(settings, **said)
-
-
-def _yarn(entry: object) -> YarnComposition:
-    if not isinstance(entry, dict):
-        raise InputError("yarn", expected="tables [[yarn]]", found=f"{entry!r:.60}")
-    for key, value in entry.items():
-        if key not in _YARN_FIELDS:
-            raise InputError(f"unknown field yarn.{key:.40}", expected=", ".join(_YARN_FIELDS))
-        text = key in ("material", "coating")
-        right = (
-            isinstance(value, str)
-            if text
-            else isinstance(value, (int, float)) and not isinstance(value, bool)
-        )
-        if not right:
-            raise InputError(f"yarn.{key}", expected="text" if text else "a number", found=f"{value!r:.60}")
-    for key in ("material", "denier"):
-        if key not in entry:
-            raise InputError(f"yarn.{key} is missing", expected="material and denier of every yarn")
-    return YarnComposition(**entry)
+def _yarn(entry: Fields) -> YarnComposition:
+    entry.known(*(field.name for field in fields(YarnComposition)))
+    entry.number("denier")
+    readers = {"material": entry.text, "coating": entry.text, "filaments": entry.integer}
+    values = {key: readers.get(key, entry.number)(key) for key in ("material", *entry.content)}
+    return YarnComposition(**values)  # type: ignore[arg-type]

@@ -113,10 +113,7 @@ def _bend_test(direction: Direction, swatches: Sequence[Swatch]) -> BendTest:
         for name in ("clamp_distance", "loop_ratio")
     )
     levels, place = np.unique(distance.round(7), return_inverse=True)
-    groups = [ratio[place == k] for k in range(len(levels))]
-    spread = [float(group.std(ddof=1)) if len(group) > 1 else 0.0 for group in groups]
-    mean = np.array([group.mean() for group in groups])
-    return BendTest(direction, length, width, levels, mean, np.array(spread))
+    return BendTest(direction, length, width, levels, np.bincount(place, ratio) / np.bincount(place))
 
 
 def _one_size(swatches: Sequence[Swatch], quantity: str) -> float:

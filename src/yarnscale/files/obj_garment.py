@@ -7,14 +7,12 @@ of the same faces whose vertices are the flat panels (names ending in ``-w`` and
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.errors import InputError, notify
+from yarnscale.errors import InputError, located, notify
 from yarnscale.files.garment_units import Areas, Notice, check_ratio, scales
 from yarnscale.files.obj_surface import ObjSurface, read_obj
 from yarnscale.shell.garments.flips import turned_edges
@@ -25,7 +23,6 @@ from yarnscale.shell.mesh_arrays import MeshError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Made = TypeVar("Made")
 
 
 def read_garment(
@@ -68,11 +65,13 @@ def read_garment(
         raise InputError("fabric", where=source.path, expected="faces with an area", found="none")
     if not areas.space > FLAT * float((np.ptp(cloth.positions, axis=0) ** 2).sum()):
         raise InputError("cloth in space", where=world.path, expected="faces with an area", found="none")
-    in_space, in_fabric = _named(lambda: scales(areas, unit, scale, material_scale), path)
+    with located(path):
+        in_space, in_fabric = scales(areas, unit, scale, material_scale)
     cloth = replace(cloth, positions=in_space * cloth.positions, material=in_fabric * cloth.material)
     sizes = f"fabric {_extent(cloth.material)}, in space {_extent(cloth.positions)}"
     stated = scale is not None and material_scale is not None
-    _named(lambda: check_ratio(areas, in_space, in_fabric, sizes, on_notice, stated=stated), path)
+    with located(path):
+        check_ratio(areas, in_space, in_fabric, sizes, on_notice, stated=stated)
     cloth = _sewn(continuous(_one_vertex_each(cloth)), weld, world, on_notice)
     mesh = _mesh(cloth, world, source, on_notice)
     return mesh.with_grain(grain) if grain else mesh
@@ -81,16 +80,6 @@ def read_garment(
 def _extent(points: Floats) -> str:
     sizes = 100 * np.ptp(points, axis=0)
     return " × ".join(f"{size:.4g}" if size < 1e4 else f"{size:.0f}" for size in sizes) + " cm"
-
-
-def _named(make: Callable[[], Made], path: str | os.PathLike[str]) -> Made:
-    """What ``make`` returns; its errors name the file."""
-    try:
-        return make()
-    except InputError as error:
-        if error.where is not None:
-            raise
-        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
 
 
 def _sewn(cloth: Polygons, wanted: bool | float | None, world: ObjSurface, on_notice: Notice) -> Polygons:
@@ -142,7 +131,7 @@ def _mesh(cloth: Polygons, world: ObjSurface, source: ObjSurface, on_notice: Not
         where = world.place(int(faces[error.triangle]))
         raise InputError(what, where=where, expected=error.expected, found=error.found) from None
     except InputError as error:
-        raise InputError(error.what, where=world.path, expected=error.expected, found=error.found) from None
+        raise error.at(world.path) from None
 
 
 def _textured(world: ObjSurface) -> Integers:

@@ -54,9 +54,7 @@ class ObjSurface:
         try:
             return triangulated(coordinates, self.starts if starts is None else starts)
         except PolygonError as error:
-            raise InputError(
-                error.what, where=self.place(error.face), expected=error.expected, found=error.found
-            ) from None
+            raise error.at(self.place(error.face)) from None
 
 
 def read_obj(path: str | os.PathLike[str]) -> ObjSurface:

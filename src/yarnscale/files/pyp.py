@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, located, quoted
 from yarnscale.files.atomic import write_text
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn.clearance import check_clearance
@@ -41,13 +41,13 @@ class _Block:
     lines: list[int] = field(default_factory=list)
 
 
-def read_pyp(path: str | os.PathLike[str], *, check_crossings: bool = True) -> YarnPattern:
+def read_pyp(path: str | os.PathLike[str]) -> YarnPattern:
     """Read a pattern; the name is the file's stem.
 
     The quantities of edges are already stored by the edge's first vertex in the file; the rows of ``*E``
     stand in any order there and are sorted here. Directors are made exactly unit and perpendicular.
-    Raises InputError with file, line, field, expected and found for anything that is no pattern, and,
-    unless `check_crossings` is false, for yarns that run through each other.
+    Raises InputError with file, line, field, expected and found for anything that is no pattern, and for yarns that
+    run through each other.
     """
     path = Path(path)
     blocks = _parse(path, read_source(path))
@@ -55,9 +55,8 @@ def read_pyp(path: str | os.PathLike[str], *, check_crossings: bool = True) -> Y
     for name, block in blocks.items():
         _check_rows(path, block, n if name != "pattern" else 1)
     pattern = _assemble(path, blocks)
-    if check_crossings:
-        check_proportions(pattern, where=path)
-        check_clearance(pattern, where=path)
+    check_proportions(pattern, where=path)
+    check_clearance(pattern, where=path)
     return pattern
 
 
@@ -66,17 +65,13 @@ def write_pyp(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
 
     Raises InputError for a pattern of several yarn materials: the format has no place for them.
     """
-    if pattern.material_of_vertex.any():
-        raise InputError(
-            "pattern has several yarn materials",
-            where=path,
-            expected="one, or the format .json",
-            found=".pyp",
-        )
-    if pattern.yarn_radius is not None:
-        raise InputError(
-            "pattern has several yarn radii", where=path, expected="one, or the format .json", found=".pyp"
-        )
+    for what, several in (
+        ("materials", pattern.material_of_vertex.any()),
+        ("radii", pattern.yarn_radius is not None),
+    ):
+        if several:
+            expected = "one, or the format .json"
+            raise InputError(f"pattern has several yarn {what}", where=path, expected=expected, found=".pyp")
     px, py = pattern.period
     parts = [
         "*pattern # px py radius num_vertedges",
@@ -110,7 +105,7 @@ def _parse(path: Path, text: str) -> dict[str, _Block]:
             block = _open_block(where, content, number, blocks)
         elif block is None:
             raise InputError(
-                "number before any block", where=where, expected="*pattern", found=_short(content)
+                "number before any block", where=where, expected="*pattern", found=quoted(content)
             )
         else:
             block.rows.append(_parse_row(where, block.name, content.split()))
@@ -138,7 +133,7 @@ def _open_block(where: str, content: str, number: int, blocks: dict[str, _Block]
             "unknown block",
             where=where,
             expected=" ".join(f"*{known}" for known in COLUMNS),
-            found=_short(content),
+            found=quoted(content),
         )
     if name in blocks:
         raise InputError(
@@ -169,25 +164,20 @@ def _number(where: str, name: str, column: str, token: str) -> float:
         digits = token[1:] if token[:1] in "+-" else token
         if not (plain and digits.isdigit() and len(digits) <= 15):
             raise InputError(
-                f"{label} is no integer", where=where, expected="an integer", found=_short(token)
+                f"{label} is no integer", where=where, expected="an integer", found=quoted(token)
             )
         return int(token)
     try:
         value = float(token) if plain else math.nan
     except ValueError:
         raise InputError(
-            f"{label} is no number", where=where, expected="a number", found=_short(token)
+            f"{label} is no number", where=where, expected="a number", found=quoted(token)
         ) from None
     if not math.isfinite(value):
         raise InputError(
-            f"{label} is not finite", where=where, expected="a finite number", found=_short(token)
+            f"{label} is not finite", where=where, expected="a finite number", found=quoted(token)
         )
     return value
-
-
-def _short(text: str) -> str:
-    """A quotation that keeps the error on one readable line."""
-    return ascii(text if len(text) <= 40 else text[:37] + "...")
 
 
 def _count(path: Path, blocks: dict[str, _Block]) -> int:
@@ -207,21 +197,12 @@ def _count(path: Path, blocks: dict[str, _Block]) -> int:
 
 
 def _check_rows(path: Path, block: _Block, expected: int) -> None:
-    found = len(block.rows)
-    if found < expected:
-        raise InputError(
-            f"block *{block.name} is truncated",
-            where=f"{path}:{block.lines[-1] if block.lines else block.line}",
-            expected=f"{expected} rows",
-            found=found,
-        )
-    if found > expected:
-        raise InputError(
-            f"block *{block.name} is too long",
-            where=f"{path}:{block.lines[expected]}",
-            expected=f"{expected} rows",
-            found=found,
-        )
+    if (found := len(block.rows)) == expected:
+        return
+    fault = "truncated" if found < expected else "too long"
+    line = [block.line, *block.lines][min(found, expected + 1)]
+    what = f"block *{block.name} is {fault}"
+    raise InputError(what, where=f"{path}:{line}", expected=f"{expected} rows", found=found)
 
 
 def _assemble(path: Path, blocks: dict[str, _Block]) -> YarnPattern:
@@ -234,7 +215,7 @@ def _assemble(path: Path, blocks: dict[str, _Block]) -> YarnPattern:
             raise InputError("*RL length must be positive", where=where, expected="> 0 m", found=f"{value:g}")
     vertices, period = np.ascontiguousarray(q[:, :3]), np.array([px, py])
     director = _clean_directors(path, blocks, vertices, edges, period)
-    try:
+    with located(path):
         return YarnPattern(
             vertices=vertices,
             twist=np.ascontiguousarray(q[:, 3]),
@@ -248,8 +229,6 @@ def _assemble(path: Path, blocks: dict[str, _Block]) -> YarnPattern:
             radius=radius,
             name=path.stem,
         )
-    except InputError as error:
-        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
 
 
 def _sorted_edges(path: Path, block: _Block) -> np.ndarray:

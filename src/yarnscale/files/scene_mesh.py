@@ -75,7 +75,7 @@ def _seam_angles(section: Section) -> dict[str, float]:
     """Folds of the seams of a shirt at rest [rad], by kind: one number of degrees for all, or a table."""
     if not isinstance(section.content.get("rest_angle"), dict):
         return dict.fromkeys(SEAMS, math.radians(section.number_or("rest_angle", 0.0)))
-    table = section.section("rest_angle").known(*SEAMS)
+    table = section.fields("rest_angle", optional=True).known(*SEAMS)
     return {kind: math.radians(table.number(kind)) for kind in table.content}
 
 

@@ -67,7 +67,7 @@ def _animated(section: Section, scale: float, position: np.ndarray) -> AnimatedM
 def _mannequin(section: Section) -> MovingMannequin:
     section.known("shape", "spacing", "poses")
     poses = []
-    for item in section.sections("poses"):
+    for item in section.items("poses", optional=True):
         item.known("time", "lowered", "turned", "depth")
         depth = item.number_or("depth", 1.0)
         if not 0.05 <= depth <= 1.5:

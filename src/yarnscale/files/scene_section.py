@@ -1,9 +1,10 @@
-"""Tables of a scene file: checked access with defaults, errors that name file and field."""
+"""Tables of a scene file: sizes of numbers, vectors, motions, and values with what a table says of their fields."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -11,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.files.json_fields import Fields
 from yarnscale.motion.rigid import Motion
+from yarnscale.files.fields import Fields
 
 Built = TypeVar("Built")
 Vector = tuple[float, float, float]
@@ -24,35 +25,15 @@ MOTION = ("displacement", "start", "duration", "rotation", "pivot", "ease")
 
 
 class Section(Fields):
-    """A table of the file; keys have defaults, and unknown keys are refused by ``known``."""
-
-    def known(self, *names: str) -> Section:
-        for key in self.content:
-            if key not in names:
-                raise InputError(
-                    f"unknown key '{self.label(str(key))}'", where=self.path, expected=", ".join(names)
-                )
-        return self
-
-    def section(self, key: str) -> Section:
-        return Section(self.content.get(key, {}), self.path, self.label(key))
-
-    def sections(self, key: str) -> list[Section]:
-        if key not in self.content:
-            return []
-        return [Section(item.content, item.path, item.name) for item in self.items(key)]
+    """A table of the file."""
 
     def numbers(self, key: str, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
         found = super().numbers(key, shape=shape)
         size = np.abs(found)
         if (wrong := (size > LARGEST) | ((size > 0.0) & (size < SMALLEST))).any():
-            raise self.fault(
-                key, expected=f"0, or from {SMALLEST:g} to {LARGEST:g} in size", found=found[wrong][0]
-            )
+            expected = f"0, or from {SMALLEST:g} to {LARGEST:g} in size"
+            raise self.fault(key, expected=expected, found=found[wrong][0])
         return found
-
-    def number_or(self, key: str, default: float) -> float:
-        return self.number(key) if key in self.content else default
 
     def vector_or(self, key: str, default: Vector) -> Vector:
         return self.vector(key) if key in self.content else default
@@ -60,24 +41,6 @@ class Section(Fields):
     def vector(self, key: str) -> Vector:
         x, y, z = self.numbers(key, shape=(3,))
         return float(x), float(y), float(z)
-
-    def flag_or(self, key: str, default: bool) -> bool:
-        value = self.content.get(key, default)
-        if not isinstance(value, bool):
-            raise self.fault(key, expected="true or false", found=repr(value)[:60])
-        return value
-
-    def choice_or(self, key: str, default: str, choices: tuple[str, ...]) -> str:
-        value = self.text(key) if key in self.content else default
-        if value not in choices:
-            raise self.fault(key, expected=" or ".join(choices), found=repr(value)[:60])
-        return value
-
-    def text_or(self, key: str, default: str) -> str:
-        return self.text(key) if key in self.content else default
-
-    def integer_or(self, key: str, default: int) -> int:
-        return self.integer(key) if key in self.content else default
 
     def beside(self, name: str) -> Path:
         """A file named in the scene, which lies beside it."""
@@ -97,8 +60,28 @@ class Section(Fields):
             )
         )
 
+    def changed(self, usual: Built, *keys: str, **renamed: str) -> Built:
+        """A dataclass with what the table says of its fields ``keys``, of the kind of what they hold.
+
+        renamed: fields that have another name in the table.
+        """
+        given = {}
+        for field, key in {**dict(zip(keys, keys, strict=True)), **renamed}.items():
+            if key in self.content:
+                given[field] = self._like(key, getattr(usual, field))
+        return self.build(lambda: replace(usual, **given))  # type: ignore[type-var]
+
+    def _like(self, key: str, usual: object) -> object:
+        if isinstance(usual, bool):
+            return self.flag(key)
+        if isinstance(usual, int):
+            return self.integer(key)
+        if isinstance(usual, str):
+            return self.text(key)
+        return self.vector(key) if isinstance(usual, tuple) else self.number(key)
+
     def build(self, make: Callable[[], Built]) -> Built:
-        """What ``make`` returns; an InputError of it is told with file and section."""
+        """What ``make`` returns; its errors get the file and the section."""
         try:
             return make()
         except InputError as error:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from yarnscale.files.fields import toml_file
 from yarnscale.files.material_json import read_material
 from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, Section
-from yarnscale.files.toml_text import fields_of, read_toml
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.contact.obstacles import Obstacle, Plane
@@ -35,9 +35,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     of a wrong type.
     """
     path = Path(path)
-    table, text = read_toml(path)
-    with fields_of(path, text):
-        return _scene(Section(table, path))
+    with toml_file(path) as table:
+        return _scene(Section(table.content, path))
 
 
 def _scene(root: Section) -> Scene:
@@ -49,36 +48,31 @@ def _scene(root: Section) -> Scene:
         return replace(scene, notices=(sizes_of(scene.cloth), *notices))
     root.known("name", "material", "may_give_way", "gravity", "damping", "stiffness_damping", "air_drag",
                "free_edges", "mesh", "schedule", "handles", "contact", "obstacles")  # fmt: skip
-    section = root.section("mesh")
+    section = root.fields("mesh", optional=True)
     notices: list[str] = []
     mesh = read_mesh(section, notices.append)
     if not {"unit", "scale", "material_scale"} & set(section.content):
         notices += section.build(lambda: [*check_size(mesh, material.density)])
     start = read_start(section, mesh)
     obstacles = tuple(
-        _facing(read_obstacle(item), start, item, notices.append) for item in root.sections("obstacles")
+        _facing(read_obstacle(item), start, item, notices.append)
+        for item in root.items("obstacles", optional=True)
     )
     garment = is_garment(section)
     thickness = garment_thickness(material, mesh, start) if garment else cloth_thickness(material, mesh)
     usual = ContactSettings(thickness=thickness)
     meets = "contact" in root.content or obstacles or garment
-    contact = _contact(root.section("contact"), usual) if meets else None
+    contact = _contact(root.fields("contact", optional=True), usual) if meets else None
+    free_edges = root.choice_or("free_edges", "extrapolate", ("extrapolate", "zero"))
+    handles = tuple(_handle(item, mesh, start) for item in root.items("handles", optional=True))
     cloth = root.build(
         lambda: Cloth(
-            mesh,
-            material,
-            tuple(_handle(item, mesh, start) for item in root.sections("handles")),
-            gravity=root.vector_or("gravity", (0.0, 0.0, -9.81)),
-            contact=contact,
-            obstacles=obstacles,
-            damping=root.number_or("damping", 0.0),
-            stiffness_damping=root.number_or("stiffness_damping", 0.0),
-            air_drag=root.number_or("air_drag", 0.0),
-            free_edges=root.choice_or("free_edges", "extrapolate", ("extrapolate", "zero")),  # type: ignore[arg-type]
+            mesh, material, handles, contact=contact, obstacles=obstacles, free_edges=free_edges,  # type: ignore[arg-type]
         )
-    )
+    )  # fmt: skip
+    cloth = root.changed(cloth, "gravity", "damping", "stiffness_damping", "air_drag")
     notices += root.build(lambda: [*check_cloth(cloth)])
-    schedule, options = _schedule(root.section("schedule"))
+    schedule, options = _schedule(root.fields("schedule", optional=True))
     return Scene(
         name, cloth, start, schedule, options, may_give_way=_may_give_way(root),
         notices=(sizes_of(cloth), *notices),
@@ -99,18 +93,11 @@ def _ready(root: Section, material: ElementMaterial) -> Scene:
     scene = root.build(lambda: ready_scene(name, material, spacing=spacing))
     cloth = scene.cloth
     if "obstacles" in root.content:
-        cloth = replace(cloth, obstacles=tuple(read_obstacle(item) for item in root.sections("obstacles")))
+        cloth = replace(cloth, obstacles=tuple(read_obstacle(item) for item in root.items("obstacles")))
     if "contact" in root.content:
-        cloth = replace(cloth, contact=_contact(root.section("contact"), cloth.contact or ContactSettings()))
-    cloth = root.build(
-        lambda: replace(
-            cloth,
-            gravity=root.vector_or("gravity", cloth.gravity),
-            damping=root.number_or("damping", cloth.damping),
-            air_drag=root.number_or("air_drag", cloth.air_drag),
-        )
-    )
-    schedule, options = _schedule(root.section("schedule"), scene.schedule, scene.options)
+        cloth = replace(cloth, contact=_contact(root.fields("contact"), cloth.contact or ContactSettings()))
+    cloth = root.changed(cloth, "gravity", "damping", "air_drag")
+    schedule, options = _schedule(root.fields("schedule", optional=True), scene.schedule, scene.options)
     return replace(scene, cloth=cloth, schedule=schedule, options=options)
 
 
@@ -150,67 +137,35 @@ def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:
     return section.build(lambda: Handle(name, chosen, start.positions[chosen], motion))
 
 
-def _contact(section: Section, default: ContactSettings) -> ContactSettings:
-    section.known("thickness", "pressure", "self_contact", "friction", "slip", "holding_force")
-    return section.build(
-        lambda: ContactSettings(
-            thickness=section.number_or("thickness", default.thickness),
-            pressure=section.number_or("pressure", default.pressure),
-            self_contact=section.flag_or("self_contact", default.self_contact),
-            friction=section.number_or("friction", default.friction),
-            slip=section.number_or("slip", default.slip),
-            holding_force=section.number_or("holding_force", default.holding_force),
-        )
-    )
+def _contact(section: Section, usual: ContactSettings) -> ContactSettings:
+    keys = ("thickness", "pressure", "self_contact", "friction", "slip", "holding_force")
+    return section.known(*keys).changed(usual, *keys)
 
 
 def _schedule(
     section: Section, usual: Schedule | None = None, options: SolverOptions | None = None
 ) -> tuple[Schedule, SolverOptions]:
     """The schedule and how steps are solved; ``usual`` and ``options`` say what holds where the file is silent."""
-    section.known("duration", "time_step", "to_rest", "rest_tolerance", "longest_step", "frame_interval",
-                  "tolerance", "iterations", "integrator", "method", "animation", "rough_iterations", "statics",
-                  "first_load", "smallest_load", "largest_load")  # fmt: skip
-    options = options or SolverOptions()
-    if usual is None:
-        usual = section.build(lambda: Schedule(section.number("duration"), 0.02, to_rest=False))
+    timing = (
+        "duration",
+        "time_step",
+        "to_rest",
+        "rest_tolerance",
+        "longest_step",
+        "frame_interval",
+        "statics",
+    )
+    loads = {"first": "first_load", "smallest": "smallest_load", "largest": "largest_load"}
+    solving = ("tolerance", "iterations", "integrator", "method")
+    section.known(*timing, *loads.values(), *solving, "animation", "rough_iterations")
+    plan = usual or section.build(lambda: Schedule(section.number("duration"), 0.02, to_rest=False))
     if section.flag_or("animation", False):
-        told = [key for key in ("statics", "to_rest") if section.flag_or(key, False)]
-        if told:
-            raise section.fault("animation", expected=f"false with {told[0]}", found="true")
-        usual = usual.animated()
-    rough = (
-        section.integer("rough_iterations")
-        if "rough_iterations" in section.content
-        else usual.rough_iterations
-    )
-    loads = usual.load_steps
-    frames = section.number("frame_interval") if "frame_interval" in section.content else usual.frame_interval
-    schedule = section.build(
-        lambda: replace(
-            usual,
-            duration=section.number_or("duration", usual.duration),
-            time_step=section.number_or("time_step", usual.time_step),
-            to_rest=section.flag_or("to_rest", usual.to_rest),
-            longest_step=section.number_or("longest_step", usual.longest_step),
-            rest_tolerance=section.number_or("rest_tolerance", usual.rest_tolerance),
-            frame_interval=frames,
-            rough_iterations=rough,
-            statics=section.flag_or("statics", usual.statics),
-            load_steps=replace(
-                loads,
-                first=section.number_or("first_load", loads.first),
-                smallest=section.number_or("smallest_load", loads.smallest),
-                largest=section.number_or("largest_load", loads.largest),
-            ),
-        )
-    )
-    return schedule, section.build(
-        lambda: replace(
-            options,
-            tolerance=section.number_or("tolerance", options.tolerance),
-            iterations=section.integer_or("iterations", options.iterations),
-            integrator=section.text_or("integrator", options.integrator),
-            method=section.text_or("method", options.method),
-        )
-    )
+        other = [key for key in ("statics", "to_rest") if section.flag_or(key, False)]
+        if other:
+            raise section.fault("animation", expected=f"false with {other[0]}", found="true")
+        plan = plan.animated()
+    steps = section.changed(plan.load_steps, **loads)
+    if "rough_iterations" in section.content:
+        rough = section.integer("rough_iterations")
+        plan = section.build(lambda plan=plan: replace(plan, rough_iterations=rough))
+    return section.changed(replace(plan, load_steps=steps), *timing), section.changed(options or SolverOptions(), *solving)

@@ -17,7 +17,6 @@ from yarnscale.files.curve_frames import CurveSet
 
 Floats = NDArray[np.float64]
 
-SUFFIXES = (".usd", ".usdc", ".usda")
 _FRAMES_IN_MEMORY = 32
 
 
@@ -26,14 +25,13 @@ def write_usd(
     animation: Animation,
     *,
     fps: float = 30.0,
-    cubic: bool = True,
     on_frame: Callable[[int], None] | None = None,
 ) -> None:
     """Write an animation, metres, z up; frames are read one by one.
 
     A frame of time t [s] is the time sample t · fps; between samples USD interpolates. The cloth has normals,
     velocities [m/s] and material coordinates [m] as ``primvars:st``. Yarns are cubic Catmull-Rom curves through
-    their points, pinned at open ends and periodic where closed (two prims, as a prim is either), or linear ones;
+    their points, pinned at open ends and periodic where closed (two prims, as a prim is either);
     widths are diameters [m]. on_frame: called with the number of frames done.
 
     Raises InputError without the extra ``export`` or where the file cannot be written.
@@ -41,16 +39,14 @@ def write_usd(
     _, Tf, Usd, _, _ = _libraries()
     with replacement(path) as temporary:
         try:
-            _fill(Usd.Stage.CreateNew(str(temporary)), animation, fps, cubic, on_frame)
+            _fill(Usd.Stage.CreateNew(str(temporary)), animation, fps, on_frame)
         except Tf.ErrorException as error:
             # The first line of a USD error ends with what happened, in quotes.
             reason = str(error).strip().splitlines()[0].rsplit(" : ", 1)[-1].strip(" '")
             raise InputError("output cannot be written", where=path, found=reason) from None
 
 
-def _fill(
-    stage: Any, animation: Animation, fps: float, cubic: bool, on_frame: Callable[[int], None] | None
-) -> None:
+def _fill(stage: Any, animation: Animation, fps: float, on_frame: Callable[[int], None] | None) -> None:
     Sdf, _, _, UsdGeom, _ = _libraries()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -60,7 +56,7 @@ def _fill(
     stage.SetEndTimeCode(float(animation.times[-1] * fps))
     root = UsdGeom.Xform.Define(stage, "/yarnscale")
     stage.SetDefaultPrim(root.GetPrim())
-    parts = _Parts(stage, animation, cubic)
+    parts = _Parts(stage, animation)
     for k, moment in enumerate(animation):
         with Sdf.ChangeBlock():
             parts.write(moment, moment.time * fps)
@@ -84,7 +80,7 @@ def _libraries() -> tuple[Any, ...]:
 class _Parts:
     """The prims of a stage; ``write`` gives them the samples of a moment."""
 
-    def __init__(self, stage: Any, animation: Animation, cubic: bool) -> None:
+    def __init__(self, stage: Any, animation: Animation) -> None:
         self.sdf, _, _, self.geometry, self.arrays = _libraries()
         self.animation = animation
         self.cloth = self._mesh(stage, "cloth", animation.cloth)
@@ -98,7 +94,7 @@ class _Parts:
             for name, which in (("yarns", ~closed), ("loops", closed)):
                 if which.any():
                     part, points = animation.yarns.chosen(which)
-                    self.curves.append((self._basis_curves(stage, name, part, cubic), points))
+                    self.curves.append((self._basis_curves(stage, name, part), points))
 
     def write(self, moment: Moment, code: float) -> None:
         if self.cloth is not None and moment.cloth is not None and self.animation.cloth is not None:
@@ -140,15 +136,13 @@ class _Parts:
                 variable.SetIndices(self._integers(np.asarray(surface.corners).ravel()))
         return prim
 
-    def _basis_curves(self, stage: Any, name: str, curves: CurveSet, cubic: bool) -> Any:
+    def _basis_curves(self, stage: Any, name: str, curves: CurveSet) -> Any:
         tokens = self.geometry.Tokens
         prim = self.geometry.BasisCurves.Define(stage, f"/yarnscale/{name}")
-        closed = bool(curves.closed[0])
-        prim.CreateTypeAttr(tokens.cubic if cubic else tokens.linear)
-        if cubic:
-            prim.CreateBasisAttr(tokens.catmullRom)
-        # Pinned curves reach their ends; linear ones do so by themselves.
-        prim.CreateWrapAttr(tokens.periodic if closed else tokens.pinned if cubic else tokens.nonperiodic)
+        prim.CreateTypeAttr(tokens.cubic)
+        prim.CreateBasisAttr(tokens.catmullRom)
+        # Pinned curves reach their ends.
+        prim.CreateWrapAttr(tokens.periodic if curves.closed[0] else tokens.pinned)
         prim.CreateCurveVertexCountsAttr(self._integers(np.diff(curves.offsets)))
         prim.SetWidthsInterpolation(tokens.vertex)
         colours = np.array([yarn_colour(number) for number in curves.yarn.tolist()], dtype=np.float32)

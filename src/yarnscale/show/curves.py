@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,27 +32,6 @@ class Curve:
     closed: bool = False
     solid: NDArray[np.bool_] | None = None
     radius: float | None = None
-
-
-def flat_placement(
-    positions: NDArray[np.float64],
-    period: Sequence[float] | NDArray[np.float64],
-    *,
-    deformation: NDArray[np.float64] | None = None,
-) -> Placement:
-    """Copies of a flat cell: vertex + S · (a px, b py).
-
-    positions: vertices of the primary tile [m], shape (n, 3). period: (px, py) [m].
-    deformation: S, in-plane deformation [-], shape (2, 2) or (3, 2); None is the identity.
-    """
-    steps = np.zeros((2, 3))
-    matrix = np.eye(2) if deformation is None else np.asarray(deformation, dtype=float)
-    steps[:, : matrix.shape[0]] = (matrix * np.asarray(period, dtype=float)).T
-
-    def place(vertices: NDArray[np.int64], tiles: NDArray[np.int64]) -> NDArray[np.float64]:
-        return positions[vertices] + tiles @ steps
-
-    return place
 
 
 def rings_for(period: NDArray[np.float64], radius: float) -> tuple[int, int]:

@@ -91,7 +91,7 @@ def curves_plot(path: Path, estimate: FabricEstimate) -> None:
         pairs = zip(estimate.held_out.curves, estimate.prediction.curves, strict=True)
         panels += [(target, None, curve) for target, curve in pairs]
     tests = {test.direction: test for test in estimate.measurements.stretch}
-    with written_figure(path, max(7.0, 4.2 * len(panels)), 6.0, title="") as figure:
+    with written_figure(path, max(7.0, 4.2 * len(panels)), 6.0) as figure:
         grid = figure.subplots(2, len(panels), squeeze=False, sharex="col")
         for k, (target, shell, curve) in enumerate(panels):
             _stress_panel(grid[0, k], tests[target.direction], target, shell, curve)
@@ -163,7 +163,7 @@ def _yarn_line(axes: Axes, target: UniformCurve, curve: YarnCurve, values: Array
 def spread_plot(path: Path, estimate: FabricEstimate) -> None:
     """Singular values, and the share of every parameter in their directions."""
     spread = estimate.fit.spread
-    with written_figure(path, 6.4, 3.4, title="") as figure:
+    with written_figure(path, 6.4, 3.4) as figure:
         left, right = figure.subplots(1, 2, width_ratios=[1, 1.6])
         numbers = np.arange(1, len(spread.singular) + 1)
         left.bar(numbers, np.maximum(spread.singular, 1e-6), color=theme.SAMPLE)

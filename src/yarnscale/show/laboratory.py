@@ -57,7 +57,7 @@ def _legend(found: Sequence[FabricTests], what: str) -> str:
 
 def _tension(path: Path, found: Sequence[FabricTests]) -> None:
     """Load and contraction over stretch, loads on a logarithmic scale."""
-    with written_figure(path, 9.0, 3.8, title="") as figure:
+    with written_figure(path, 9.0, 3.8) as figure:
         loads, contractions = figure.subplots(1, 2)
         for number, tests in enumerate(found):
             for k, direction in enumerate(tests.directions):
@@ -72,7 +72,7 @@ def _tension(path: Path, found: Sequence[FabricTests]) -> None:
 
 
 def _others(path: Path, found: Sequence[FabricTests]) -> None:
-    with written_figure(path, 12.0, 3.6, title="") as figure:
+    with written_figure(path, 12.0, 3.6) as figure:
         bent, twisted, sheared = figure.subplots(1, 3)
         for number, tests in enumerate(found):
             for k, direction in enumerate(dict.fromkeys(p.direction for p in tests.bending)):
@@ -106,7 +106,7 @@ def _style(number: int, colour: int, label: str) -> dict[str, Any]:
 
 
 def _outlines(path: Path, found: Sequence[FabricTests]) -> None:
-    with written_figure(path, 4.4, 4.4, title="") as figure:
+    with written_figure(path, 4.4, 4.4) as figure:
         axes = figure.subplots()
         angle = np.radians(np.arange(361))
         for radius in (DISC, SPECIMEN):

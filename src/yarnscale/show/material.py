@@ -74,7 +74,7 @@ def draw_terms(material: SplineMaterial, samples: FabricStates, path: Path) -> N
 
 def _curves(path: Path, material: ShellMaterial, samples: FabricStates, draw: Any) -> None:
     fabric = MaterialFabric(material)
-    with written_figure(path, 7.2, 3.2, title="") as figure:
+    with written_figure(path, 7.2, 3.2) as figure:
         for axes, (name, angle, place) in zip(figure.subplots(1, 2), DIRECTIONS, strict=True):
             axes.set_title(f"along the {name}", fontsize=9)
             draw(axes, samples, fabric, angle, place)

@@ -20,14 +20,12 @@ from yarnscale.show import theme
 Array = NDArray[np.float64]
 
 
-def stress_scatter(
-    path: str | Path, groups: Mapping[str, tuple[Array, Array]], *, floor: float, title: str = ""
-) -> None:
+def stress_scatter(path: str | Path, groups: Mapping[str, tuple[Array, Array]], *, floor: float) -> None:
     """Norm of the fit's error over the norm of the stress, by group (norms (n,), errors (n,)) [N/m].
 
     floor: stress below which errors stop being relative. Lines show 1 % and 6 % of the norm plus the floor.
     """
-    with written_figure(path, 5.2, 3.6, title=title) as figure:
+    with written_figure(path, 5.2, 3.6) as figure:
         axes = figure.subplots()
         colors = (theme.FIT, theme.SAMPLE)
         for color, (name, (norms, errors)) in zip(colors, groups.items(), strict=False):
@@ -49,7 +47,6 @@ def error_histogram(
     errors: Mapping[str, Array],
     *,
     label: str = "relative error of the fit [%]",
-    title: str = "",
 ) -> None:
     """Distribution of fit errors, one row per group (a strain axis or plane); errors: relative, (n,) each."""
     groups = {name: 100 * np.abs(np.asarray(e)[np.isfinite(e)]) for name, e in errors.items()}
@@ -59,7 +56,7 @@ def error_histogram(
     floor = 1e-4
     top = max(max(float(e.max()) for e in groups.values()), 10 * floor)
     bins = np.geomspace(floor, top * 1.001, 40)
-    with written_figure(path, 5.2, 0.9 + 0.75 * len(groups), title=title) as figure:
+    with written_figure(path, 5.2, 0.9 + 0.75 * len(groups)) as figure:
         rows = figure.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, values) in zip(rows, groups.items(), strict=True):
             axes.hist(np.clip(values, floor, None), bins=list(bins), color=theme.SAMPLE, alpha=0.85)
@@ -74,15 +71,12 @@ def error_histogram(
 
 
 @contextmanager
-def written_figure(path: str | Path, width: float, height: float, *, title: str) -> Iterator[Figure]:
+def written_figure(path: str | Path, width: float, height: float) -> Iterator[Figure]:
     """A figure [inches] in the common style, written to ``path`` at the end; never touches pyplot's state."""
     with matplotlib.rc_context(rc=dict(theme.PLOT_STYLE)):  # type: ignore[arg-type]
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
-        if title:
-            figure.suptitle(title, color=theme.INK, fontsize=11)
         yield figure
         content = io.BytesIO()
-        kind = "svg" if Path(path).suffix.lower() == ".svg" else "png"
-        figure.savefig(content, format=kind, metadata={"Date": None} if kind == "svg" else None)
+        figure.savefig(content, format="png")
         write_bytes(path, content.getvalue())

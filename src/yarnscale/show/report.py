@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,16 +53,13 @@ def write_report(
     *,
     summary: str = "",
     facts: Mapping[str, Cell] | None = None,
-    embed: bool = True,
 ) -> None:
     """Write an HTML page that needs no other address.
 
-    summary: a line below the title. facts: names and values in a strip on top of the page.
-    embed: put pictures into the page; False refers to them by a path relative to the page.
+    summary: a line below the title. facts: names and values in a strip on top of the page. Pictures are in the page.
     All text is escaped. Raises InputError when a picture is missing, a row has the wrong number of cells,
     or the page cannot be written.
     """
-    folder = Path(path).resolve().parent
     for section in sections:
         for table in section.tables:
             _check(table)
@@ -76,7 +72,7 @@ def write_report(
     )
     environment.filters["cell"] = cell_text
     environment.filters["is_number"] = _is_number
-    environment.filters["source"] = lambda picture: _source(picture.path, folder, embed)
+    environment.filters["source"] = lambda picture: _source(picture.path)
     page = environment.get_template("report.html").render(
         title=title, summary=summary, facts=facts or {}, sections=sections, version=__version__
     )
@@ -106,8 +102,8 @@ def _check(table: Table) -> None:
             )
 
 
-def _source(path: Path, folder: Path, embed: bool) -> str:
-    """What an ``img`` refers to: the picture itself as base64, or its relative path."""
+def _source(path: Path) -> str:
+    """What an ``img`` refers to: the picture itself as base64."""
     kind = MIME.get(Path(path).suffix.lower())
     if kind is None:
         raise InputError("kind of picture", where=path, expected=" or ".join(MIME), found=Path(path).suffix)
@@ -115,6 +111,4 @@ def _source(path: Path, folder: Path, embed: bool) -> str:
         content = Path(path).read_bytes()
     except OSError as error:
         raise InputError("picture cannot be read", where=path, found=error.strerror) from error
-    if not embed:
-        return Path(os.path.relpath(Path(path).resolve(), folder)).as_posix()
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

@@ -16,16 +16,13 @@ FAINT = "#d4d9dd"
 
 FIT = "#d9653b"
 SAMPLE = "#2a6fa8"
-WARN = "#b3261e"
 
 CLOTH_FRONT = "#d98b5f"
 CLOTH_BACK = "#4f7fa3"
 OBSTACLE = "#c3cbd2"
-BAR = "#3a4652"
 SURFACE = "#7fb6d6"
 
 SEQUENTIAL = "viridis"
-DIVERGING = "RdBu_r"
 
 PICTURE_SIZE = (1200, 900)
 """Width and height of a rendered picture [pixels]."""
@@ -68,6 +65,6 @@ def yarn_colour(yarn: int) -> NDArray[np.float64]:
     return rgb(YARNS[yarn % len(YARNS)])
 
 
-def faded(colour: NDArray[np.float64], *, amount: float = 0.75) -> NDArray[np.float64]:
-    """Colour moved towards the grey of periodic copies by ``amount`` in [0, 1], shape (3,)."""
-    return (1.0 - amount) * colour + amount * rgb(FAINT)
+def faded(colour: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colour moved by three quarters towards the grey of periodic copies, shape (3,)."""
+    return 0.25 * colour + 0.75 * rgb(FAINT)

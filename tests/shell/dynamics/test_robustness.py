@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from yarnscale.files.hylc_json import read_hylc_json
+from yarnscale.files.material_json import read_material
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.materials.material import ShellMaterial
 
@@ -34,7 +34,7 @@ def material(request: pytest.FixtureRequest, robustness: ModuleType) -> ShellMat
     if request.param == "woven":
         return robustness.woven()
     shared = request.getfixturevalue("shared")
-    return read_hylc_json(shared / "reference" / f"{request.param}.json")
+    return read_material(shared / "reference" / f"{request.param}.json")
 
 
 def test_steps_from_small_deformations_converge(robustness: ModuleType, material: ShellMaterial) -> None:

@@ -225,7 +225,7 @@ position = [0, 0, -3]
         (
             "damping = 1.0",
             "dampening = 1.0",
-            r"scene.toml:\d+: unknown key 'dampening'; expected name, material",
+            r"scene.toml:\d+: unknown field 'dampening'; expected name, material",
         ),
         (
             "damping = 1.0",
@@ -257,7 +257,7 @@ position = [0, 0, -3]
             "statics = true\nduration = 0\ntime",
             "duration; expected a positive number for stat",
         ),
-        ("spacing = 0.02", "spacing = 0.02\nradius = 1", "unknown key 'mesh.radius'"),
+        ("spacing = 0.02", "spacing = 0.02\nradius = 1", "unknown field 'mesh.radius'"),
         (
             "spacing = 0.02",
             'spacing = 0.02\nshape = "star"',

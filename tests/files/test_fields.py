@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.files.fields import toml_file
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.material_json import write_material
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.scene_toml import read_scene
-from yarnscale.files.toml_text import fields_of
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 YARN = """young_modulus = 1e6
@@ -98,7 +98,8 @@ def test_grids(tmp_path: Path) -> None:
 
 
 def test_names_are_found_in_their_table(tmp_path: Path) -> None:
-    text = "a = 1\n[t]\na = 2\n[[u]]\nb = 1\n[[u]]\n'b' = 2\nc.d = 3\n"
+    path = tmp_path / "f.toml"
+    path.write_text("a = 1\n[t]\na = 2\n[[u]]\nb = 1\n[[u]]\n'b' = 2\nc.d = 3\n")
     for what, line in (
         ("a is wrong", 1),
         ("[t] a", 3),
@@ -106,7 +107,7 @@ def test_names_are_found_in_their_table(tmp_path: Path) -> None:
         ("[u[1]] c.d", 8),
         ("[t] gone", 2),
     ):
-        with pytest.raises(InputError, match=f"^f:{line}: "), fields_of("f", text):
-            raise InputError(what, where="f")
-    with pytest.raises(InputError, match=r"^other:9: "), fields_of("f", text):
+        with pytest.raises(InputError, match=rf"f\.toml:{line}: "), toml_file(path):
+            raise InputError(what, where=path)
+    with pytest.raises(InputError, match=r"^other:9: "), toml_file(path):
         raise InputError("a", where="other:9")
