@@ -1,13 +1,12 @@
 """The command ``estimate``: its numbers and report, going on where it stopped, and what it refuses."""
 
-import argparse
 import json
 from pathlib import Path
 
 import pytest
 
 from yarnscale.cli import main
-from yarnscale.cli.estimate_options import add_estimate_options
+from yarnscale.cli.arguments import parser
 from yarnscale.estimate.yarn_fit import FitOptions
 from yarnscale.files.patterns import read_pattern, read_yarns
 from yarnscale.yarn.material import YarnMaterial
@@ -79,9 +78,7 @@ def test_estimates_reports_and_goes_on(
 
 
 def test_the_usual_search_of_the_command_is_that_of_the_library() -> None:
-    command = argparse.ArgumentParser()
-    add_estimate_options(command)
-    given = command.parse_args(["curves.csv", "--pattern", "stockinette", "--out", "out"])
+    given = parser().parse_args(["estimate", "curves.csv", "--pattern", "stockinette", "--out", "out"])
     usual = FitOptions()
     for name in ("solver", "seed", "starts", "refined", "iterations"):
         assert getattr(given, name) == getattr(usual, name), name

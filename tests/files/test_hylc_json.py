@@ -105,7 +105,7 @@ def put(value, *path):
         (remove("coeffs", "1D", 2, "m"), ["coeffs.1D[2].m"]),
         (put([0.0, 1.0], "coeffs", "1D", 2, "p"), ["coeffs.1D[2].p", "3 numbers", "2 numbers"]),
         (put([0.0, 0.0, 1.0], "coeffs", "1D", 1, "t"), ["coeffs.1D[1].t", "increasing"]),
-        (put(["a", 0.0, 1.0], "coeffs", "1D", 1, "p"), ["coeffs.1D[1].p", "numbers"]),
+        (put(["a", 0.0, 1.0], "coeffs", "1D", 1, "p"), ["coeffs.1D[1].p[0]", "a number"]),
         (put(1, "coeffs", "1D", 0, "k"), ["coeffs.1D[1].k"]),
         (put(True, "coeffs", "1D", 0, "k"), ["coeffs.1D[0].k", "integer"]),
         (put({}, "coeffs", "1D"), ["coeffs.1D", "list"]),

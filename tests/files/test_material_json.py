@@ -112,7 +112,7 @@ def changed(material, change) -> str:
         (lambda c: c["terms"].pop("bends"), ["terms.bends"]),
         (lambda c: c["terms"]["springs"].pop(), ["terms.springs", "3 × 6"]),
         (lambda c: c["terms"]["stiffnesses"].__setitem__(0, -1.0), ["stiffnesses", "negative"]),
-        (lambda c: c["trusted"].update(samples=[[1.0]]), ["trusted.samples", "1 × 6"]),
+        (lambda c: c["trusted"].update(samples=[[1.0]]), ["trusted.samples[0]", "6 numbers"]),
         (lambda c: c["trusted"].update(spacing=0), ["trusted.spacing", "positive"]),
     ],
 )

@@ -20,6 +20,7 @@ import yarnscale
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli import main
 from yarnscale.errors import InputError
+from yarnscale.homogeneous.loads import FLAT, Loads
 from yarnscale.homogenize import executors
 from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.plan import StrainGrid
@@ -28,7 +29,6 @@ from yarnscale.homogenize.sample import create_ray_store, create_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
-from yarnscale.numerics.loads import FLAT, Loads
 from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 

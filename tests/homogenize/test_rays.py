@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cell import loads as loads_module
 from yarnscale.errors import InputError
+from yarnscale.homogeneous import fabrics as fabrics_module
+from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
 from yarnscale.homogenize import load_samples
 from yarnscale.homogenize import sample as module
 from yarnscale.homogenize.load_samples import visiting_rays
@@ -35,13 +36,14 @@ from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF
 from yarnscale.kinematics import ShellStrain
-from yarnscale.numerics.loads import FLAT, Held, Loads
 from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 REST = Ray("rest", ((Loads(), strains_held(np.zeros(6))),))
 TENSION = Ray("tension", tuple((Loads.components(s_x=load, s_y=load), FLAT) for load in (0.1, 0.1, 0.5)))
-TOO_TIGHT = Ray("strain", tuple((Loads(), Held.components(II11=curvature)) for curvature in (900.0, 0.0)))
+TOO_TIGHT = Ray(
+    "strain", tuple((Loads(), Prescribed.components(II11=curvature)) for curvature in (900.0, 0.0))
+)
 """Its first level asks for more curvature than the cell of these tests bears."""
 RAYS = [REST, TENSION, TOO_TIGHT]
 
@@ -127,7 +129,7 @@ def test_plans_without_states_are_refused(cell: PeriodicCell, options: dict, mes
 
 @pytest.fixture
 def sampled(cell: PeriodicCell, tmp_path: Path, inline: None, monkeypatch: pytest.MonkeyPatch) -> SampleStore:
-    monkeypatch.setattr(loads_module, "TIGHTEST", 1e-5)
+    monkeypatch.setattr(fabrics_module, "TIGHTEST", 1e-5)
     store = create_ray_store(tmp_path / "store", cell, RAYS)
     sample(cell, store)
     return store

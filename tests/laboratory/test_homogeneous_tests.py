@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import yarnscale as ys
+from yarnscale.homogeneous.fabrics import MaterialFabric, Response
 from yarnscale.laboratory import homogeneous_tests as tests
-from yarnscale.numerics.loads import Response
-from yarnscale.shell.materials.homogeneous import MaterialFabric
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from yarnscale.cli.console import ProgressLine, print_json, print_outcome
+from yarnscale.cli.console import ProgressLine, outcome_lines, report
 from yarnscale.cli.notices import tell
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
@@ -105,11 +105,8 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
             write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
     digest = hashlib.sha256((folder / MATERIAL).read_bytes()).hexdigest()
     summary = result.summary() | {"material_hash": digest}
-    if options.json:
-        print_json(summary)
-    else:
-        print_outcome(_flat(summary), _unfulfilled(result))
-        print(f"{folder}: frames, pictures and a page")
+    lines = outcome_lines(_flat(summary), _unfulfilled(result))
+    report(options, summary, *lines, f"{folder}: frames, pictures and a page")
     return 0 if result.succeeded else 1
 
 

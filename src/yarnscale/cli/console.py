@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import sys
@@ -17,22 +18,32 @@ from yarnscale.errors import InputError
 from yarnscale.files.run_folder import writable_folder as writable_folder
 
 if TYPE_CHECKING:
+    from yarnscale.homogenize.sample import Progress as Sampling
     from yarnscale.motion.run import Progress
 
 
-def print_json(values: Mapping[str, object]) -> None:
-    """One JSON object on one line; numbers that are not finite become null."""
-    print(plain_json({**values, "notices": given} if given else values))
+def report(options: argparse.Namespace, summary: Mapping[str, object], *lines: str) -> None:
+    """What a command found: with ``--json`` a summary as one object, else lines of text."""
+    if options.json:
+        print(plain_json({**summary, "notices": given} if given else summary))
+        return
+    for line in lines:
+        print(line)
 
 
-def print_outcome(values: Mapping[str, object], sentences: Sequence[str] = ()) -> None:
+def say(text: str) -> None:
+    """A line on the standard error, which keeps results apart."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def outcome_lines(values: Mapping[str, object], sentences: Sequence[str] = ()) -> list[str]:
     """Numbers of a run, one a line, but for motions that were not carried out, which sentences tell."""
+    lines = []
     for name, value in values.items():
         if name != "unfulfilled":
-            told = f"{value:.6g}" if isinstance(value, float) else "not tested" if value is None else value
-            print(f"{name:<18} {told}")
-    for sentence in sentences:
-        print(sentence)
+            text = f"{value:.6g}" if isinstance(value, float) else "not tested" if value is None else value
+            lines.append(f"{name:<18} {text}")
+    return [*lines, *sentences]
 
 
 def plain_json(values: Mapping[str, object], *, indent: int | None = None) -> str:
@@ -82,14 +93,18 @@ class ProgressLine:
         share, since = progress.share - self._first[0], seconds - self._first[1]
         left = since / share * (1.0 - progress.share) if share > 0 else float("nan")
         note = f"{progress.iterations} iterations" if progress.iterations else ""
-        self.show(round(100 * progress.share), 100, seconds, left, note)
+        self.show(round(100 * progress.share), 100, note, left=left)
 
-    def show(self, done: int, total: int, seconds: float, left: float, note: str = "") -> None:
-        """Show how far the work is; ``left`` in seconds (nan: unknown).
+    def show(self, done: int, total: int, note: str = "", *, left: float | None = None) -> None:
+        """Show how far the work is.
 
-        What has been worked on for a time takes about as long again, whatever others took.
+        left: seconds still to come (nan: unknown); None: as long for each part as since the line was made. What has
+        been worked on for a time takes about as long again, whatever others took.
         """
         now = time.monotonic()
+        seconds = now - self._began
+        if left is None:
+            left = seconds / done * (total - done) if done else float("nan")
         if done != self._done:
             self._done, self._changed = done, now
         left = max(left, now - self._changed, 1.0) if np.isfinite(left) else left
@@ -98,6 +113,11 @@ class ProgressLine:
         remaining = f", about {left:.0f} s left" if np.isfinite(left) and done < total else ""
         line = f"{self.label}: {done}/{total} in {seconds:.0f} s{remaining}{', ' + note if note else ''}"
         self._print(line, last=done >= total)
+
+    def sampled(self, progress: Sampling) -> None:
+        """Show how far a sampling run is."""
+        note = f"{progress.converged} converged"
+        self.show(progress.done, progress.total, note, left=progress.seconds_left)
 
     def note(self, text: str) -> None:
         """Say where work of unknown length stands."""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 import glob
-import sys
-import time
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from yarnscale.cli.console import ProgressLine, print_json, writable_file, writable_folder
+from yarnscale.cli.console import ProgressLine, report, say, writable_file, writable_folder
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, read_animation
 from yarnscale.files.run_folder import RunFolder, note_result
@@ -57,17 +55,9 @@ def convert(options: argparse.Namespace) -> int:
             note_result(out, options.frames)
             write(animation, kind, out, options)
     size = f", {options.out.stat().st_size / 1e6:.3g} MB" if options.out.is_file() else ""
-    if options.json:
-        print_json(
-            {
-                "out": str(out),
-                "format": kind,
-                "frames": len(animation),
-                "bytes": out.stat().st_size if size else None,
-            }
-        )
-    else:
-        print(f"{out}: {len(animation)} frame{'s' if len(animation) > 1 else ''}{size}")
+    summary = {"out": str(out), "format": kind, "frames": len(animation)}
+    summary["bytes"] = out.stat().st_size if size else None
+    report(options, summary, f"{out}: {len(animation)} frame{'s' if len(animation) > 1 else ''}{size}")
     return 0
 
 
@@ -99,47 +89,49 @@ def write(animation: Animation, kind: str, out: Path, options: argparse.Namespac
         writable_file(out, *_FILES[kind])
     else:
         writable_folder(out)
-    line, began, count = ProgressLine(f"writing {kind}"), time.perf_counter(), len(animation)
+    line, count = ProgressLine(f"writing {kind}"), len(animation)
 
-    def told(done: int) -> None:
+    def show(done: int) -> None:
         # Closing the file counts as one more frame: until then it is not finished.
-        seconds = time.perf_counter() - began
-        line.show(done, count + 1, seconds, seconds / done * (count + 1 - done), f"frame {done} of {count}")
+        line.show(done, count + 1, f"frame {done} of {count}")
 
     try:
-        _write(animation, kind, out, vars(options) if options is not None else {}, told)
+        _write(animation, kind, out, vars(options) if options is not None else {}, show)
     except KeyboardInterrupt as interrupt:
         if interrupt.args or kind not in _FILES or kind == "vtk":
             raise
         raise KeyboardInterrupt(f"nothing is kept of {out}, which is written whole or not at all") from None
-    line.show(count + 1, count + 1, time.perf_counter() - began, 0.0)
+    line.show(count + 1, count + 1)
 
 
 def _write(
-    animation: Animation, kind: str, out: Path, chosen: Mapping[str, Any], told: Callable[[int], None]
+    animation: Animation, kind: str, out: Path, chosen: Mapping[str, Any], on_frame: Callable[[int], None]
 ) -> None:
     fps = chosen.get("fps") or 30.0
     look = {name: chosen[name] for name in ("colour", "camera", "wires") if chosen.get(name)}
     if kind == "usd":
         from yarnscale.files.usd import write_usd
 
-        write_usd(out, animation, fps=fps, on_frame=told)
+        write_usd(out, animation, fps=fps, on_frame=on_frame)
     elif kind == "gltf":
         from yarnscale.files.gltf import write_gltf
 
         yarns_as = chosen.get("yarns_as") or "tubes"
         detail = None if yarns_as == "lines" else _tube_detail(animation, chosen.get("size") or 50.0)
-        write_gltf(out, animation, yarns_as=yarns_as, detail=detail, on_frame=told)
+        write_gltf(out, animation, yarns_as=yarns_as, detail=detail, on_frame=on_frame)
     elif kind == "mp4":
         from yarnscale.show.movie import write_movie
 
-        write_movie(out, animation, fps=fps, speed=chosen.get("speed") or 1.0, on_frame=told, **look)
+        write_movie(out, animation, fps=fps, speed=chosen.get("speed") or 1.0, on_frame=on_frame, **look)
     elif kind == "png":
         from yarnscale.show.movie import write_stills
 
-        write_stills(out, animation, on_frame=told, **look)
+        write_stills(out, animation, on_frame=on_frame, **look)
     else:
-        _write_each(animation, _frame_writer(animation, kind, out), told)
+        write_one = _frame_writer(animation, kind, out)
+        for done, (number, moment) in enumerate(zip(animation.numbers, animation, strict=True), start=1):
+            write_one(number, moment)
+            on_frame(done)
 
 
 def _tube_detail(animation: Animation, megabytes: float) -> TubeDetail | None:
@@ -162,7 +154,7 @@ def _tube_detail(animation: Animation, megabytes: float) -> TubeDetail | None:
 
 
 def _say(said: str) -> None:
-    print(f"yarnscale: {said}", file=sys.stderr, flush=True)
+    say(f"yarnscale: {said}")
 
 
 def _frame_writer(animation: Animation, kind: str, out: Path) -> Callable[[int, Moment], None]:
@@ -187,11 +179,3 @@ def _frame_writer(animation: Animation, kind: str, out: Path) -> Callable[[int, 
         write_bcc(out / f"frame_{number:04d}.bcc", curves, moment.yarns)
 
     return write_curves
-
-
-def _write_each(
-    animation: Animation, write_one: Callable[[int, Moment], None], told: Callable[[int], None]
-) -> None:
-    for done, (number, moment) in enumerate(zip(animation.numbers, animation, strict=True), start=1):
-        write_one(number, moment)
-        told(done)

@@ -12,7 +12,7 @@ import numpy as np
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
 from yarnscale.cli.cloth import MAKES, simulate_into
-from yarnscale.cli.console import print_json, writable_folder
+from yarnscale.cli.console import report, writable_folder
 from yarnscale.cli.detail import curve_set
 from yarnscale.cli.materials import PATTERN as REST
 from yarnscale.cli.materials import homogenize_into, material_sections, results_of_homogenize
@@ -46,10 +46,7 @@ def demo(options: argparse.Namespace) -> int:
     makes = ("index.html", "yarns/*.png", "homogenized/", "stretch/", "drape/")
     with RunFolder(options.out, "demo", makes, overwrite=options.overwrite) as folder:
         summary, good = _demo(folder, began)
-    if options.json:
-        print_json(summary)
-    else:
-        print(f"{summary['page']}: everything, in {summary['seconds']:.0f} s")
+    report(options, summary, f"{summary['page']}: everything, in {summary['seconds']:.0f} s")
     return 0 if good else 1
 
 

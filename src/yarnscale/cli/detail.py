@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
-from yarnscale.cli.console import ProgressLine, print_json, writable_file, writable_folder
+from yarnscale.cli.console import ProgressLine, report, say, writable_file, writable_folder
 from yarnscale.cli.materials import reach_dask, worker_count
 from yarnscale.cli.yarn_choice import YarnChoice, names, same_yarns, yarn_for
 from yarnscale.cli.yarns import pattern_of
@@ -65,14 +64,11 @@ def detail(options: argparse.Namespace) -> int:
         "frames_written": done,
         "seconds_per_frame": seconds / done if done else None,
     }
-    if options.json:
-        print_json(summary)
-    else:
-        each = f", {summary['seconds_per_frame']:.2g} s each" if done else ""
-        print(
-            f"{out}: {summary['curves']} curves, {summary['yarn_vertices']} vertices; "
-            f"{done} of {len(frames.paths)} frames written{each}"
-        )
+    each = f", {summary['seconds_per_frame']:.2g} s each" if done else ""
+    written = f"{done} of {len(frames.paths)} frames written{each}"
+    report(
+        options, summary, f"{out}: {summary['curves']} curves, {summary['yarn_vertices']} vertices; {written}"
+    )
     return 0
 
 
@@ -102,7 +98,7 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
         summary = _origin(store, out, resume=options.resume) | yarn.summary
         used = int((store.status() == CODE_OF["converged"]).sum())
         yarn.say()
-        print(f"states of the yarns: {store.path}, {used} states", file=sys.stderr, flush=True)
+        say(f"states of the yarns: {store.path}, {used} states")
         return table, summary | {"samples": str(store.path), "states": used} | _unseen_error(store, pattern)
     reach_dask(options)
     yarn.say()
@@ -111,15 +107,11 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     store = _kept(path, cell, axes, replace=options.overwrite)
     if store is None:
         store = create_store(path, cell, axes, scattered=False)
-    print(
-        f"no samples given or beside the pattern: {store.count} states are relaxed ('homogenize' leaves samples)",
-        file=sys.stderr, flush=True,
-    )  # fmt: skip
-    line = ProgressLine(f"sampling {pattern.name}")
-    run_sample(
-        cell, store, workers=worker_count(options), dask=options.dask,
-        progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
-    )  # fmt: skip
+    say(
+        f"no samples given or beside the pattern: {store.count} states are relaxed ('homogenize' leaves samples)"
+    )
+    progress = ProgressLine(f"sampling {pattern.name}").sampled
+    run_sample(cell, store, workers=worker_count(options), dask=options.dask, progress=progress)
     table = FluctuationTable.from_store(store, pattern)
     return table, _origin(store, out, resume=options.resume) | yarn.summary | {
         "states_replaced": table.replaced
@@ -140,7 +132,7 @@ def _stored(
         store = SampleStore(path)
         sampled = _sampled_pattern(store, pattern, yarn, options)
     except InputError as error:
-        print(f"not used: {error}", file=sys.stderr, flush=True)
+        say(f"not used: {error}")
         return None
     return (store, sampled) if (store.status() == CODE_OF["converged"]).any() else None
 
@@ -226,8 +218,7 @@ def _write(yarns: YarnDetail, frames: ClothFrames, out: Path, *, resume: bool) -
     for done, number in enumerate(todo, start=1):
         state = frames.state(number)
         folder.write(number, yarns.curves(state.positions), state.time)
-        seconds = time.perf_counter() - began
-        line.show(done, len(todo), seconds, seconds / done * (len(todo) - done))
+        line.show(done, len(todo))
     return len(todo), time.perf_counter() - began
 
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from yarnscale.cli.console import ProgressLine, print_json
+from yarnscale.cli.console import ProgressLine, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.cli.yarns import pattern_of
 from yarnscale.errors import InputError
@@ -82,7 +80,7 @@ def estimate(options: argparse.Namespace) -> int:
             store=lambda objective: _store(folder, objective, resume=options.resume),
             told=_progress(measurements.name, work_ahead(search, len(model.names))),
         )  # fmt: skip
-    _report(folder, found, as_json=options.json)
+    _report(options, folder, found)
     return 0 if found.fit.evaluation.failed == 0 else 1
 
 
@@ -110,18 +108,16 @@ def _model(options: argparse.Namespace, measurements: SwatchMeasurements) -> Yar
 
 
 def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:
-    line, began = ProgressLine(f"yarn of {name}"), time.perf_counter()
+    line = ProgressLine(f"yarn of {name}")
 
-    def told(evaluations: Evaluations) -> None:
-        seconds, done = time.perf_counter() - began, evaluations.count
-        total = max(ahead, done + 1)
+    def show(evaluations: Evaluations) -> None:
         best = "" if evaluations.best is None else f"objective {evaluations.best[0]:.4f}"
-        line.show(done, total, seconds, seconds / done * (total - done), best)
+        line.show(evaluations.count, max(ahead, evaluations.count + 1), best)
 
-    return told
+    return show
 
 
-def _report(folder: Path, found: FabricEstimate, *, as_json: bool) -> None:
+def _report(options: argparse.Namespace, folder: Path, found: FabricEstimate) -> None:
     summary = found.summary()
     try:
         from yarnscale.show.canvas import PicturesUnavailable
@@ -136,49 +132,46 @@ def _report(folder: Path, found: FabricEstimate, *, as_json: bool) -> None:
         write_text(folder / "estimate.json", json.dumps(summary, indent=1) + "\n")
         rested = found.fit.evaluation.rested.cell
         write_pattern(rested.pattern, folder / PATTERN, yarns=rested.material)
-    if as_json:
-        print_json(summary)
-        return
+    report(options, summary, *_lines(folder, found))
+    if not options.json:
+        for warning in found.warnings:
+            _say(f"warning: {warning}")
+
+
+def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
+    """What the console says of an estimate."""
     fit = found.fit
-    print(f"yarn of {found.measurements.name}, {fit.evaluations} tried with {fit.solves} equilibria:")
+    yield f"yarn of {found.measurements.name}, {fit.evaluations} tried with {fit.solves} equilibria:"
     for name, value in zip(fit.model.names, fit.values, strict=True):
-        print(f"  {name:<12}{value:.4g}{'   at the end of its range' if name in fit.at_bounds else ''}")
+        yield f"  {name:<12}{value:.4g}{'   at the end of its range' if name in fit.at_bounds else ''}"
     failed = found.fit.evaluation.failed
-    print(
-        f"error against the measurement{f', without {failed} states that are not at rest' if failed else ''}:"
-    )
-    _errors("all directions", found.error)
+    yield f"error against the measurement{f', without {failed} states that are not at rest' if failed else ''}:"
+    yield _errors("all directions", found.error)
     for direction, errors in found.error.directions.items():
-        _errors(f"{direction.value} alone", errors)
+        yield _errors(f"{direction.value} alone", errors)
     if (largest := found.largest_deviation) is not None:
         direction, stretch, own, measured = largest
-        print(
+        yield (
             f"  largest in the comfort range: {direction.value}, stretched by {100 * stretch:.0f} %: "
             f"{own:.3g} N/m, measured {measured:.3g} N/m"
         )
     if found.held_out_error is not None:
-        _errors("held out", found.held_out_error)
-    print("each stage by itself:")
-    _errors("shell against the measurement", found.shell_error)
-    _errors(f"yarn against the {'shell' if found.follow == 'shell' else 'measurement'}", found.yarn_error)
-    for direction, error in found.bending.items():
-        print(f"bending along {direction.value}: off by {100 * error:.0f} %")
-    for warning in found.warnings:
-        _say(f"warning: {warning}")
-    if found.fit.evaluation.rested.relaxed:
-        print(f"{folder / PATTERN}: the fabric at rest with this yarn")
-    print(f"{folder / 'index.html'}: the report")
-
-
-def _errors(name: str, errors: UniformErrors) -> None:
-    """A line of errors."""
-    values = (
-        ("comfort range", errors.comfort),
-        ("full range", errors.full),
-        ("contraction", errors.compression),
+        yield _errors("held out", found.held_out_error)
+    yield "each stage by itself:"
+    yield _errors("shell against the measurement", found.shell_error)
+    yield _errors(
+        f"yarn against the {'shell' if found.follow == 'shell' else 'measurement'}", found.yarn_error
     )
-    said = ", ".join(f"{what} {_percent(value)}" for what, value in values)
-    print(f"  {name}: {said}")
+    for direction, error in found.bending.items():
+        yield f"bending along {direction.value}: off by {100 * error:.0f} %"
+    if found.fit.evaluation.rested.relaxed:
+        yield f"{folder / PATTERN}: the fabric at rest with this yarn"
+    yield f"{folder / 'index.html'}: the report"
+
+
+def _errors(name: str, errors: UniformErrors) -> str:
+    names = {"comfort range": errors.comfort, "full range": errors.full, "contraction": errors.compression}
+    return f"  {name}: " + ", ".join(f"{what} {_percent(value)}" for what, value in names.items())
 
 
 def _percent(value: float | None) -> str:
@@ -188,4 +181,4 @@ def _percent(value: float | None) -> str:
 
 
 def _say(said: str) -> None:
-    print(f"yarnscale: {said}", file=sys.stderr, flush=True)
+    say(f"yarnscale: {said}")

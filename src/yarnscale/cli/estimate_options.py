@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from yarnscale.cli.shared_options import add_dask, add_json, add_overwrite, add_radius
+from yarnscale.cli.shared_options import Add, add_dask, add_json, add_overwrite, add_radius, add_workers
 from yarnscale.cli.values import not_negative, positive, positive_integer
 
 SOLVERS = ("sobol", "local")
@@ -30,76 +30,59 @@ def _swatch(text: str) -> tuple[float, float]:
     return 1e-3 * float(match[1]), 1e-3 * float(match[2])
 
 
-def add_estimate_options(command: argparse.ArgumentParser) -> None:
-    """The options of ``estimate``."""
-    command.add_argument(
+def add_estimate_options(add: Add) -> None:
+    """The command ``estimate``."""
+    about = "Estimate the yarn of a fabric from measured swatches."
+    option = add("estimate", "estimate", about, add_radius, add_workers, add_dask, add_overwrite, add_json)
+    option(
         "measurements", type=Path, metavar="MEASUREMENTS", help="TOML or CSV file of a fabric's swatch tests"
     )
-    command.add_argument(
+    option(
         "--pattern", required=True, metavar="PATTERN",
         help="built-in pattern, or a .pyp, .json or .chart file of the fabric's structure",
     )  # fmt: skip
-    command.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for the report and the evaluations"
-    )
-    command.add_argument(
+    option("--out", type=Path, required=True, metavar="DIR", help="folder for the report and the evaluations")
+    option(
         "--sample", metavar="NAME-PREFIX", help="the fabric, where a table holds several: how its name begins"
     )
-    command.add_argument(
+    option(
         "--swatch", type=_swatch, metavar="LENGTHxWIDTH",
         help="distance of the clamps before the test and width of the swatch [mm], where a log leaves them out",
     )  # fmt: skip
-    command.add_argument(
+    option(
         "--directions", type=_directions, metavar="weft,bias,warp", help="directions to fit (all measured)"
     )
-    command.add_argument("--holdout", choices=DIRECTIONS, help="direction that is not fitted but predicted")
-    command.add_argument(
+    option("--holdout", choices=DIRECTIONS, help="direction that is not fitted but predicted")
+    option(
         "--solver", choices=SOLVERS, default="sobol",
         help="sobol: scattered starts, then Gauss-Newton; local: Gauss-Newton alone (sobol)",
     )  # fmt: skip
-    command.add_argument("--seed", type=int, default=0, help="of the search (0)")
-    command.add_argument(
+    option("--seed", type=int, default=0, help="of the search (0)")
+    option(
         "--follow", choices=FOLLOW, default="measured",
         help="what the yarn is fitted to: the measured curves without the effect of the clamps, or the fitted shell "
         "(measured)",
     )  # fmt: skip
-    command.add_argument(
+    option(
         "--shape", choices=SHAPES,
         help="drawn: the pattern has the fabric's stitch density; free: its width over height and its tightness are "
         "estimated too (free for built-in patterns and charts, drawn for files of yarn geometry)",
     )  # fmt: skip
-    command.add_argument(
+    option(
         "--yarn-length", type=positive, metavar="METRES",
         help="yarn in one period of the pattern (default: of the pattern as drawn, 0.4 mm yarn for built-in patterns)",
     )  # fmt: skip
-    add_radius(command)
-    command.add_argument(
+    option(
         "--stiffness", type=positive, metavar="NEWTON",
         help="of the stiffest yarn, k_s2 (default: from the measurements, else an estimate of 60 N)",
     )  # fmt: skip
-    command.add_argument(
-        "--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)"
-    )
-    command.add_argument(
-        "--refined",
-        type=positive_integer,
-        default=12,
-        metavar="N",
-        help="from how many of the best refinement begins (12)",
-    )
-    command.add_argument(
+    option("--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)")
+    refined = "from how many of the best refinement begins (12)"
+    option("--refined", type=positive_integer, default=12, metavar="N", help=refined)
+    option(
         "--iterations", type=positive_integer, default=20, metavar="N", help="of Gauss-Newton, at most (20)"
     )
-    command.add_argument(
+    option(
         "--bending-weight", type=not_negative, default=0.0, metavar="W",
         help="of the bending stiffness measured with pear loops, beside 1 of stress and 1 of contraction (0)",
     )  # fmt: skip
-    command.add_argument(
-        "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
-    )
-    add_dask(command)
-    command.add_argument(
-        "--resume", action="store_true", help="go on with the evaluations in DIR that the same code made"
-    )
-    add_overwrite(command)
-    add_json(command)

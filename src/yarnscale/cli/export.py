@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 import numpy as np
 
-from yarnscale.cli.console import print_json, writable_file
+from yarnscale.cli.console import report, say, writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material
 from yarnscale.shell.materials.compact import CompactMaterial
@@ -34,10 +33,8 @@ def export(options: argparse.Namespace) -> int:
         else:
             from yarnscale.files.warp_export import write_warp_source as write
         write(options.out, material)
-    if options.json:
-        print_json({"out": str(options.out), "format": options.format, "lost": lost})
-    else:
-        print(f"{options.out}: exported from {options.material}")
+    summary = {"out": str(options.out), "format": options.format, "lost": lost}
+    report(options, summary, f"{options.out}: exported from {options.material}")
     return 0
 
 
@@ -67,5 +64,5 @@ def _hylc(options: argparse.Namespace, material: object) -> str:
             "material cannot be exported", where=options.material, expected="kind 'compact' or HYLC JSON"
         )
     write_hylc_json(options.out, published)
-    print(f"yarnscale: note: not in HYLC JSON: {lost}", file=sys.stderr)
+    say(f"yarnscale: note: not in HYLC JSON: {lost}")
     return lost

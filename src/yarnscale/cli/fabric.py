@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cli import convert
-from yarnscale.cli.console import print_json, print_outcome
+from yarnscale.cli.console import outcome_lines, report
 from yarnscale.cli.fabric_run import MAKES, FabricRun
 from yarnscale.cli.yarn_choice import YarnChoice
 from yarnscale.cli.yarns import pattern_of
@@ -143,11 +143,8 @@ def _end(options: argparse.Namespace, numbers: dict[str, object], run: Run[Any] 
     """Convert frames and print numbers; the exit status. run: None where unknowns were counted."""
     if run is not None:
         _convert(options)
-    if options.json:
-        print_json(numbers)
-    else:
-        found = () if run is None else run.unfulfilled
-        print_outcome(numbers, sentences(found, "--may-give-way allows it"))
+    found = () if run is None else run.unfulfilled
+    report(options, numbers, *outcome_lines(numbers, sentences(found, "--may-give-way allows it")))
     return 0 if run is None or (run.converged and (options.may_give_way or not run.unfulfilled)) else 1
 
 

@@ -6,7 +6,7 @@ import argparse
 import glob
 from pathlib import Path
 
-from yarnscale.cli.console import ProgressLine, print_json
+from yarnscale.cli.console import ProgressLine, report
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.show.canvas import require_renderer
 from yarnscale.show.gallery import checked_names, write_gallery
@@ -17,21 +17,16 @@ def gallery(options: argparse.Namespace) -> int:
     """Relax, draw, write the page."""
     names = checked_names(options.patterns) or None
     require_renderer()
-    line = ProgressLine("gallery")
     drawn = (*library.names(), *(Path(name).stem for name in names or ()))
     makes = ["index.html", *(f"{glob.escape(name)}-[0-9].png" for name in drawn)]
     with RunFolder(options.out, "gallery", makes, overwrite=options.overwrite) as folder:
         exhibits = write_gallery(
-            folder, names=names, at_rest=not options.as_drawn,
-            progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, p.name),
-        )  # fmt: skip
-    failed = [exhibit.pattern.name for exhibit in exhibits if not exhibit.good]
-    if options.json:
-        print_json({"patterns": [exhibit.pattern.name for exhibit in exhibits], "failed": failed})
-    else:
-        print(
-            f"{folder / 'index.html'}: {len(exhibits)} patterns, {len(exhibits) - len(failed)} as they should be"
+            folder, names=names, at_rest=not options.as_drawn, progress=ProgressLine("gallery").show
         )
-        if failed:
-            print("look at " + ", ".join(failed))
+    failed = [exhibit.pattern.name for exhibit in exhibits if not exhibit.good]
+    good = len(exhibits) - len(failed)
+    lines = [f"{folder / 'index.html'}: {len(exhibits)} patterns, {good} as they should be"]
+    if failed:
+        lines.append("look at " + ", ".join(failed))
+    report(options, {"patterns": [e.pattern.name for e in exhibits], "failed": failed}, *lines)
     return 1 if failed else 0

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import time
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, plain_json, print_json
+from yarnscale.cli.console import ProgressLine, plain_json, report, say
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.errors import InputError
@@ -16,6 +15,7 @@ from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material
 from yarnscale.files.patterns import is_drawing
 from yarnscale.files.run_folder import RunFolder
+from yarnscale.homogeneous.fabrics import fabric_of
 from yarnscale.laboratory.drape import drape_test
 from yarnscale.laboratory.homogeneous_tests import LOADS, default_curvatures
 from yarnscale.laboratory.programme import (
@@ -23,7 +23,6 @@ from yarnscale.laboratory.programme import (
     FabricTests,
     Programme,
     difference,
-    fabric_of,
     run_tests,
 )
 from yarnscale.shell.materials.material import ShellMaterial
@@ -69,9 +68,11 @@ def test(options: argparse.Namespace) -> int:
         programme = replace(programme, curvatures=default_curvatures(fabric_of(lead)))
     found = []
     for name, subject in zip(subjects, tested, strict=True):
-        tests = _run(subject, name, programme)
+        progress = ProgressLine(f"testing {name}").show
+        tests = run_tests(subject, name=name, programme=programme, progress=progress)
         if options.drape and isinstance(subject, ShellMaterial):
-            tests = _with_drape(tests, subject)
+            say(f"draping {tests.subject}")
+            tests = replace(tests, drape=drape_test(subject))
         found.append(tests)
     compared = _compare(found)
     content = found[0].plain() | (yarns[subjects[0]].summary if subjects[0] in yarns else {})
@@ -81,29 +82,10 @@ def test(options: argparse.Namespace) -> int:
         write_text(folder / "tests.json", plain_json(content, indent=1) + "\n")
         write_page(folder, found, compared)
     failed = sum(tests.failed for tests in found)
-    if options.json:
-        print_json(content)
-    else:
-        _say(found, compared)
-        print(f"{folder / 'index.html'}: curves and numbers")
+    report(options, content, *_lines(found, compared), f"{folder / 'index.html'}: curves and numbers")
     if failed:
-        print(f"yarnscale: {failed} points have no equilibrium under their load; see status", file=sys.stderr)
+        say(f"yarnscale: {failed} points have no equilibrium under their load; see status")
     return 1 if failed else 0
-
-
-def _run(subject: PeriodicCell | ShellMaterial, name: str, programme: Programme) -> FabricTests:
-    line, began = ProgressLine(f"testing {name}"), time.monotonic()
-
-    def progress(done: int, total: int) -> None:
-        seconds = time.monotonic() - began
-        line.show(done, total, seconds, seconds / done * (total - done) if done else float("nan"))
-
-    return run_tests(subject, name=name, programme=programme, progress=progress)
-
-
-def _with_drape(tests: FabricTests, material: ShellMaterial) -> FabricTests:
-    print(f"draping {tests.subject}", file=sys.stderr, flush=True)
-    return replace(tests, drape=drape_test(material))
 
 
 def _compare(found: list[FabricTests]) -> Difference | None:
@@ -116,25 +98,24 @@ def _compare(found: list[FabricTests]) -> Difference | None:
     return difference(tested.tension, reference.tension)
 
 
-def _say(found: list[FabricTests], compared: Difference | None) -> None:
+def _lines(found: list[FabricTests], compared: Difference | None) -> Iterator[str]:
+    """What the console says of the tests."""
     for tests in found:
-        print(f"{tests.subject} ({tests.kind}), {1e3 * tests.density:.4g} g/m²")
+        yield f"{tests.subject} ({tests.kind}), {1e3 * tests.density:.4g} g/m²"
         for pulled in tests.tensile:
             reached = "none" if pulled.EMT is None else f"{pulled.EMT:.4g} at {pulled.largest_load:.4g} N/m"
-            print(f"  stretch along {pulled.direction:g}°: {reached}")
+            yield f"  stretch along {pulled.direction:g}°: {reached}"
         for bent in tests.bend:
             rigidity = "none" if bent.B is None else f"{1e6 * bent.B:.4g} µN·m"
-            print(f"  bending rigidity along {bent.direction:g}°: {rigidity}")
+            yield f"  bending rigidity along {bent.direction:g}°: {rigidity}"
         for roll in tests.rolls:
-            print(
-                f"  natural curvature along {roll.direction:g}°: {roll.curvature:.4g} /m, inside: {roll.side}"
-            )
+            yield f"  natural curvature along {roll.direction:g}°: {roll.curvature:.4g} /m, inside: {roll.side}"
         if tests.drape is not None:
             drape = tests.drape
             found_text = f"{drape.coefficient:.3f}, {drape.folds} folds" if drape.succeeded else drape.status
-            print(f"  drape coefficient {found_text}")
+            yield f"  drape coefficient {found_text}"
     if compared is not None:
-        print(
+        yield (
             f"tension, {compared.points} points: stretch differs by at most {compared.stretch:.3g}, contraction by "
             f"{compared.contraction:.3g}"
         )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, print_json, writable_folder
+from yarnscale.cli.console import ProgressLine, report, say, writable_folder
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.errors import InputError
@@ -47,9 +46,7 @@ def worker_count(options: argparse.Namespace) -> int:
 def reach_dask(options: argparse.Namespace) -> None:
     """Wait for the workers of ``--dask``, if it is given; InputError where they cannot be reached."""
     if options.dask is not None:
-        reach_workers(
-            options.dask, tell=lambda text: print(f"yarnscale: {text}", file=sys.stderr, flush=True)
-        )
+        reach_workers(options.dask, tell=lambda text: say(f"yarnscale: {text}"))
 
 
 def evaluate(options: argparse.Namespace) -> int:
@@ -57,40 +54,35 @@ def evaluate(options: argparse.Namespace) -> int:
     strain = ShellStrain.from_vector(list(options.strain)).vector[None]
     material = read_material(options.material)
     energy, stress = float(material.energy_density(strain)[0]), material.stress(strain)[0]
-    if options.json:
-        print_json({"energy_density": energy, "stress": stress})
-        return 0
-    print(f"energy density {energy:.9g} J/m²")
+    lines = [f"energy density {energy:.9g} J/m²"]
     for name, value in zip(COMPONENTS, stress, strict=True):
-        print(f"d/d{name:<5} {value:.9g} {'N/m' if name.startswith('s') else 'N'}")
+        lines.append(f"d/d{name:<5} {value:.9g} {'N/m' if name.startswith('s') else 'N'}")
+    report(options, {"energy_density": energy, "stress": stress}, *lines)
     return 0
 
 
 def _settings(options: argparse.Namespace) -> dict[str, object]:
     """Arguments of ``homogenize`` from the options of its form; InputError for an option of the other form."""
-    ranges = {name: getattr(options, name) for name in ("stretch", "shear", "curvature")}
-    published = {**ranges, "one_dimensional": options.one_dimensional or None, "smoothing": options.smoothing}
-    published["even_knots"] = options.even_knots or None
-    loads = {"limit": options.limit, "visited": options.visited}
-    for name, value in (published if options.form == "compact" else loads).items():
-        if value is not None:
-            other = "hylc2020" if options.form == "compact" else "compact"
-            raise InputError(f"--{name.replace('_', '-')}", expected=f"--form {other} with it")
-    solves = {} if options.solves is None else {"solves": options.solves}
-    if options.form == "compact":
-        given: dict[str, object] = {name: value for name, value in loads.items() if value is not None}
-        if options.visited is not None:
-            if not options.resume:
-                raise InputError("--visited", expected="--resume with it")
-            given["visited"] = visited_strains(options.visited)
-        return {**solves, **given}
-    box = StrainRange(**{name: value for name, value in ranges.items() if value is not None})
-    settings = {"pairs": not options.one_dimensional, "even_knots": options.even_knots}
-    if options.smoothing is not None:
-        settings["smoothing"] = options.smoothing
-    return {
-        "form": "hylc2020", "solves": 400, **solves, "range": box, "options": PublishedOptions(**settings),
-    }  # fmt: skip
+    solves, loads, ranges = (
+        {name: value for name in names if (value := getattr(options, name)) is not None}
+        for names in (("solves",), ("limit", "visited"), ("stretch", "shear", "curvature"))
+    )
+    compact = options.form == "compact"
+    ablations = [name for name in ("one_dimensional", "smoothing", "even_knots") if getattr(options, name)]
+    for name in [*ranges, *ablations] if compact else loads:
+        other = "hylc2020" if compact else "compact"
+        raise InputError(f"--{name.replace('_', '-')}", expected=f"--form {other} with it")
+    if not compact:
+        settings = {"pairs": not options.one_dimensional, "even_knots": options.even_knots}
+        if options.smoothing is not None:
+            settings["smoothing"] = options.smoothing
+        fit = {"range": StrainRange(**ranges), "options": PublishedOptions(**settings)}
+        return {"form": "hylc2020", "solves": 400, **solves, **fit}
+    if "visited" in loads:
+        if not options.resume:
+            raise InputError("--visited", expected="--resume with it")
+        loads["visited"] = visited_strains(options.visited)
+    return solves | loads
 
 
 def homogenize(options: argparse.Namespace) -> int:
@@ -123,27 +115,24 @@ def homogenize(options: argparse.Namespace) -> int:
         )  # fmt: skip
     summary, errors = outcome.summary, outcome.errors
     failed = summary.states - summary.converged + summary.pending
-    if options.json:
-        print_json(
-            {
-                **yarn.summary, "states": summary.states, "converged": summary.converged,
-                "pending": summary.pending, "rays_ended_early": summary.ended,
-                "seconds": summary.seconds, "density": outcome.material.density,
-                "stress_error_median": errors.median, "stress_error_95": errors.high,
-                "material_file": str(folder / "material.json"),
-            }
-        )  # fmt: skip
-        return 1 if failed else 0
-    print(f"{folder / 'material.json'}: {summary.converged} of {summary.states} states converged")
-    print(
+    lines = [
+        f"{folder / 'material.json'}: {summary.converged} of {summary.states} states converged",
         f"  error of the stress at {errors.states} unseen states, each over its own size: median "
-        f"{100 * errors.median:.2g} %, 95th percentile {100 * errors.high:.2g} %"
-    )
+        f"{100 * errors.median:.2g} %, 95th percentile {100 * errors.high:.2g} %",
+    ]
     if summary.ended:
-        print(f"  {summary.ended} rays of loads ended early, where the fabric gives way or rolls up")
+        lines.append(f"  {summary.ended} rays of loads ended early, where the fabric gives way or rolls up")
     if summary.pending:
-        print(f"  {summary.pending} levels of load are left, since their workers died; --resume goes on")
-    print(f"{folder / 'index.html'}: pictures and numbers")
+        lines.append(
+            f"  {summary.pending} levels of load are left, since their workers died; --resume goes on"
+        )
+    found = {
+        "states": summary.states, "converged": summary.converged, "pending": summary.pending,
+        "rays_ended_early": summary.ended, "seconds": summary.seconds, "density": outcome.material.density,
+        "stress_error_median": errors.median, "stress_error_95": errors.high,
+        "material_file": str(folder / "material.json"),
+    }  # fmt: skip
+    report(options, yarn.summary | found, *lines, f"{folder / 'index.html'}: pictures and numbers")
     return 1 if failed else 0
 
 
@@ -161,11 +150,8 @@ def homogenize_into(
     cell: PeriodicCell, folder: Path, *, workers: int, resume: bool, **settings: Any
 ) -> Homogenization:
     """Run the job; write ``material.json``, pictures and ``index.html`` into the folder."""
-    line = ProgressLine(f"sampling {cell.pattern.name}")
-    outcome = run_homogenize(
-        cell, folder, workers=workers, resume=resume, **settings,
-        progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
-    )  # fmt: skip
+    progress = ProgressLine(f"sampling {cell.pattern.name}").sampled
+    outcome = run_homogenize(cell, folder, workers=workers, resume=resume, progress=progress, **settings)
     write_material(folder / "material.json", outcome.material)
     pictures = draw_material(outcome, folder / "pictures")
     write_report(

@@ -9,7 +9,7 @@ from typing import Any
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import check_size, supercell
-from yarnscale.cli.console import ProgressLine, print_json, writable_file
+from yarnscale.cli.console import ProgressLine, report, writable_file
 from yarnscale.cli.materials import PATTERN, reach_dask, worker_count
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import at_rest, pattern_of
@@ -56,26 +56,12 @@ def sample(options: argparse.Namespace) -> int:
     if not begun:
         write_pattern(tile, kept, yarns=yarn.materials)
     yarn.say()
-    line = ProgressLine(f"sampling {pattern.name}")
-    summary = run_sample(
-        cell, store, workers=worker_count(options), dask=options.dask,
-        progress=lambda p: line.show(p.done, p.total, p.seconds, p.seconds_left, f"{p.converged} converged"),
-    )  # fmt: skip
-    if options.json:
-        print_json(
-            {
-                **yarn.summary,
-                "states": summary.states,
-                "converged": summary.converged,
-                "seconds": summary.seconds,
-                "workers": summary.workers,
-                "peak_worker_megabytes": summary.peak_worker_megabytes,
-            }
-        )
-    else:
-        print(
-            f"{options.out}: {summary.converged} of {summary.states} states converged in {summary.seconds:.1f} s"
-        )
+    progress = ProgressLine(f"sampling {pattern.name}").sampled
+    summary = run_sample(cell, store, workers=worker_count(options), dask=options.dask, progress=progress)
+    names = ("states", "converged", "seconds", "workers", "peak_worker_megabytes")
+    text = f"{summary.converged} of {summary.states} states converged in {summary.seconds:.1f} s"
+    numbers = {name: getattr(summary, name) for name in names}
+    report(options, yarn.summary | numbers, f"{options.out}: {text}")
     return 0 if summary.converged == summary.states else 1
 
 
@@ -118,8 +104,6 @@ def fit(options: argparse.Namespace) -> int:
     writable_file(options.out, ".json")
     material = fit_store(SampleStore(options.store))
     write_material(options.out, material)
-    if options.json:
-        print_json({"out": str(options.out), "store": str(options.store), "density": material.density})
-    else:
-        print(f"{options.out}: fitted to {options.store}")
+    summary = {"out": str(options.out), "store": str(options.store), "density": material.density}
+    report(options, summary, f"{options.out}: fitted to {options.store}")
     return 0

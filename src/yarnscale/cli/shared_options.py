@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from typing import Protocol
 
 from yarnscale.cli.values import numbers, positive, positive_integer
 
-Add = Callable[[str, str, str], argparse.ArgumentParser]
-"""Adds a command: its name, the module of its function, what it does."""
+Option = Callable[..., argparse.Action]
+"""Adds an option to a command, as ``ArgumentParser.add_argument``."""
+Share = Callable[[argparse.ArgumentParser], object]
+"""Adds options that several commands have."""
+
+
+class Add(Protocol):
+    """Adds a command: its name, the module of its function, what it does, options that it shares with others."""
+
+    def __call__(self, name: str, module: str, about: str, *shared: Share) -> Option: ...
+
+
 PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json or .chart file"
 YARN_MATERIAL = (
     "yarn material: a preset or a TOML file (default: the one in the pattern file or, for 'detail', of the run; else "
@@ -65,12 +76,19 @@ def add_free_sliding(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_starts(command: argparse.ArgumentParser, *, default: int) -> None:
+def add_starts(default: int) -> Share:
     """``--starts`` of every solve."""
-    command.add_argument(
+    return lambda command: command.add_argument(
         "--starts", type=positive_integer, default=default, metavar="N",
         help=f"starts, all but one perturbed; the lowest energy counts ({default})",
     )  # fmt: skip
+
+
+def add_loads(command: argparse.ArgumentParser) -> None:
+    """How many states, along loads up to which."""
+    solves = "equilibria to sample (600; form hylc2020: 400)"
+    command.add_argument("--solves", type=positive_integer, metavar="N", help=solves)
+    command.add_argument("--limit", type=float, metavar="N/M", help="largest load in N/m (50)")
 
 
 def add_overwrite(command: argparse.ArgumentParser) -> None:

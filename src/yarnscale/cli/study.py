@@ -7,7 +7,7 @@ import argparse
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import SizeResult, check_size
 from yarnscale.cell.supercell import study as run_study
-from yarnscale.cli.console import print_json
+from yarnscale.cli.console import report
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import at_rest, pattern_of
 from yarnscale.kinematics import ShellStrain
@@ -24,27 +24,19 @@ def study(options: argparse.Namespace) -> int:
     pattern = at_rest(options, pattern, yarn.materials)
     cell = PeriodicCell(pattern, yarn.materials, options.free_sliding)
     results = run_study(cell, ShellStrain(sx, sa, sy, lx, 0.0, ly), options.sizes, starts=options.starts)
-    if options.json:
-        print_json(
-            {
-                "pattern": pattern.name,
-                **yarn.summary,
-                "strain": list(options.strain),
-                "starts": options.starts,
-                "sizes": [_entry(result) for result in results],
-            }
+    lines = [
+        f"{pattern.name} of {cell.material_name}, {options.starts} starts each",
+        f"{'size':>6} {'vertices':>9} {'energy J/m²':>13} {'below 1x1':>10} {'iterations':>11} {'seconds':>8}",
+    ]
+    for result in results:
+        lines.append(
+            f"{_name(result):>6} {result.vertices:>9} {result.energy_density:>13.6g} {result.drop:>10.2%}"
+            f" {result.iterations:>11} {result.seconds:>8.2f}"
+            + ("" if result.state.usable else f"  {result.state.outcome}")
         )
-    else:
-        print(f"{pattern.name} of {cell.material_name}, {options.starts} starts each")
-        print(
-            f"{'size':>6} {'vertices':>9} {'energy J/m²':>13} {'below 1x1':>10} {'iterations':>11} {'seconds':>8}"
-        )
-        for result in results:
-            print(
-                f"{_name(result):>6} {result.vertices:>9} {result.energy_density:>13.6g} {result.drop:>10.2%}"
-                f" {result.iterations:>11} {result.seconds:>8.2f}"
-                + ("" if result.state.usable else f"  {result.state.outcome}")
-            )
+    summary = {"pattern": pattern.name, **yarn.summary, "strain": list(options.strain)}
+    summary |= {"starts": options.starts, "sizes": [_entry(result) for result in results]}
+    report(options, summary, *lines)
     return 0 if all(result.state.usable for result in results) else 1
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from yarnscale.cli.console import say
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.patterns import read_yarns
 from yarnscale.yarn import library
@@ -38,8 +38,7 @@ class YarnChoice:
     def say(self) -> None:
         """One line on the console."""
         instead = "" if self.replaced is None else f", instead of {names(self.replaced)} that came with it"
-        text = f"yarn of {self.pattern}: {names(self.materials)} ({self.origin}){instead}"
-        print(text, file=sys.stderr, flush=True)
+        say(f"yarn of {self.pattern}: {names(self.materials)} ({self.origin}){instead}")
 
 
 def names(materials: Materials) -> str:

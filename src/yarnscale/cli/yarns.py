@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import io
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import RestRound, RestShape, settled
-from yarnscale.cli.console import ProgressLine, print_json, writable_file
+from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
@@ -28,11 +28,8 @@ LARGE = 1500
 
 def patterns(options: argparse.Namespace) -> int:
     """List patterns and materials."""
-    if options.json:
-        print_json({"patterns": list(library.names()), "materials": list(PRESETS)})
-        return 0
-    print("patterns: " + ", ".join(library.names()))
-    print("materials: " + ", ".join(PRESETS))
+    known = {"patterns": list(library.names()), "materials": list(PRESETS)}
+    report(options, known, *(f"{kind}: {', '.join(names)}" for kind, names in known.items()))
     return 0
 
 
@@ -50,10 +47,10 @@ def pattern_of(source: str, radius: float | None) -> YarnPattern:
 
 def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
     """Fabric at rest of a drawing, told on the console, also where it is not quite at rest."""
-    print(f"settling {drawn.name} to its rest shape", file=sys.stderr, flush=True)
+    say(f"settling {drawn.name} to its rest shape")
     shape = watched_rest(drawn, material)
     if not shape.converged:
-        print(f"{drawn.name} is not quite at rest: {shape.status.value}", file=sys.stderr, flush=True)
+        say(f"{drawn.name} is not quite at rest: {shape.status.value}")
     return shape.pattern
 
 
@@ -83,11 +80,10 @@ def at_rest(options: argparse.Namespace, drawn: YarnPattern, material: Materials
     if options.as_drawn or not is_drawing(options.pattern):
         return drawn
     if len(drawn.edges) > LARGE:
-        print(
+        say(
             f"{drawn.name}: {len(drawn.edges)} vertices, left as drawn, since so large a drawing takes many minutes to "
-            "settle; 'yarnscale pattern' settles it into a file",
-            file=sys.stderr, flush=True,
-        )  # fmt: skip
+            "settle; 'yarnscale pattern' settles it into a file"
+        )
         return drawn
     return settled_drawing(drawn, material)
 
@@ -105,21 +101,16 @@ def pattern(options: argparse.Namespace) -> int:
     # What was reached is written in any case: it is the place to look for what went wrong.
     write_pattern(built, options.out, yarns=yarn.materials)
     if options.out.suffix.lower() == ".pyp":
-        print(f"{options.out}: .pyp files hold no yarn material, .json files do", file=sys.stderr)
+        say(f"{options.out}: .pyp files hold no yarn material, .json files do")
     if options.picture is not None:
         draw_cell(options.picture, PeriodicCell(built, yarn.materials), None)
     width, height = 1e3 * built.period
-    if options.json:
-        print_json(
-            {
-                "out": str(options.out), "pattern": built.name, "vertices": len(built.edges),
-                "period": built.period, "radius": built.radius, "state": note, **yarn.summary,
-            }
-        )  # fmt: skip
-        return 0 if good else 1
-    print(
-        f"{options.out}: {built.name}, {len(built.edges)} vertices, period {width:.4g} × {height:.4g} mm, {note}"
-    )
+    summary = {
+        "out": str(options.out), "pattern": built.name, "vertices": len(built.edges), "period": built.period,
+        "radius": built.radius, "state": note, **yarn.summary,
+    }  # fmt: skip
+    size = f"{len(built.edges)} vertices, period {width:.4g} × {height:.4g} mm"
+    report(options, summary, f"{options.out}: {built.name}, {size}, {note}")
     return 0 if good else 1
 
 
@@ -146,35 +137,28 @@ def relax(options: argparse.Namespace) -> int:
         write_bytes(options.out, content.getvalue())
     if options.picture is not None:
         draw_cell(options.picture, cell, state)
-    _report(state, cell, yarn, as_json=options.json)
+    report(options, _summary(state, cell, yarn), *_lines(state, cell))
     return 0 if state.usable else 1
 
 
-def _report(state: Equilibrium, cell: PeriodicCell, yarn: YarnChoice, *, as_json: bool) -> None:
-    if as_json:
-        print_json(
-            {
-                "status": state.outcome,
-                "energy_density": state.energy_density,
-                "stress": state.stress,
-                "iterations": state.iterations,
-                "seconds": state.seconds,
-                "contacts": state.contacts,
-                "min_distance_over_diameter": state.min_distance_over_diameter,
-                "residual": state.residual,
-                "energy_parts": state.energy_parts,
-                "pattern": cell.pattern.name,
-                **yarn.summary,
-            }
-        )
-        return
+def _summary(state: Equilibrium, cell: PeriodicCell, yarn: YarnChoice) -> dict[str, object]:
+    names = (
+        "energy_density", "stress", "iterations", "seconds", "contacts", "min_distance_over_diameter", "residual",
+        "energy_parts",
+    )  # fmt: skip
+    numbers = {name: getattr(state, name) for name in names}
+    return {"status": state.outcome, **numbers, "pattern": cell.pattern.name, **yarn.summary}
+
+
+def _lines(state: Equilibrium, cell: PeriodicCell) -> Iterator[str]:
+    """What the console says of an equilibrium."""
     ended = "crossed: yarns went through each other" if state.crossed else state.status.value
-    print(f"{cell.pattern.name} of {cell.material_name}: {ended}")
-    print(f"  energy density   {state.energy_density:.6g} J/m²")
+    yield f"{cell.pattern.name} of {cell.material_name}: {ended}"
+    yield f"  energy density   {state.energy_density:.6g} J/m²"
     for name, value in zip(COMPONENTS, state.stress, strict=True):
-        print(f"  d/d{name:<5}         {value:.6g} {'N/m' if name.startswith('s') else 'N'}")
-    print(f"  contacts         {state.contacts}, closest {state.min_distance_over_diameter:.3f} diameters")
-    print(f"  {state.iterations} iterations, {state.seconds:.2f} s")
+        yield f"  d/d{name:<5}         {value:.6g} {'N/m' if name.startswith('s') else 'N'}"
+    yield f"  contacts         {state.contacts}, closest {state.min_distance_over_diameter:.3f} diameters"
+    yield f"  {state.iterations} iterations, {state.seconds:.2f} s"
 
 
 def draw_cell(path: Path, cell: PeriodicCell, state: Equilibrium | None) -> None:

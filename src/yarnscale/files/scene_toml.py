@@ -168,4 +168,5 @@ def _schedule(
     if "rough_iterations" in section.content:
         rough = section.integer("rough_iterations")
         plan = section.build(lambda plan=plan: replace(plan, rough_iterations=rough))
-    return section.changed(replace(plan, load_steps=steps), *timing), section.changed(options or SolverOptions(), *solving)
+    plan = section.changed(replace(plan, load_steps=steps), *timing)
+    return plan, section.changed(options or SolverOptions(), *solving)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from yarnscale.cell.loads import CellFabric
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
+from yarnscale.homogeneous.fabrics import CellFabric
+from yarnscale.homogeneous.loads import Loads
 from yarnscale.homogenize.rays import FEWEST, SOLVES, VISITED, Ray, load_rays, strains_held
 from yarnscale.homogenize.sample import (
     Progress,
@@ -24,7 +25,6 @@ from yarnscale.homogenize.sample import (
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import RAY_DIMS, SampleStore
 from yarnscale.homogenize.worker import CODE_OF
-from yarnscale.numerics.loads import Loads
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from scipy.stats import qmc
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
+from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
 from yarnscale.kinematics import COMPONENTS
-from yarnscale.numerics.loads import FLAT, Held, Loads
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
 
 @dataclass(frozen=True, eq=False)
 class Ray:
-    """States that start one from the other: loads and held strains of every level.
+    """States that start one from the other: loads and prescribed strains of every level.
 
     kind: "rest", "tension" (in-plane loads, flat), "bending" (no load, curvature grows or is free), "bent" (in-plane
     loads at a given curvature), "stress" (loads of all strains), "strain" (all strains given), "visited" (strains of a
@@ -52,7 +52,7 @@ class Ray:
     """
 
     kind: str
-    levels: tuple[tuple[Loads, Held], ...]
+    levels: tuple[tuple[Loads, Prescribed], ...]
     origin: int = 0
 
     def plain(self) -> dict[str, object]:
@@ -64,9 +64,9 @@ class Ray:
                 {
                     "stress": list(loads.stress),
                     "tensions": [list(pair) for pair in loads.tensions],
-                    "held": np.column_stack([held.matrix, held.values]).tolist(),
+                    "held": np.column_stack([prescribed.matrix, prescribed.values]).tolist(),
                 }
-                for loads, held in self.levels
+                for loads, prescribed in self.levels
             ],
         }
 
@@ -77,7 +77,7 @@ class Ray:
         for level in entry["levels"]:
             rows = np.asarray(level["held"], np.float64).reshape(-1, 7)
             tensions = tuple((float(angle), float(load)) for angle, load in level["tensions"])
-            levels.append((Loads(tuple(level["stress"]), tensions), Held(rows[:, :6], rows[:, 6])))
+            levels.append((Loads(tuple(level["stress"]), tensions), Prescribed(rows[:, :6], rows[:, 6])))
         return cls(str(entry["kind"]), tuple(levels), int(entry["origin"]))
 
 
@@ -171,9 +171,9 @@ def curvature(place: Array, radius: float, *, least: float, most: float) -> Arra
     return np.array([first * c * c + other * s * s, (first - other) * c * s, first * s * s + other * c * c])
 
 
-def strains_held(strain: Array) -> Held:
+def strains_held(strain: Array) -> Prescribed:
     """All six strains at given values (6,)."""
-    return Held(np.eye(6), np.array(strain, np.float64))
+    return Prescribed(np.eye(6), np.array(strain, np.float64))
 
 
 def ray_to(strain: Array, parts: int = 3) -> Ray:
@@ -194,35 +194,35 @@ def _tension(angle: float, sizes: Array) -> Ray:
     return Ray("tension", tuple((Loads.tension(angle, size), FLAT) for size in sizes))
 
 
-def _in_plane(direction: Array, sizes: Array, held: Held = FLAT, kind: str = "tension") -> Ray:
+def _in_plane(direction: Array, sizes: Array, prescribed: Prescribed = FLAT, kind: str = "tension") -> Ray:
     along = direction / np.linalg.norm(direction)
-    return Ray(kind, tuple((_loads(size * along), held) for size in sizes))
+    return Ray(kind, tuple((_loads(size * along), prescribed) for size in sizes))
 
 
 def _bent(direction: Array, second_form: Array, sizes: Array) -> Ray:
-    held = Held.components(**dict(zip(COMPONENTS[3:], second_form.tolist(), strict=True)))
-    return _in_plane(direction, sizes, held, "bent")
+    prescribed = Prescribed.components(**dict(zip(COMPONENTS[3:], second_form.tolist(), strict=True)))
+    return _in_plane(direction, sizes, prescribed, "bent")
 
 
 def _bending(angle: float, sign: float, radius: float) -> Ray:
-    return Ray("bending", tuple((Loads(), Held.bent(angle, sign * size / radius)) for size in _BENDS))
+    return Ray("bending", tuple((Loads(), Prescribed.bent(angle, sign * size / radius)) for size in _BENDS))
 
 
 def _twisting(sign: float, radius: float) -> Ray:
-    twists = (Held.components(II11=0.0, II12=sign * float(size) / radius, II22=0.0) for size in _BENDS)
-    return Ray("bending", tuple((Loads(), held) for held in twists))
+    twists = (Prescribed.components(II11=0.0, II12=sign * float(size) / radius, II22=0.0) for size in _BENDS)
+    return Ray("bending", tuple((Loads(), twist) for twist in twists))
 
 
 def _rolling(straight: str) -> Ray:
     """A free piece that rolls up by itself along one axis."""
-    held = Held.components(**{"II12": 0.0, straight: 0.0})
-    return Ray("bending", ((Loads(), held),) * 3)
+    prescribed = Prescribed.components(**{"II12": 0.0, straight: 0.0})
+    return Ray("bending", ((Loads(), prescribed),) * 3)
 
 
 def _stress(direction: Array, sizes: Array, radius: float) -> Ray:
     """Loads of all six strains; moments count by the work they do over a tenth of the yarn's curvature."""
     along = direction / np.linalg.norm(direction) * np.array([1.0] * 3 + [5.0 * radius] * 3)
-    return Ray("stress", tuple((_loads(size * along), Held()) for size in sizes))
+    return Ray("stress", tuple((_loads(size * along), Prescribed()) for size in sizes))
 
 
 def _loads(values: Sequence[float] | Array) -> Loads:

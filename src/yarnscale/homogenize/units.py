@@ -10,7 +10,7 @@ import numpy as np
 from yarnscale.homogenize.plan import bends_twice, solve_order
 from yarnscale.homogenize.rays import Ray
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.homogenize.worker import CODE_OF, LoadedStart, Start, climb, solve, strain_of
+from yarnscale.homogenize.worker import CODE_OF, LoadedStart, Start, sample_level, solve, strain_of
 from yarnscale.kinematics import ShellStrain
 
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -130,7 +130,7 @@ class RayUnits:
     def task(self, unit: int) -> Task:
         """What a worker is to call, behind the cell."""
         ray, level = divmod(unit, self.levels)
-        return climb, (*self.rays[ray].levels[level], self._start(unit), self.iterates)
+        return sample_level, (*self.rays[ray].levels[level], self._start(unit), self.iterates)
 
     def _states_before(self, unit: int) -> Iterator[int]:
         """Converged states on the way to a level, the last one first."""

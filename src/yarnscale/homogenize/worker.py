@@ -13,10 +13,10 @@ from threading import Thread
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.loads import CellFabric
 from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.homogeneous.fabrics import CellFabric, Response
+from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
 from yarnscale.kinematics import ShellStrain
-from yarnscale.numerics.loads import Held, LoadedState, Loads, Response, equilibrium_under
 from yarnscale.numerics.newton import Status
 
 Array = NDArray[np.float64]
@@ -120,11 +120,11 @@ BENT_ENOUGH = 0.25
 """Curvature times yarn radius at which a ray ends."""
 
 
-def climb(
-    cell: PeriodicCell, loads: Loads, held: Held, start: LoadedStart | None, iterates: int
+def sample_level(
+    cell: PeriodicCell, loads: Loads, prescribed: Prescribed, start: LoadedStart | None, iterates: int
 ) -> tuple[tuple[list[dict[str, object]], bool], float]:
-    """Equilibria on the way from a start to loads, at most ``iterates``: their records, whether the ray ends there
-    because the fabric gives way or is rolled up, and peak memory [MB].
+    """Equilibria between a start and loads, at most ``iterates``: their records, whether the ray ends there because
+    the fabric has no equilibrium beyond or is rolled up, and peak memory [MB].
 
     Every step of the macroscopic Newton method is an equilibrium of the yarns, and so a sample.
     """
@@ -140,8 +140,8 @@ def climb(
         there = Response(start.strain.vector, start.energy, start.stress, state=start)
         before = LoadedState(there, start.moduli, 0.0, Status.CONVERGED, 0)
     outcome = equilibrium_under(
-        CellFabric(cell), loads, held=held, start=before, tolerance=LEVEL_TOLERANCE, floor=LEVEL_FLOOR,
-        radius=LEVEL_STEP, max_iterations=iterates, visit=keep,
+        CellFabric(cell), loads, prescribed=prescribed, start=before, tolerance=LEVEL_TOLERANCE, floor=LEVEL_FLOOR,
+        radius=LEVEL_STEP, max_iterations=iterates, observe=keep,
     )  # fmt: skip
     return (found, outcome.status in (Status.STALLED, Status.INVALID)), _peak_megabytes()
 

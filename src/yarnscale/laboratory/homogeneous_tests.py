@@ -1,4 +1,4 @@
-"""Tests of a homogeneous piece of fabric: one macroscopic strain everywhere, found under loads (``numerics.loads``).
+"""Tests of a homogeneous piece of fabric: one macroscopic strain everywhere, found under loads (``homogeneous.loads``).
 
 The same functions serve a periodic cell of yarns (``CellFabric``) and a shell material (``MaterialFabric``). Stretches
 and curvatures count from the reference state of the pattern; loads are per metre of rest width.
@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.kinematics import line_stretch
-from yarnscale.numerics.loads import (
+from yarnscale.homogeneous.fabrics import HomogeneousFabric
+from yarnscale.homogeneous.loads import (
     FLAT,
-    Held,
-    HomogeneousFabric,
     LoadedState,
     Loads,
+    Prescribed,
     equilibrium_under,
     path_under,
 )
+from yarnscale.kinematics import line_stretch
 from yarnscale.numerics.newton import Status
 
 Array = NDArray[np.float64]
@@ -142,7 +142,7 @@ def tension(
     states = path_under(
         fabric,
         [Loads.tension(angle, load) for load in checked_loads(loads)],
-        held=FLAT if curvature == "flat" else None,
+        prescribed=FLAT if curvature == "flat" else None,
     )
     return [_tension_point(direction, load, state) for load, state in zip(loads, states, strict=True)]
 
@@ -155,7 +155,7 @@ def biaxial(
         raise InputError("ratio of loads", expected="two numbers from 0, not both 0", found=ratio)
     course, wale = (r / max(ratio) for r in ratio)
     pulls = [(course * load, wale * load) for load in checked_loads(loads)]
-    states = path_under(fabric, [_both(*pull) for pull in pulls], held=FLAT)
+    states = path_under(fabric, [_both(*pull) for pull in pulls], prescribed=FLAT)
     return [
         BiaxialPoint(*pull, *_stretches(state), _status(state))
         for pull, state in zip(pulls, states, strict=True)
@@ -171,7 +171,7 @@ def shear(
     """
     found, pulls = [], _both(load, load)
     for angle, state in _steps(
-        fabric, angles, pulls, lambda angle: Held.components(s_a=math.sin(math.radians(angle))) + FLAT
+        fabric, angles, pulls, lambda angle: Prescribed.components(s_a=math.sin(math.radians(angle))) + FLAT
     ):
         force = _number(state, state.stress[1] * math.cos(math.radians(angle)))
         found.append(ShearPoint(angle, load, force, *_stretches(state), _status(state)))
@@ -191,7 +191,7 @@ def bending(
     found = []
     if curvatures is None:
         curvatures = default_curvatures(fabric)
-    for curvature, state in _steps(fabric, curvatures, Loads(), lambda value: Held.bent(angle, value)):
+    for curvature, state in _steps(fabric, curvatures, Loads(), lambda value: Prescribed.bent(angle, value)):
         moment = _number(state, float(state.stress[3:] @ [c * c, c * s, s * s]))
         found.append(BendingPoint(direction, curvature, moment, _status(state)))
     return found
@@ -201,7 +201,9 @@ def twist(fabric: HomogeneousFabric, twists: Sequence[float] | None = None) -> l
     """Twist a sheet, free in its plane. twists: II12 [1/m], default as the curvatures of ``bending``."""
     if twists is None:
         twists = default_curvatures(fabric)
-    steps = _steps(fabric, twists, Loads(), lambda value: Held.components(II11=0.0, II12=value, II22=0.0))
+    steps = _steps(
+        fabric, twists, Loads(), lambda value: Prescribed.components(II11=0.0, II12=value, II22=0.0)
+    )
     return [TwistPoint(value, _number(state, state.stress[4]), _status(state)) for value, state in steps]
 
 
@@ -209,13 +211,13 @@ def natural_curvature(fabric: HomogeneousFabric, direction: float) -> NaturalCur
     """The cylinder along ``direction`` [0 or 90 degrees] to which a free piece rolls by itself, without any load.
 
     A sheet cannot roll along course and wale at once without stretching (its Gaussian curvature would change), so each
-    is found with the other held at zero.
+    is found with the other at zero.
     """
     if direction not in (0.0, 90.0):
         raise InputError("direction of a roll", expected="0 or 90 degrees", found=direction)
     straight = {"II12": 0.0, "II22" if direction == 0.0 else "II11": 0.0}
-    flat = equilibrium_under(fabric, Loads(), held=FLAT)
-    state = equilibrium_under(fabric, Loads(), held=Held.components(**straight), start=flat)
+    flat = equilibrium_under(fabric, Loads(), prescribed=FLAT)
+    state = equilibrium_under(fabric, Loads(), prescribed=Prescribed.components(**straight), start=flat)
     value = float(state.strain[3 if direction == 0.0 else 5])
     saved = _number(state, flat.energy - state.energy)
     return NaturalCurvature(direction, _number(state, value), saved, _status(state))
@@ -243,16 +245,23 @@ def _both(course: float, wale: float) -> Loads:
 
 
 def _steps(
-    fabric: HomogeneousFabric, values: Sequence[float] | Array, loads: Loads, held: Callable[[float], Held]
+    fabric: HomogeneousFabric,
+    values: Sequence[float] | Array,
+    loads: Loads,
+    prescribed: Callable[[float], Prescribed],
 ) -> Iterator[tuple[float, LoadedState]]:
     """Equilibria with a strain at each of some values, in their order; each from its neighbour towards zero."""
     values = [_finite("value", float(v)) for v in values]
-    rest = equilibrium_under(fabric, loads, held=held(0.0))
+    rest = equilibrium_under(fabric, loads, prescribed=prescribed(0.0))
     found: dict[float, LoadedState] = {}
     for side in (1.0, -1.0):
         start = rest
         for value in sorted((v for v in values if v * side >= 0 and v not in found), key=abs):
-            state = rest if value == 0 else equilibrium_under(fabric, loads, held=held(value), start=start)
+            state = (
+                rest
+                if value == 0
+                else equilibrium_under(fabric, loads, prescribed=prescribed(value), start=start)
+            )
             found[value] = state
             start = state if state.converged else start
     yield from ((value, found[value]) for value in values)

@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from yarnscale.cell.loads import CellFabric
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
+from yarnscale.homogeneous.fabrics import HomogeneousFabric, fabric_of
 from yarnscale.laboratory import homogeneous_tests as tests
 from yarnscale.laboratory.drape import DrapeTest
 from yarnscale.laboratory.homogeneous_tests import (
@@ -30,8 +30,6 @@ from yarnscale.laboratory.summary import (
     shear_summary,
     tensile_summary,
 )
-from yarnscale.numerics.loads import HomogeneousFabric
-from yarnscale.shell.materials.homogeneous import MaterialFabric
 from yarnscale.shell.materials.material import ShellMaterial
 
 Kind = Literal["cell", "shell"]
@@ -140,11 +138,6 @@ class FabricTests:
             content["folds"] = self.drape.folds if good else None
             content["drape_status"] = self.drape.status
         return content
-
-
-def fabric_of(subject: PeriodicCell | ShellMaterial) -> HomogeneousFabric:
-    """A cell of yarns or a shell material as homogeneous fabric."""
-    return CellFabric(subject) if isinstance(subject, PeriodicCell) else MaterialFabric(subject)
 
 
 def run_tests(

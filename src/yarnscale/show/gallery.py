@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,17 +52,6 @@ class Exhibit:
         return found and (self.rest is None or self.rest.converged)
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Patterns done of all, the one just done, the seconds since the start and those left."""
-
-    done: int
-    total: int
-    name: str
-    seconds: float
-    seconds_left: float
-
-
 def write_gallery(
     folder: str | Path,
     *,
@@ -71,17 +59,18 @@ def write_gallery(
     states: Mapping[str, ShellStrain] = STATES,
     at_rest: bool = False,
     size: tuple[int, int] = SIZE,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
 ) -> list[Exhibit]:
     """Build, relax and draw patterns; ``index.html`` and pictures in ``folder``.
 
-    names: of library patterns (all by default), and chart files.
+    names: of library patterns (all by default), and chart files. progress: gets patterns done, all of them, and the
+    name of the last.
 
     Every state is relaxed from the one before it. at_rest: first give every pattern the rest shape and periods at
     which it is free of stress (`cell.rest.settled`); takes longer. Raises InputError for an unknown name or a
     folder that cannot be written, and PicturesUnavailable where the machine cannot draw.
     """
-    folder, began = Path(folder), time.perf_counter()
+    folder = Path(folder)
     names = checked_names(library.names() if names is None else names)
     exhibits, sections = [], []
     for number, name in enumerate(names, start=1):
@@ -91,8 +80,7 @@ def write_gallery(
         exhibits.append(exhibit)
         sections.append(_section(folder / Path(name).stem, drawn, definition, exhibit, size))
         if progress is not None:
-            seconds = time.perf_counter() - began
-            progress(Progress(number, len(names), name, seconds, seconds / number * (len(names) - number)))
+            progress(number, len(names), name)
     facts = {
         "patterns": len(exhibits),
         "states": sum(len(exhibit.states) for exhibit in exhibits),

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from numpy.typing import NDArray
 
+from yarnscale.homogeneous.fabrics import MaterialFabric
+from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under, path_under
 from yarnscale.homogenize.states import FabricStates
-from yarnscale.numerics.loads import FLAT, Held, LoadedState, Loads, equilibrium_under, path_under
-from yarnscale.shell.materials.homogeneous import MaterialFabric
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import AXES, PLANES
@@ -93,7 +93,7 @@ def _tension(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: fl
     loads = np.geomspace(
         max(float(along[pulled].min(initial=0.01)), 1e-3), float(along[pulled].max(initial=1.0)), 40
     )
-    path = path_under(fabric, [Loads.tension(angle, float(load)) for load in loads], held=FLAT)
+    path = path_under(fabric, [Loads.tension(angle, float(load)) for load in loads], prescribed=FLAT)
     good = [k for k, state in enumerate(path) if state.converged]
     line = np.array([path[k].strain[place] for k in good]), loads[good]
     _line_and_dots(axes, line, (states.strains[pulled, place], along[pulled]))
@@ -112,7 +112,7 @@ def _bending(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: fl
         state: LoadedState | None = None
         for value in np.linspace(0.0, np.abs(curvature[bent]).max(initial=0.0), 20):
             state = equilibrium_under(
-                fabric, Loads(), held=Held.bent(angle, side * float(value)), start=state
+                fabric, Loads(), prescribed=Prescribed.bent(angle, side * float(value)), start=state
             )
             line.append((side * float(value), float(state.stress[3 + place])))
     x, y = np.array(sorted(line)).T

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.kinematics import line_stretch
-from yarnscale.numerics.loads import (
+from yarnscale.homogeneous.fabrics import MaterialFabric, Response
+from yarnscale.homogeneous.loads import (
     FLAT,
-    Held,
     LoadedState,
     Loads,
-    Response,
+    Prescribed,
     equilibrium_under,
     path_under,
 )
+from yarnscale.kinematics import line_stretch
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.materials.homogeneous import MaterialFabric
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 SCALE = np.array([0.5] * 3 + [100.0] * 3)
@@ -71,9 +70,9 @@ def test_line_stretch_is_the_length_of_the_material_line_and_has_its_derivatives
 
 def test_linear_fabric_with_held_strains_has_the_solution_of_its_equations() -> None:
     fabric = linear()
-    held = Held.components(s_a=0.05) + Held.curvature(np.pi / 4, 12.0)
+    held = Prescribed.components(s_a=0.05) + Prescribed.curvature(np.pi / 4, 12.0)
     loads = Loads.components(s_x=0.02, II11=1e-5)
-    found = equilibrium_under(fabric, loads, held=held, tolerance=1e-12)
+    found = equilibrium_under(fabric, loads, prescribed=held, tolerance=1e-12)
     rows = held.matrix
     block = np.block([[fabric.matrix, rows.T], [rows, np.zeros((2, 2))]])
     expected = np.linalg.solve(block, np.concatenate([loads.stress, held.values]))[:6]
@@ -114,7 +113,7 @@ def test_missing_moduli_do_not_stop_the_search_and_are_reported() -> None:
     visited: list[np.ndarray] = []
     fabric = linear(mute=0.02)
     found = equilibrium_under(
-        fabric, Loads.components(s_x=0.3), held=FLAT, visit=lambda _, moduli: visited.append(moduli)
+        fabric, Loads.components(s_x=0.3), prescribed=FLAT, observe=lambda _, moduli: visited.append(moduli)
     )
     assert found.converged
     assert found.strain[0] > 0.02 and np.isnan(found.moduli).all()
@@ -122,7 +121,7 @@ def test_missing_moduli_do_not_stop_the_search_and_are_reported() -> None:
 
 
 def test_fabric_that_gives_way_stalls_with_what_was_reached() -> None:
-    found = equilibrium_under(linear(refuses=0.05), Loads.components(s_x=1.0), held=FLAT)
+    found = equilibrium_under(linear(refuses=0.05), Loads.components(s_x=1.0), prescribed=FLAT)
     assert found.status in (Status.STALLED, Status.ITERATION_LIMIT)
     assert found.response.usable and 0.0 < found.strain[0] < 0.05
     assert found.residual > 0.1
@@ -132,7 +131,7 @@ def test_names_and_numbers_are_checked() -> None:
     with pytest.raises(InputError, match="s_z"):
         Loads.components(s_z=1.0)
     with pytest.raises(InputError, match="II21"):
-        Held.components(II21=1.0)
+        Prescribed.components(II21=1.0)
     with pytest.raises(InputError, match="finite"):
         Loads.tension(float("nan"), 1.0)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cell.loads import relax_under
+from yarnscale.homogeneous.fabrics import CellFabric
+from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed, equilibrium_under
 from yarnscale.kinematics import line_stretch
-from yarnscale.numerics.loads import FLAT, Held, Loads
 from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
@@ -22,7 +22,7 @@ def cell() -> PeriodicCell:
 
 def test_given_loads_are_met_and_given_strains_are_held(cell: PeriodicCell) -> None:
     loads = Loads.components(s_x=1.0, s_y=0.5)
-    found = relax_under(cell, loads, held=Held.components(s_a=0.1) + FLAT)
+    found = equilibrium_under(CellFabric(cell), loads, prescribed=Prescribed.components(s_a=0.1) + FLAT)
     assert found.converged and found.response.state.usable
     assert found.strain[[1, 3, 4, 5]] == pytest.approx([0.1, 0, 0, 0], abs=1e-12)
     assert found.stress[[0, 2]] == pytest.approx([1.0, 0.5], abs=5e-3)
@@ -31,8 +31,10 @@ def test_given_loads_are_met_and_given_strains_are_held(cell: PeriodicCell) -> N
 
 def test_pull_along_the_bias_leaves_the_sides_free(cell: PeriodicCell) -> None:
     angle = np.pi / 4
-    free = relax_under(cell, Loads(), held=FLAT)
-    found = relax_under(cell, Loads.tension(angle, 0.3), held=FLAT, start=free, tolerance=1e-5)
+    free = equilibrium_under(CellFabric(cell), Loads(), prescribed=FLAT)
+    found = equilibrium_under(
+        CellFabric(cell), Loads.tension(angle, 0.3), prescribed=FLAT, start=free, tolerance=1e-5
+    )
     assert free.converged and found.converged
     # P = 2 F ∂Ψ/∂I by the chain rule from the stress, with F the square root of I, has no traction on the sides.
     a, shear, b = 1 + found.strain[0], found.strain[1], 1 + found.strain[2]
@@ -48,7 +50,7 @@ def test_pull_along_the_bias_leaves_the_sides_free(cell: PeriodicCell) -> None:
 
 
 def test_curvature_across_is_free_while_the_one_along_is_held(cell: PeriodicCell) -> None:
-    found = relax_under(cell, Loads(), held=Held.curvature(0.0, 20.0))
+    found = equilibrium_under(CellFabric(cell), Loads(), prescribed=Prescribed.curvature(0.0, 20.0))
     assert found.converged
     assert found.strain[3] == pytest.approx(20.0)
     assert (found.stress * SCALE)[[0, 1, 2, 4, 5]] == pytest.approx(np.zeros(5), abs=2e-5)

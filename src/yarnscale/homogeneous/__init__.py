@@ -1,0 +1,1 @@
+"""One piece of fabric with the same strain everywhere, of yarns or of shell, under loads."""

@@ -1,0 +1,102 @@
+"""What has one macroscopic strain everywhere: a periodic cell of yarns, or a piece of shell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.kinematics import ShellStrain
+from yarnscale.shell.materials.material import ShellMaterial
+
+Array = NDArray[np.float64]
+
+TIGHTEST = 0.4
+"""Largest curvature times yarn radius of a cell: beyond it a surface of yarns runs into itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Fabric under one strain: energy density [J/m²], stress (6,), and whether it is an equilibrium of this fabric.
+
+    state: what neighbouring responses start from.
+    """
+
+    strain: Array
+    energy: float
+    stress: Array
+    usable: bool = True
+    state: Any = None
+
+
+class HomogeneousFabric(Protocol):
+    """Fabric that answers to a macroscopic strain: a periodic cell of yarns, or a shell material."""
+
+    @property
+    def strain_scale(self) -> Array:
+        """Strains (6,) of like importance, by which steps and residuals are measured."""
+        ...
+
+    def response(self, strain: Array, start: Response | None = None) -> Response:
+        """Energy and stress under a strain (6,), from a neighbouring response or from rest."""
+        ...
+
+    def moduli(self, response: Response) -> Array:
+        """Second derivatives of the energy (6, 6); ArithmeticError where there are none (the verge of buckling)."""
+        ...
+
+
+def fabric_of(subject: PeriodicCell | ShellMaterial) -> HomogeneousFabric:
+    """A cell of yarns or a shell material as homogeneous fabric."""
+    return CellFabric(subject) if isinstance(subject, PeriodicCell) else MaterialFabric(subject)
+
+
+@dataclass(frozen=True, eq=False)
+class CellFabric:
+    """A periodic cell; the ``state`` of its responses is the ``Equilibrium``."""
+
+    cell: PeriodicCell
+
+    @property
+    def strain_scale(self) -> Array:
+        """A half in-plane; a tenth of the yarn's curvature in bending [1/m]."""
+        return np.array([0.5] * 3 + [0.1 / self.cell.pattern.radius] * 3)
+
+    def response(self, strain: Array, start: Response | None = None) -> Response:
+        """Relax the yarns under a strain (6,)."""
+        strain = np.array(strain, np.float64)
+        if np.abs(strain[3:]).max() * self.cell.pattern.radius > TIGHTEST:
+            return Response(strain, np.nan, np.full(6, np.nan), usable=False)
+        seed = None
+        if start is not None and start.state is not None:
+            seed = start.state.strain, start.state.fluctuation, start.state.twist
+        state = self.cell.relax_from(ShellStrain.from_vector(strain), seed)
+        return Response(strain, state.energy_density, state.stress, state.usable, state)
+
+    def moduli(self, response: Response) -> Array:
+        """Moduli (6, 6) with the yarns following, as ``PeriodicCell.moduli``."""
+        return self.cell.moduli(response.state)
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialFabric:
+    """A piece of shell."""
+
+    material: ShellMaterial
+
+    @property
+    def strain_scale(self) -> Array:
+        """Strains (6,) of like importance."""
+        return self.material.strain_scale
+
+    def response(self, strain: Array, start: Response | None = None) -> Response:
+        """Energy and stress at a strain (6,)."""
+        energy, stress = float(self.material.energy_density(strain)), self.material.stress(strain)
+        return Response(np.array(strain, np.float64), energy, stress, bool(np.isfinite(energy)))
+
+    def moduli(self, response: Response) -> Array:
+        """Second derivatives (6, 6)."""
+        return self.material.moduli(response.strain)
