@@ -93,7 +93,7 @@ def test_runs_that_are_none_are_refused(force, length, word):
 
 def test_fabrics_are_checked_as_a_whole():
     test = StretchTest(Direction.WEFT, 0.06, (run(),))
-    bend = BendTest(Direction.WEFT, 0.1, 0.06, np.array([0.01]), np.array([2.0]), np.array([0.0]))
+    bend = BendTest(Direction.WEFT, 0.1, 0.06, np.array([0.01]), np.array([2.0]))
     with pytest.raises(InputError, match="stretch or bend"):
         SwatchMeasurements("empty")
     with pytest.raises(InputError, match="one test"):
@@ -103,7 +103,7 @@ def test_fabrics_are_checked_as_a_whole():
     with pytest.raises(InputError, match="sum of 1"):
         SwatchMeasurements("half", (test,), yarns=(YarnComposition("polyester", 72.0, 75, 0.5),))
     with pytest.raises(InputError, match="2/π"):
-        BendTest(Direction.WEFT, 0.1, 0.06, np.array([0.07]), np.array([2.0]), np.array([0.0]))
+        BendTest(Direction.WEFT, 0.1, 0.06, np.array([0.07]), np.array([2.0]))
 
 
 def test_yarns_of_plated_fabric():

@@ -84,7 +84,7 @@ def put(*place: Any) -> Callable[[dict[str, Any]], None]:
         (put("units", {"length": "mm", "angle": "rad"}), "field 'units'"),
         (put("colour", "red"), r"unknown field 'colour'; expected format, version"),
         (lambda d: d.pop("rest_twist"), "missing field 'rest_twist'"),
-        (put("name", 3), ":5: field 'name'; expected a string; found 3"),
+        (put("name", 3), ":4: field 'name'; expected a string; found 3"),
         (put("radius", "thin"), r":7: field 'radius'; expected a number; found 'thin'"),
         (put("radius", -1.0), r":7: radius must be positive; expected > 0 m; found -1"),
         (put("radius", 10**400), "field 'radius'; expected finite numbers"),

@@ -8,7 +8,6 @@ Swatches along the weft and the warp bend into cylinders and feel one stiffness 
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +17,7 @@ from scipy.optimize import least_squares
 from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import BendTest, Direction, SwatchMeasurements
 from yarnscale.estimate.pear_loop import GRAVITY, SEGMENTS, LoopResponse, PearLoop
+from yarnscale.estimate.shell_fit import mean_error
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 Array = NDArray[np.float64]
@@ -44,32 +44,18 @@ class FittedLoops:
     ratio: Array
     largest_curvature: float
 
-    @property
-    def error(self) -> float:
-        """Mean error of the ratio over its mean."""
-        return float(np.abs(self.ratio - self.measured_ratio).mean() / self.measured_ratio.mean())
-
 
 @dataclass(frozen=True, eq=False)
 class BendFit:
-    """A shell with fitted bending.
-
-    singular_values: (3,), change of the normalised residual per unit of an unknown. undetermined: directions that were
-    not measured and took the stiffness of the others.
-    """
+    """A shell with fitted bending, and the loops that it reproduces."""
 
     material: OrthotropicMaterial
     loops: tuple[FittedLoops, ...]
-    singular_values: Array
-    undetermined: tuple[str, ...]
-    simulations: int
-    seconds: float
 
     @property
     def error(self) -> float:
         """Mean error of the ratio over its mean, all directions together."""
-        errors = np.concatenate([np.abs(loop.ratio - loop.measured_ratio) for loop in self.loops])
-        return float(errors.mean() / np.concatenate([loop.measured_ratio for loop in self.loops]).mean())
+        return mean_error([(loop.ratio, loop.measured_ratio) for loop in self.loops])
 
 
 def fit_bending(
@@ -82,7 +68,6 @@ def fit_bending(
     """Bending stiffnesses from pear loops; ``membrane`` gives the other constants. Raises InputError without loops."""
     if not measurements.bend or measurements.area_density is None:
         raise InputError(f"measurements of '{measurements.name}'", expected="a bend test", found="none")
-    begin = time.perf_counter()
     problem = _Loops(
         measurements.bend, replace(membrane, density=measurements.area_density), states, segments
     )
@@ -104,18 +89,7 @@ def fit_bending(
     ):
         curvature = max(loop.largest_curvature(response.positions[k]) for k in range(len(ratio)))
         fitted.append(FittedLoops(test.direction, response.distance, ratio, response.ratio, curvature))
-    tested = {test.direction for test in measurements.bend}
-    values = np.zeros(len(BENDING))
-    sensed = np.linalg.svd(problem.sensitivity(found.x), compute_uv=False)
-    values[: len(sensed)] = sensed
-    return BendFit(
-        problem.material(found.x),
-        tuple(fitted),
-        values,
-        tuple(direction.value for direction in Direction if direction not in tested),
-        problem.simulations,
-        time.perf_counter() - begin,
-    )
+    return BendFit(problem.material(found.x), tuple(fitted))
 
 
 class _Loops:
@@ -139,7 +113,6 @@ class _Loops:
         self.bounds = (self.prior - wide, self.prior + wide)
         count = sum(len(ratio) for ratio in self.ratios)
         self.scale = 1.0 / (np.concatenate(self.ratios).mean() * math.sqrt(count))
-        self.simulations = 0
         self._point: Array | None = None
         self._responses: list[LoopResponse | None] = [None] * len(tests)
 
@@ -184,7 +157,6 @@ class _Loops:
                 self._responses[k] = loop.respond(
                     material, distance, near=self._responses[k] if near else None
                 )
-                self.simulations += len(distance)
             self._point = unknowns.copy()
         return [response for response in self._responses if response is not None]
 

@@ -11,7 +11,6 @@ from yarnscale.estimate.bend_fit import BendFit, fit_bending
 from yarnscale.estimate.measurements import SwatchMeasurements
 from yarnscale.estimate.shell_fit import ShellFit, fit_membrane
 from yarnscale.estimate.uniform_data import (
-    SAMPLES,
     UniformData,
     corrected_data,
     uniform_bending,
@@ -33,18 +32,16 @@ class FabricShell:
         """The material with everything that was fitted."""
         return self.membrane.material if self.bending is None else self.bending.material
 
-    def uniform_data(
-        self, *, samples: int = SAMPLES, follow: Literal["shell", "measured"] = "shell"
-    ) -> UniformData:
+    def uniform_data(self, *, follow: Literal["shell", "measured"] = "shell") -> UniformData:
         """What a yarn model is to reproduce.
 
-        samples: stretches per direction. follow: stress of the shell itself (EST22 eq. 3), or the measured curves,
-        from which the shell only takes out the effect of the clamps.
+        follow: stress of the shell itself (EST22 eq. 3), or the measured curves, from which the shell only takes out
+        the effect of the clamps.
         """
         if follow not in ("shell", "measured"):
             raise InputError("follow", expected="shell or measured", found=follow)
         translate = uniform_data if follow == "shell" else corrected_data
-        data = translate(self.membrane, self.measurements, samples=samples)
+        data = translate(self.membrane, self.measurements)
         return data if self.bending is None else replace(data, bending=uniform_bending(self.bending))
 
 

@@ -8,7 +8,7 @@ constants of the material, so E,xp is its gradient with other coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -125,6 +125,24 @@ class HeldShell:
             if measure.held is not None:
                 result[row] += mixed @ measure.held.ravel()
         return result
+
+    def derivatives_of(
+        self,
+        material: OrthotropicMaterial,
+        states: Iterable[tuple[Array, bool]],
+        measures: Callable[[Array], Sequence[Measure]],
+        constants: Sequence[str],
+    ) -> Array:
+        """``derivatives`` of what is measured at positions, (states, measures, constants); NaN without equilibrium.
+
+        states: positions (nv, 3) and whether they are an equilibrium.
+        """
+        found = []
+        for positions, converged in states:
+            measured = measures(positions)
+            none = np.full((len(measured), len(constants)), np.nan)
+            found.append(self.derivatives(material, positions, measured, constants) if converged else none)
+        return np.array(found)
 
     def _gradients_by(
         self, material: OrthotropicMaterial, linear: Linearisation, constants: Sequence[str]

@@ -48,7 +48,6 @@ class LoopResponse:
     ratio: Array
     converged: NDArray[np.bool_]
     positions: Array
-    iterations: int
 
 
 class PearLoop:
@@ -86,7 +85,7 @@ class PearLoop:
             raise InputError("distances of the clamps", expected="positive lengths [m]", found=distances)
         count = self.mesh.vertex_count
         positions, converged = np.empty((len(distances), count, 3)), np.zeros(len(distances), bool)
-        ratio, iterations = np.empty(len(distances)), 0
+        ratio = np.empty(len(distances))
         last: tuple[Array, Array] | None = None
         for k in np.argsort(-distances):  # from wide to narrow
             plain = self._weightless(float(distances[k]))
@@ -94,12 +93,11 @@ class PearLoop:
             if near is not None and near.converged[k]:
                 start = near.positions[k]
             found = self.shell.solve(material, start, gravity=GRAVITY, iterations=200)
-            iterations += found.solution.iterations
             positions[k], converged[k] = found.positions, found.converged
             ratio[k] = self.measure(found.positions).value
             if found.converged:
                 last = found.positions, plain
-        return LoopResponse(distances, ratio, converged, positions, iterations)
+        return LoopResponse(distances, ratio, converged, positions)
 
     def measure(self, positions: Array) -> Measure:
         """Aspect ratio at positions (nv, 3), of the mean line of the swatch."""
@@ -117,11 +115,8 @@ class PearLoop:
         self, material: OrthotropicMaterial, response: LoopResponse, constants: Sequence[str]
     ) -> Array:
         """d(ratio)/d(constants), shape (n, constants); NaN for loops that did not converge."""
-        result = np.full((len(response.ratio), len(constants)), np.nan)
-        for k in np.flatnonzero(response.converged):
-            positions = response.positions[k]
-            result[k] = self.shell.derivatives(material, positions, [self.measure(positions)], constants)[0]
-        return result
+        states = zip(response.positions, response.converged, strict=True)
+        return self.shell.derivatives_of(material, states, lambda x: [self.measure(x)], constants)[:, 0]
 
     def centre_line(self, positions: Array) -> Array:
         """Mean of the lines across, (lines, 2): from clamp to clamp, and up [m]."""

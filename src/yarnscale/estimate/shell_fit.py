@@ -4,7 +4,7 @@ Six stretches per direction, evenly spaced over the measured range, are applied 
 and gauge of the measured ones. Differences of line load and of contraction, each relative to its
 measured average, are made small by bounded Gauss–Newton steps with exact derivatives. The start is the best of several
 fits of uniform strips, which cost little. Weak priors settle what the measured directions leave open, above all the
-shear stiffness without a bias test, and ``Identifiability`` says what that is.
+shear stiffness without a bias test, and ``ShellFit.resolution`` says what that is.
 
 Real fabric stiffens more than this material; with EST22 we fit the whole range all the same and report the error.
 """
@@ -73,76 +73,31 @@ class FittedCurve:
     measured_contraction: Array | None
     contraction: Array
 
-    @property
-    def load_error(self) -> float:
-        """Mean error of the load over its mean."""
-        return float(np.abs(self.load - self.measured_load).mean() / self.measured_load.mean())
-
-    @property
-    def contraction_error(self) -> float | None:
-        """Mean error of the contraction over its mean, None where it was not measured."""
-        if self.measured_contraction is None:
-            return None
-        return float(
-            np.abs(self.contraction - self.measured_contraction).mean() / self.measured_contraction.mean()
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Identifiability:
-    """How well measurements fix constants: the sensitivity's singular values and right vectors.
-
-    singular_values: (k,), change of the normalised residual per unit of an unknown; vectors: (k, k), one a row, in the
-    order of ``names``; the unknowns are logarithms (or for k_xy and area terms shares) of the constants.
-    resolution: (k,), one where the data alone decide, zero where the prior does. at_bounds: constants that ended at a
-    bound.
-    """
-
-    names: tuple[str, ...]
-    singular_values: Array
-    vectors: Array
-    resolution: Array
-    at_bounds: tuple[str, ...] = ()
-
-    @classmethod
-    def of(
-        cls, names: tuple[str, ...], sensitivity: Array, weights: Array, at_bounds: tuple[str, ...]
-    ) -> Identifiability:
-        """From d(residual)/d(unknowns) (n, k) and the weights of the prior (k,)."""
-        _, values, vectors = np.linalg.svd(sensitivity, full_matrices=True)
-        singular = np.zeros(len(names))
-        singular[: len(values)] = values
-        felt = sensitivity.T @ sensitivity
-        resolution = np.zeros(len(names))
-        resolution[:] = np.diag(np.linalg.solve(felt + np.diag(weights**2), felt))
-        return cls(names, singular, vectors, resolution, at_bounds)
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Constants that follow the prior more than the data."""
-        return tuple(name for name, share in zip(self.names, self.resolution, strict=True) if share < 0.5)
-
 
 @dataclass(frozen=True, eq=False)
 class ShellFit:
-    """A shell fitted to swatches: the material, what it reproduces and how well, and the work it took.
+    """A shell fitted to swatches: the material, and what it reproduces.
 
+    resolution: of every constant, one where the data alone decide it, zero where the prior does. seconds: of the fit.
     assumed_contraction: whether the usual contraction of knits was assumed, since none was measured and force alone led
     to an impossible one.
     """
 
     material: OrthotropicMaterial
     curves: tuple[FittedCurve, ...]
-    identifiability: Identifiability
-    simulations: int
+    resolution: dict[str, float]
     seconds: float
     assumed_contraction: bool = False
 
     @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Constants that follow the prior more than the data."""
+        return tuple(name for name, share in self.resolution.items() if share < 0.5)
+
+    @property
     def load_error(self) -> float:
         """Mean error of the load over the mean measured load, all directions together."""
-        errors = np.concatenate([np.abs(curve.load - curve.measured_load) for curve in self.curves])
-        return float(errors.mean() / np.concatenate([curve.measured_load for curve in self.curves]).mean())
+        return mean_error([(curve.load, curve.measured_load) for curve in self.curves])
 
     @property
     def contraction_error(self) -> float | None:
@@ -150,10 +105,13 @@ class ShellFit:
         pairs = [
             (c.contraction, c.measured_contraction) for c in self.curves if c.measured_contraction is not None
         ]
-        if not pairs:
-            return None
-        errors = np.concatenate([np.abs(simulated - measured) for simulated, measured in pairs])
-        return float(errors.mean() / np.concatenate([measured for _, measured in pairs]).mean())
+        return mean_error(pairs) if pairs else None
+
+
+def mean_error(pairs: Sequence[tuple[Array, Array]]) -> float:
+    """Mean of |simulated − measured| over the mean of what was measured, of all pairs (simulated, measured)."""
+    errors = np.concatenate([np.abs(simulated - measured) for simulated, measured in pairs])
+    return float(errors.mean() / np.concatenate([measured for _, measured in pairs]).mean())
 
 
 def fit_membrane(
@@ -178,8 +136,7 @@ def fit_membrane(
     return ShellFit(
         problem.unknowns.material(found, density=density),
         problem.curves(found),
-        problem.identifiability(found),
-        problem.simulations,
+        problem.resolution(found),
         time.perf_counter() - begin,
         problem.usual_weight > 0,
     )
@@ -211,7 +168,6 @@ class _Problem:
     density: float
     elements: int
     usual_weight: float = 0.0
-    simulations: int = 0
     _point: Array | None = None
     _responses: list[StretchResponse | None] = field(default_factory=list)
 
@@ -336,11 +292,11 @@ class _Problem:
             for t, response, swatch in zip(self.targets, responses, self.swatches, strict=True)
         )  # fmt: skip
 
-    def identifiability(self, unknowns: Array) -> Identifiability:
-        low, high = self.unknowns.bounds
-        at = (unknowns < low + 1e-4) | (unknowns > high - 1e-4)
-        names = tuple(name for name, bound in zip(MEMBRANE, at, strict=True) if bound)
-        return Identifiability.of(MEMBRANE, self._sensitivity(unknowns), self.prior_weights, names)
+    def resolution(self, unknowns: Array) -> dict[str, float]:
+        sensitivity = self._sensitivity(unknowns)
+        felt = sensitivity.T @ sensitivity
+        share = np.diag(np.linalg.solve(felt + np.diag(self.prior_weights**2), felt))
+        return dict(zip(MEMBRANE, share.tolist(), strict=True))
 
     def _differences(self, target: _Target, load: Array, contraction: Array) -> Array:
         scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
@@ -368,7 +324,6 @@ class _Problem:
             material = self.unknowns.material(unknowns, density=self.density)
             for k, (target, swatch) in enumerate(zip(self.targets, self.swatches, strict=True)):
                 self._responses[k] = swatch.respond(material, target.stretch, near=self._responses[k])
-                self.simulations += len(target.stretch)
             self._point = unknowns.copy()
         return [response for response in self._responses if response is not None]
 

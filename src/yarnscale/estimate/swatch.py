@@ -40,7 +40,6 @@ class StretchResponse:
     contraction: Array
     converged: NDArray[np.bool_]
     positions: Array
-    iterations: int
 
 
 class StretchSwatch:
@@ -88,27 +87,20 @@ class StretchSwatch:
         if stretches.ndim != 1 or not len(stretches) or not (np.diff(stretches, prepend=0.0) > 0).all():
             raise InputError("stretches", expected="rising numbers above zero", found=stretches)
         rest = np.column_stack([self.mesh.panel, np.zeros(self.mesh.vertex_count)])
-        positions, iterations, converged = (
-            np.empty((len(stretches), *rest.shape)),
-            0,
-            np.zeros(len(stretches), bool),
-        )
+        positions, converged = np.empty((len(stretches), *rest.shape)), np.zeros(len(stretches), bool)
         last, last_stretch = rest, 0.0
         for k, stretch in enumerate(stretches):
             found = None
             if near is not None and near.converged[k]:
                 found = self.shell.solve(material, near.positions[k])
-                iterations += found.solution.iterations
             if found is None or not found.converged:
-                found, spent = self._step(material, rest, last, last_stretch, float(stretch))
-                iterations += spent
+                found = self._step(material, rest, last, last_stretch, float(stretch))
             positions[k], converged[k] = found.positions, found.converged
             if found.converged:
                 last, last_stretch = found.positions, float(stretch)
-        force, contraction = np.empty(len(stretches)), np.empty(len(stretches))
-        for k in range(len(stretches)):
-            force[k], contraction[k] = (measure.value for measure in self.measures(material, positions[k]))
-        return StretchResponse(stretches, force, contraction, converged, positions, iterations)
+        values = [[m.value for m in self.measures(material, positions[k])] for k in range(len(stretches))]
+        force, contraction = np.array(values).T
+        return StretchResponse(stretches, force, contraction, converged, positions)
 
     def measures(self, material: OrthotropicMaterial, positions: Array) -> tuple[Measure, Measure]:
         """Force of a clamp [N] and contraction at positions (nv, 3)."""
@@ -123,29 +115,23 @@ class StretchSwatch:
         self, material: OrthotropicMaterial, response: StretchResponse, constants: Sequence[str]
     ) -> Array:
         """d(force [N], contraction)/d(constants), shape (n, 2, constants); NaN for states that did not converge."""
-        result = np.full((len(response.stretch), 2, len(constants)), np.nan)
-        for k in np.flatnonzero(response.converged):
-            positions = response.positions[k]
-            measures = self.measures(material, positions)
-            result[k] = self.shell.derivatives(material, positions, measures, constants)
-        return result
+        states = zip(response.positions, response.converged, strict=True)
+        return self.shell.derivatives_of(material, states, lambda x: self.measures(material, x), constants)
 
     def _step(
         self, material: OrthotropicMaterial, rest: Array, last: Array, last_stretch: float, stretch: float
-    ) -> tuple[Equilibrium, int]:
+    ) -> Equilibrium:
         """From one stretch to the next, in smaller steps where Newton fails; the displacement grows in proportion."""
-        iterations, target = 0, stretch
+        target = stretch
         for _ in range(_HALVINGS + 1):
-            start = self._scaled(rest, last, last_stretch, target)
-            found = self.shell.solve(material, start)
-            iterations += found.solution.iterations
+            found = self.shell.solve(material, self._scaled(rest, last, last_stretch, target))
             if found.converged and target == stretch:
-                return found, iterations
+                return found
             if found.converged:
                 last, last_stretch, target = found.positions, target, stretch
             else:
                 target = 0.5 * (last_stretch + target)
-        return self.shell.solve(material, self._scaled(rest, last, last_stretch, stretch)), iterations
+        return self.shell.solve(material, self._scaled(rest, last, last_stretch, stretch))
 
     def _scaled(self, rest: Array, last: Array, last_stretch: float, stretch: float) -> Array:
         start = rest.copy()

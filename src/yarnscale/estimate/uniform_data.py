@@ -97,18 +97,13 @@ class UniformErrors:
 
     def summary(self) -> dict[str, object]:
         """Numbers by name; None where no state is at rest."""
+        numbers = {"comfort": self.comfort, "full": self.full, "compression": self.compression}
         values: dict[str, object] = {
             name: value if value is not None and np.isfinite(value) else None
-            for name, value in (
-                ("comfort", self.comfort),
-                ("full", self.full),
-                ("compression", self.compression),
-            )
+            for name, value in numbers.items()
         }
         if self.directions:
-            values["directions"] = {
-                along.value: errors.summary() for along, errors in self.directions.items()
-            }
+            values["directions"] = {along.value: part.summary() for along, part in self.directions.items()}
         return values
 
 
@@ -158,40 +153,24 @@ class UniformData:
         return replace(together, directions=directions)
 
 
-def uniform_data(
-    fit: ShellFit,
-    measurements: SwatchMeasurements,
-    *,
-    samples: int = SAMPLES,
-    comfort_load: float = COMFORT_LOAD,
-) -> UniformData:
-    """Uniform curves of the fitted shell over the measured stretches (EST22 eq. 3), for every direction measured.
-
-    samples: per direction, evenly spaced from the first above zero to the largest; comfort_load: end of the comfort
-    range [N/m].
-    """
+def uniform_data(fit: ShellFit, measurements: SwatchMeasurements) -> UniformData:
+    """Uniform curves of the fitted shell over the measured stretches (EST22 eq. 3), for every direction measured."""
     curves = []
     for test in measurements.stretch:
-        largest, comfort = _range(test, comfort_load)
-        stretch = largest * np.arange(1, samples + 1) / samples
+        stretch, comfort = _stretches(test)
         stress, contraction = uniaxial(fit.material, test.direction.angle, stretch)
         measured = test.curve.contraction is not None
         curves.append(UniformCurve(test.direction, stretch, contraction, stress, comfort, measured))
     return UniformData(measurements.name, tuple(curves))
 
 
-def corrected_data(
-    fit: ShellFit,
-    measurements: SwatchMeasurements,
-    *,
-    samples: int = SAMPLES,
-    comfort_load: float = COMFORT_LOAD,
-) -> UniformData:
+def corrected_data(fit: ShellFit, measurements: SwatchMeasurements) -> UniformData:
     """The measured curves, times the fitted shell's ratio of uniform to swatch response at the same stretch."""
-    curves = []
-    for test, fitted in zip(measurements.stretch, _in_order(fit, measurements), strict=True):
-        largest, comfort = _range(test, comfort_load)
-        stretch = largest * np.arange(1, samples + 1) / samples
+    fitted_along, curves = {curve.direction: curve for curve in fit.curves}, []
+    for test in measurements.stretch:
+        if (fitted := fitted_along.get(test.direction)) is None:
+            raise InputError("shell fit", expected=f"a fit along {test.direction.value}", found="none")
+        stretch, comfort = _stretches(test)
         stress, contraction = uniaxial(fit.material, test.direction.angle, fitted.stretch)
         load = test.curve.load_at(stretch) * _without_clamps(fitted, stress, stretch)
         width = test.curve.contraction_at(stretch)
@@ -224,17 +203,10 @@ def uniform_bending(fit: BendFit) -> tuple[UniformBend, ...]:
     )
 
 
-def _in_order(fit: ShellFit, measurements: SwatchMeasurements) -> list[FittedCurve]:
-    by_direction = {curve.direction: curve for curve in fit.curves}
-    missing = [t.direction.value for t in measurements.stretch if t.direction not in by_direction]
-    if missing:
-        raise InputError("shell fit", expected=f"a fit along {', '.join(missing)}", found="none")
-    return [by_direction[test.direction] for test in measurements.stretch]
-
-
-def _range(test: StretchTest, comfort_load: float) -> tuple[float, float]:
-    """Largest stretch up to the power load, and that of the comfort range."""
-    return float(test.curve.up_to(POWER_LOAD).stretch[-1]), test.curve.stretch_at(comfort_load)
+def _stretches(test: StretchTest) -> tuple[Array, float]:
+    """Stretches up to the power load, evenly spaced from above zero, and the largest of the comfort range."""
+    largest = float(test.curve.up_to(POWER_LOAD).stretch[-1])
+    return largest * np.arange(1, SAMPLES + 1) / SAMPLES, test.curve.stretch_at(COMFORT_LOAD)
 
 
 def _means(comfort: Array, full: Array, compression: Array) -> UniformErrors:
