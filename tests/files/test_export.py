@@ -18,7 +18,7 @@ from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.body_surface import ball
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.files.gltf import write_gltf
-from yarnscale.files.obj_sequence import write_obj_frame
+from yarnscale.files.obj import write_obj_frame
 from yarnscale.files.obj_surface import read_obj_surface
 from yarnscale.files.tube_sweep import TubeSweep
 from yarnscale.files.usd import write_usd

@@ -163,7 +163,7 @@ def _frame_writer(animation: Animation, kind: str, out: Path) -> Callable[[int, 
 
         return VtkSeries(out, animation).write
     if kind == "obj":
-        from yarnscale.files.obj_sequence import write_obj_frame
+        from yarnscale.files.obj import write_obj_frame
 
         return lambda number, moment: write_obj_frame(out / f"frame_{number:04d}.obj", animation, moment)
     from yarnscale.files.bcc import write_bcc

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -135,6 +136,8 @@ class Fields:
         for place, entry in _entries(value):
             if isinstance(entry, bool) or not isinstance(entry, kind):
                 raise self.fault(key + place, expected=what, found=quoted(entry))
+            if isinstance(entry, float) and not math.isfinite(entry):
+                raise self.fault(key + place, expected="a finite number", found=entry)
         if shape is not None and len(shape) == 2 and isinstance(value, list):
             for row, entries in enumerate(value):
                 if isinstance(entries, list) and len(entries) != shape[1]:
@@ -142,14 +145,12 @@ class Fields:
         try:
             array = np.array(value, dtype=np.float64)
         except OverflowError:
-            raise self.fault(key, expected="finite numbers", found="one beyond all floats") from None
+            raise self.fault(key, expected="a finite number", found="one beyond all floats") from None
         except (ValueError, TypeError):
             raise self.fault(key, expected=f"an even array, {what} each", found="rows that differ") from None
         if (array.ndim != 1) if shape is None else (array.shape != shape):
             wanted = "a list of numbers" if shape is None else _shape(shape)
             raise self.fault(key, expected=wanted, found=_shape(array.shape))
-        if not np.all(np.isfinite(array)):
-            raise self.fault(key, expected="finite numbers", found="NaN or infinity")
         if kind is int and np.abs(array).max(initial=0.0) > 2**53:
             raise self.fault(key, expected="small integers", found=f"{np.abs(array).max():g}")
         return array
@@ -237,8 +238,8 @@ def _toml_line(text: str, what: str) -> int | None:
     words = re.findall(r"[A-Za-z_][\w.-]*(?:\[\d+\][\w.-]*)*", what)
     names = [f"{section[1]}.{word}" for word in words] if section else []
     for name in [*names, *words]:
-        if name in lines:
-            return lines[name]
+        if (line := lines.get(name, lines.get(name.partition("[")[0]))) is not None:
+            return line
     return lines.get(section[1]) if section else None
 
 

@@ -44,7 +44,7 @@ def draw_terms(material: SplineMaterial, samples: FabricStates, path: Path) -> N
     columns = ("samples", "terms of one strain", "samples less these", "all terms", "error")
     pairs = [pair for pair in PLANES[:3] if pair in material.planes]
     acting = np.abs(samples.strains) > 1e-9 * np.abs(samples.strains).max(axis=0)
-    with written_figure(path, 11.0, 2.4 * len(pairs), title="") as figure:
+    with written_figure(path, 11.0, 2.4 * len(pairs)) as figure:
         for row, pair in zip(figure.subplots(len(pairs), 5, squeeze=False), pairs, strict=True):
             on_plane = ~np.delete(acting, pair, axis=1).any(axis=1)
             places, energies = (

@@ -230,7 +230,7 @@ position = [0, 0, -3]
         (
             "damping = 1.0",
             "damping = 'much'",
-            r"scene.toml:\d+: field 'damping'; expected numbers; found 'much'",
+            r"scene.toml:\d+: field 'damping'; expected a number; found 'much'",
         ),
         ("damping = 1.0", "damping = -1", "damping; expected zero or more"),
         ("damping = 1.0", "damping = ", r"scene.toml:3: file is not TOML"),
@@ -238,7 +238,7 @@ position = [0, 0, -3]
         ('"cloth.json"', '"silk.json"', "silk.json: file does not exist"),
         ("width = 0.1\n", "", "missing field 'mesh.width'"),
         ("width = 0.1", "width = -0.1", r"scene.toml:\d+: \[mesh\] width; expected a positive length"),
-        ("width = 0.1", "width = nan", "field 'mesh.width'; expected finite numbers"),
+        ("width = 0.1", "width = nan", "field 'mesh.width'; expected a finite number"),
         ("time_step = 0.02", 'method = "gauss"', r"\[schedule\] method; expected quasi-newton or newton"),
         ("time_step = 0.02", "rough_iterations = 0", r"\[schedule\] rough_iterations; expected at least 1"),
         ("time_step = 0.02", "animation = 1", "'schedule.animation'; expected true or false"),
