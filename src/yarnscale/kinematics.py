@@ -15,6 +15,8 @@ COMPONENTS = ("s_x", "s_a", "s_y", "II11", "II12", "II22")
 """Order of strain vectors and of stress; stress is d(energy density) by each of them."""
 LARGEST = 1e6
 """No strain [-] or curvature [1/m] exceeds this."""
+GRAVITY = 9.81
+"""Acceleration of free fall [m/s²]."""
 
 
 @checked

@@ -12,7 +12,6 @@ import pytest
 from yarnscale.cli import main
 from yarnscale.errors import InputError
 from yarnscale.files.cloth_frames import FrameFolder
-from yarnscale.files.hylc_json import read_hylc_json
 from yarnscale.files.material_json import read_material
 from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.homogenize import errors_at, fit, fit_published
@@ -95,7 +94,7 @@ def test_the_published_form_is_hylc_json(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     command = [*COMMAND, *RANGE, "--out", str(folder), "--one-dimensional"]
     assert main(command) in (0, 1)
-    material = read_hylc_json(folder / "material.json")
+    material = read_material(folder / "material.json")
     assert not material.planes
     with pytest.raises(InputError, match="store of strains"):
         fit_published(SampleStore(_loads(tmp_path)))

@@ -16,7 +16,6 @@ from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective
-from yarnscale.estimate.uniform_data import UniformErrors
 from yarnscale.estimate.yarn_estimate import (
     UNKNOWN_STIFFNESS,
     FabricEstimate,
@@ -144,34 +143,21 @@ def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
     yield f"yarn of {found.measurements.name}, {fit.evaluations} tried with {fit.solves} equilibria:"
     for name, value in zip(fit.model.names, fit.values, strict=True):
         yield f"  {name:<12}{value:.4g}{'   at the end of its range' if name in fit.at_bounds else ''}"
-    failed = found.fit.evaluation.failed
-    yield f"error against the measurement{f', without {failed} states that are not at rest' if failed else ''}:"
-    yield _errors("all directions", found.error)
-    for direction, errors in found.error.directions.items():
-        yield _errors(f"{direction.value} alone", errors)
-    if (largest := found.largest_deviation) is not None:
-        direction, stretch, own, measured = largest
-        yield (
-            f"  largest in the comfort range: {direction.value}, stretched by {100 * stretch:.0f} %: "
-            f"{own:.3g} N/m, measured {measured:.3g} N/m"
-        )
-    if found.held_out_error is not None:
-        yield _errors("held out", found.held_out_error)
-    yield "each stage by itself:"
-    yield _errors("shell against the measurement", found.shell_error)
-    yield _errors(
-        f"yarn against the {'shell' if found.follow == 'shell' else 'measurement'}", found.yarn_error
-    )
+    for name, errors, failed in found.error_rows():
+        values = {
+            "comfort range": errors.comfort,
+            "full range": errors.full,
+            "contraction": errors.compression,
+        }
+        said = ", ".join(f"{what} {_percent(value)}" for what, value in values.items())
+        yield f"  {name}: {said}" + (f", without {failed} states that are not at rest" if failed else "")
+    if (deviation := found.deviation) is not None:
+        yield f"  {deviation}"
     for direction, error in found.bending.items():
         yield f"bending along {direction.value}: off by {100 * error:.0f} %"
     if found.fit.evaluation.rested.relaxed:
         yield f"{folder / PATTERN}: the fabric at rest with this yarn"
     yield f"{folder / 'index.html'}: the report"
-
-
-def _errors(name: str, errors: UniformErrors) -> str:
-    names = {"comfort range": errors.comfort, "full range": errors.full, "contraction": errors.compression}
-    return f"  {name}: " + ", ".join(f"{what} {_percent(value)}" for what, value in names.items())
 
 
 def _percent(value: float | None) -> str:

@@ -16,8 +16,9 @@ from scipy.optimize import least_squares
 
 from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import BendTest, Direction, SwatchMeasurements
-from yarnscale.estimate.pear_loop import GRAVITY, SEGMENTS, LoopResponse, PearLoop
+from yarnscale.estimate.pear_loop import SEGMENTS, LoopResponse, PearLoop
 from yarnscale.estimate.shell_fit import mean_error
+from yarnscale.kinematics import GRAVITY
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ class _Loops:
         ]
         length = float(np.mean([test.swatch_length for test in tests]))
         # The bending length of limp fabric is about a fifth of the swatch.
-        self.reference = membrane.density * -GRAVITY[2] * (length / 5) ** 3 / 2
+        self.reference = membrane.density * GRAVITY * (length / 5) ** 3 / 2
         wide = _DECADES * math.log(10.0)
         self.prior = np.array([0.0, 0.0, 0.0])
         self.bounds = (self.prior - wide, self.prior + wide)

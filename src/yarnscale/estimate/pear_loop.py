@@ -24,6 +24,7 @@ from scipy.optimize import brentq
 from yarnscale.errors import InputError
 from yarnscale.estimate.held_shell import HeldShell, Measure
 from yarnscale.estimate.measurements import Direction
+from yarnscale.kinematics import GRAVITY
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 
@@ -33,7 +34,7 @@ SEGMENTS = 35
 """Segments along the loop, an odd number."""
 _GRADING = 1.1
 """Quarter turn of a sine that sets the lines: spacing at the clamps is its cosine times that in the middle."""
-GRAVITY = (0.0, 0.0, -9.81)
+WEIGHT = (0.0, 0.0, -GRAVITY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,7 @@ class PearLoop:
             start = plain if last is None else last[0] + (plain - last[1])
             if near is not None and near.converged[k]:
                 start = near.positions[k]
-            found = self.shell.solve(material, start, gravity=GRAVITY, iterations=200)
+            found = self.shell.solve(material, start, gravity=WEIGHT, iterations=200)
             positions[k], converged[k] = found.positions, found.converged
             ratio[k] = self.measure(found.positions).value
             if found.converged:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Literal
@@ -78,6 +78,32 @@ class FabricEstimate:
         if self.prediction is None or self.held_out is None:
             return None
         return errors_of(self.prediction.curves, self.held_out)
+
+    def error_rows(self) -> Iterator[tuple[str, UniformErrors, int | None]]:
+        """Every error with what it is of, and how many states are not at rest."""
+        yield "yarn against the measurement", self.error, self.fit.evaluation.failed
+        for along, errors in self.error.directions.items():
+            yield f"{along.value} alone", errors, None
+        if self.held_out_error is not None and self.prediction is not None:
+            yield "held out, predicted", self.held_out_error, self.prediction.failed
+        yield "stage 1: shell against the measurement", self.shell_error, None
+        yield (
+            f"stage 2: yarn against the {'shell' if self.follow == 'shell' else 'measurement'}",
+            self.yarn_error,
+            None,
+        )
+
+    @property
+    def deviation(self) -> str | None:
+        """``largest_deviation`` in words."""
+        if self.largest_deviation is None:
+            return None
+        along, stretch, own, measured = self.largest_deviation
+        place = f"{along.value} at a stretch of {100 * stretch:.0f} %"
+        return (
+            f"largest deviation in the comfort range: {place}, where the yarn has {own:.3g} N/m and the fabric "
+            f"{measured:.3g} N/m"
+        )
 
     @property
     def largest_deviation(self) -> tuple[Direction, float, float, float] | None:

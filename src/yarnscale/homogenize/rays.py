@@ -20,7 +20,7 @@ from scipy.stats import qmc
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
-from yarnscale.kinematics import COMPONENTS
+from yarnscale.kinematics import COMPONENTS, GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,6 @@ SOLVES = 600
 _PER_LEVEL = 2.1  # equilibria, as measured over ten patterns
 _FEWEST_RAYS = 9  # of a plan that begins with the axes: tension and bending along both
 _LEAST = 0.05  # of the weight of a centimetre of the fabric
-_GRAVITY = 9.81
 _BENDS = np.array([0.002, 0.008, 0.025, 0.06, 0.1])
 """Curvatures of rays of pure bending, times the yarn radius."""
 _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
@@ -92,7 +91,7 @@ def load_rays(
     give the same rays, and those of more solves begin with those of fewer. Raises InputError for a limit that is no
     load, or too few solves for all kinds of states.
     """
-    least = _LEAST * _GRAVITY * 0.01 * cell.area_density
+    least = _LEAST * GRAVITY * 0.01 * cell.area_density
     most = _doubling_load(cell)
     limit = min(LIMIT, 0.25 * most) if limit is None else limit
     if not 10 * least < limit <= most:

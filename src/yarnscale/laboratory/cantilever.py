@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root_scalar
 
+from yarnscale.kinematics import GRAVITY
+
 Array = NDArray[np.float64]
 
 FALL = math.radians(41.5)
-GRAVITY = 9.81
 _TRIES = 40
 
 

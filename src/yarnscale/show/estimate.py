@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import Equilibrium, PeriodicCell
 from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
-from yarnscale.estimate.uniform_data import UniformCurve, UniformErrors
+from yarnscale.estimate.uniform_data import UniformCurve
 from yarnscale.estimate.yarn_estimate import FabricEstimate
 from yarnscale.estimate.yarn_model import UNITS
 from yarnscale.estimate.yarn_states import YarnCurve
@@ -185,18 +185,9 @@ def _followed(estimate: FabricEstimate) -> str:
 
 
 def _errors(estimate: FabricEstimate) -> Table:
-    error, fit = estimate.error, estimate.fit.evaluation
-    found: list[tuple[str, UniformErrors, int | None]] = [
-        ("yarn against the measurement", error, fit.failed),
-        *((f"{along.value} alone", errors, None) for along, errors in error.directions.items()),
-    ]
-    if (ahead := estimate.held_out_error) is not None and estimate.prediction is not None:
-        found.append(("held out, predicted", ahead, estimate.prediction.failed))
-    found.append(("stage 1: shell against the measurement", estimate.shell_error, None))
-    found.append((f"stage 2: yarn against {_followed(estimate)}", estimate.yarn_error, None))
     rows: list[list[Cell]] = [
         [name, *map(_percent, (errors.comfort, errors.full, errors.compression)), failed]
-        for name, errors, failed in found
+        for name, errors, failed in estimate.error_rows()
     ]
     columns = ["errors", "stress, comfort range", "stress, full range", "contraction", "states not at rest"]
     caption = (
@@ -223,12 +214,8 @@ def _words(estimate: FabricEstimate) -> list[str]:
         f"Solver {fit.options.solver}, {fit.evaluations} yarns tried, {fit.solves} equilibria, "
         f"{fit.cpu_seconds:.0f} s of all processes."
     )
-    if (largest := estimate.largest_deviation) is not None:
-        along, stretch, own, measured = largest
-        text.append(
-            f"Largest deviation in the comfort range: {along.value} at a stretch of {100 * stretch:.0f} %, where the "
-            f"yarn has {own:.3g} N/m and the fabric {measured:.3g} N/m."
-        )
+    if (deviation := estimate.deviation) is not None:
+        text.append(f"{deviation[0].upper()}{deviation[1:]}.")
     if fit.evaluation.failed:
         text.append(
             f"{fit.evaluation.failed} states are not at rest; they are left out of curves and errors."
