@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.integrate import quad, solve_bvp
 from scipy.optimize import brentq
 
+from yarnscale.files.material_json import read_material
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
-from yarnscale.files.material_json import read_material
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.integrator import Integrator

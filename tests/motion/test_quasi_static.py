@@ -12,11 +12,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from yarnscale.errors import InputError
+from yarnscale.files.material_json import read_material
 from yarnscale.motion.body import Step
 from yarnscale.motion.quasi_static import equilibrium, follow_load
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import LoadSteps, Schedule
-from yarnscale.files.material_json import read_material
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.motion.rigid import Motion
 from yarnscale.files.fields import Fields
+from yarnscale.motion.rigid import Motion
 
 Built = TypeVar("Built")
 Vector = tuple[float, float, float]
