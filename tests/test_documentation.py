@@ -91,6 +91,24 @@ def test_the_reference_lists_the_public_names() -> None:
     assert set(re.findall(r"`(\w+)`", text)) >= set(dir(yarnscale)) - {"__version__"}
 
 
+def test_modules_and_names_that_pages_mention_are_there() -> None:
+    for page in PAGES:
+        for dotted in re.findall(r"(?<![\w./])yarnscale((?:\.\w+)+)", page.read_text(encoding="utf-8")):
+            place, source = ROOT / "src" / "yarnscale", ""
+            for name in dotted[1:].split("."):
+                if (place / name).is_dir() or (place / f"{name}.py").is_file():
+                    place = place / name
+                    file = (
+                        place.with_suffix(".py")
+                        if place.with_suffix(".py").is_file()
+                        else place / "__init__.py"
+                    )
+                    source = file.read_text(encoding="utf-8")
+                else:
+                    source = source or (place / "__init__.py").read_text(encoding="utf-8")
+                    assert re.search(rf"\b{name}\b", source), (page.name, dotted)
+
+
 def test_contributors_find_what_the_list_of_places_names() -> None:
     listed = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     places = re.findall(r"^\| [^|]+ \| `(\S+\.py)` \| ([^|]+) \|$", listed, re.MULTILINE)

@@ -35,7 +35,7 @@ from yarnscale.yarn.stiffness import Materials, materials_of
 
 USUAL_FRICTION = 0.1
 """Of yarns on each other: with none cut yarns draw back and weaves come apart, with 0.3 fabric creeps and hardly curls
-(docs/guide/fabric.md)."""
+(docs/validation/fabric.md)."""
 Laid = tuple[YarnSheet, Materials, Springs]
 """A sheet, its materials, and what keeps its borders."""
 

@@ -4,7 +4,7 @@ Glue has to bear the weight of what would fall off, and nothing of the pull of t
 a frame around the sheet that carries the pull, keeps it from narrowing and from curling, and holds a drape up. How
 little is enough is told by how yarns hold each other. Those that are looped through each other meet again and again,
 stitch after stitch, and stay where one of them ends; glue only keeps their cut ends. Those that cross once, as in a
-weave, are held by friction alone, and the outermost slip off. ``docs/guide/fabric.md`` has measurements of both.
+weave, are held by friction alone, and the outermost slip off. ``docs/validation/fabric.md`` has measurements of both.
 """
 
 from __future__ import annotations
