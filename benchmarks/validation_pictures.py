@@ -23,7 +23,7 @@ from yarnscale.show import theme
 from yarnscale.show.canvas import aim, light, screen
 from yarnscale.show.curves import Curve
 from yarnscale.show.plots import written_figure
-from yarnscale.show.tubes import tube_mesh
+from yarnscale.show.seen_tubes import tube_mesh
 
 Array = NDArray[np.float64]
 DIRECTIONS = ("course", "wale")

@@ -18,7 +18,7 @@ from yarnscale.motion.schedule import Schedule
 from yarnscale.show import theme
 from yarnscale.show.canvas import aim, canvas, light
 from yarnscale.show.curves import Curve
-from yarnscale.show.tubes import tube_mesh
+from yarnscale.show.seen_tubes import tube_mesh
 from yarnscale.yarn.material import YarnMaterial
 
 ROOT = Path(__file__).resolve().parents[1]

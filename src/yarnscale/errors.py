@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,6 +48,13 @@ def located(where: object) -> Iterator[None]:
         if error.where is not None:
             raise
         raise error.at(where) from None
+
+
+def positive(what: str, value: float, expected: str = "a positive number") -> float:
+    """The value; InputError where it is no finite number above zero."""
+    if not (math.isfinite(value) and value > 0):
+        raise InputError(what, expected=expected, found=value)
+    return value
 
 
 def quoted(value: object) -> str:

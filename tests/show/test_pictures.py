@@ -13,7 +13,8 @@ from yarnscale.files.body_surface import ball
 from yarnscale.show.canvas import PicturesUnavailable, require_renderer
 from yarnscale.show.cloth import ClothFrame, Solid, contact_sheet
 from yarnscale.show.curves import Curve
-from yarnscale.show.tubes import tube_mesh, yarn_picture
+from yarnscale.show.seen_tubes import SIDES, tube_mesh
+from yarnscale.show.tubes import yarn_picture
 
 
 @pytest.fixture(scope="module")
@@ -42,12 +43,11 @@ def ink(path: Path) -> float:
     return float((imread(path)[..., :3].min(axis=-1) < 0.97).mean())
 
 
-def test_tubes_are_round() -> None:
+def test_tubes_are_round_and_on_average_as_wide_as_the_yarn() -> None:
     radius = 0.05
     tube = tube_mesh([wave(0.0)], radius)
     distance = np.linalg.norm(np.asarray(tube.points)[:, 1:], axis=1)
-    assert distance == pytest.approx(radius + 0 * distance, rel=1e-6) or distance.max() <= radius * (1 + 1e-6)
-    assert np.median(distance) == pytest.approx(radius, rel=1e-6)
+    assert distance == pytest.approx(radius * np.pi / (SIDES * np.sin(np.pi / SIDES)), rel=1e-5)
 
 
 def test_yarn_picture(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

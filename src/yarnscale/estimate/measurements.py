@@ -19,10 +19,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 
 Array = NDArray[np.float64]
 
+LENGTH = "a positive length [m]"
+"""What errors of lengths expect."""
 COMFORT_LOAD = 2.0 / 0.06
 """Line load up to which clothes are worn in comfort [N/m] (EST22 §4.3)."""
 POWER_LOAD = 5.0 / 0.06
@@ -192,8 +194,7 @@ class StretchTest:
             raise InputError(
                 f"stretch test along {self.direction.value}", expected="one or more runs", found="none"
             )
-        if not (math.isfinite(self.swatch_width) and self.swatch_width > 0):
-            raise InputError("swatch width", expected="a positive length [m]", found=self.swatch_width)
+        positive("swatch width", self.swatch_width, LENGTH)
 
     @property
     def swatch_length(self) -> float:
@@ -244,8 +245,7 @@ class BendTest:
 
     def __post_init__(self) -> None:
         for name in ("swatch_length", "swatch_width"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(name, expected="a positive length [m]", found=getattr(self, name))
+            positive(name, getattr(self, name), LENGTH)
         for name in ("distance", "ratio"):
             array = np.array(getattr(self, name), dtype=np.float64)
             object.__setattr__(self, name, array)
@@ -280,9 +280,8 @@ class YarnComposition:
     def __post_init__(self) -> None:
         where = f"yarn '{self.material}'"
         for name in ("denier", "filaments", "mass_share", "stiffness", "density"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} of {where}", expected="a positive number", found=value)
+            if getattr(self, name) is not None:
+                positive(f"{name} of {where}", getattr(self, name))
         if self.mass_share > 1:
             raise InputError(f"mass_share of {where}", expected="at most 1", found=self.mass_share)
 
@@ -312,8 +311,8 @@ class SwatchMeasurements:
             directions = [test.direction for test in kind]
             if len(set(directions)) < len(directions):
                 raise InputError(where, expected="one test of a kind per direction", found="two")
-        if self.area_density is not None and not (math.isfinite(self.area_density) and self.area_density > 0):
-            raise InputError("area_density", expected="a positive number [kg/m²]", found=self.area_density)
+        if self.area_density is not None:
+            positive("area_density", self.area_density, "a positive number [kg/m²]")
         if self.bend and self.area_density is None:
             raise InputError(
                 where, expected="area_density with bend tests: loops hang by their weight", found="none"

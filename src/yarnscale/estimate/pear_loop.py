@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.estimate.held_shell import HeldShell, Measure
-from yarnscale.estimate.measurements import Direction
+from yarnscale.estimate.measurements import LENGTH, Direction
 from yarnscale.kinematics import GRAVITY
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
@@ -62,8 +62,7 @@ class PearLoop:
         self, direction: Direction, length: float = 0.10, width: float = 0.06, *, segments: int = SEGMENTS
     ) -> None:
         for name, value in (("length", length), ("width", width)):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"swatch {name}", expected="a positive length [m]", found=value)
+            positive(f"swatch {name}", value, LENGTH)
         if segments < 5 or segments % 2 == 0:
             raise InputError("segments", expected="an odd number from 5", found=segments)
         self.direction, self.length, self.width, self.segments = direction, length, width, segments

@@ -6,16 +6,15 @@ swatches that are short and wide.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.estimate.held_shell import Equilibrium, HeldShell, Measure
-from yarnscale.estimate.measurements import Direction
+from yarnscale.estimate.measurements import LENGTH, Direction
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 
@@ -55,8 +54,7 @@ class StretchSwatch:
         elements: int = ELEMENTS_ACROSS, clamped: bool = True,
     ) -> None:  # fmt: skip
         for name, value in (("length", length), ("width", width)):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"swatch {name}", expected="a positive length [m]", found=value)
+            positive(f"swatch {name}", value, LENGTH)
         if gauge_width is not None and not 0 < gauge_width <= width * (1 + 1e-9):
             raise InputError("gauge width", expected=f"at most the width {width:g} m", found=gauge_width)
         self.direction, self.length, self.width = direction, length, width

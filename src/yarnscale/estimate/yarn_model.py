@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_shape import redrawn, set_as_drawn
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
+from yarnscale.estimate.measurements import LENGTH
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps
@@ -73,10 +74,7 @@ class YarnModel:
             raise InputError(
                 f"pattern '{self.pattern.name}'", expected="yarns of one radius", found="several radii"
             )
-        if not (math.isfinite(self.stiffness) and self.stiffness > 0):
-            raise InputError(
-                "stiffness k_s2 of the yarn", expected="a positive force [N]", found=self.stiffness
-            )
+        positive("stiffness k_s2 of the yarn", self.stiffness, "a positive force [N]")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -162,8 +160,7 @@ def yarn_model(
     stiffness: k_s2 [N]. yarn_length: of one period, to which the drawing is scaled [m]; None keeps its size.
     """
     if yarn_length is not None:
-        if not (math.isfinite(yarn_length) and yarn_length > 0):
-            raise InputError("yarn length of a period", expected="a positive length [m]", found=yarn_length)
+        positive("yarn length of a period", yarn_length, LENGTH)
         pattern = pattern.scaled(yarn_length / drawn_length(pattern))
     return YarnModel(replace(pattern, radius=estimated_radius(pattern)), stiffness, free_shape=free_shape)
 

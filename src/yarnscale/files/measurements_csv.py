@@ -7,8 +7,7 @@ testing machines are read alike. What a log leaves out, such as the size of the 
 from __future__ import annotations
 
 import difflib
-import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,47 +62,50 @@ def read_logs(
     logs: tables of readings and what they leave out. single_run: make no remark on directions measured once, whose
     spread is unknown. Raises InputError with row and column.
     """
-    swatches: list[Swatch] = []
-    notes: list[str] = []
-    for path, settings in logs:
-        tables = read_tables(path, read_source(path, other_encodings=True), needed=_READ)
-        for number, table in enumerate(tables, 1):
-            columns = _stretch_columns(table, settings)
-            swatches += swatches_of(table, columns, settings, number)
-        notes += _unread(tables)
-    name = chosen_fabric({swatch.fabric for swatch in swatches}, fabric, swatches[0].table.path)
+    name, chosen, notes = _gathered(logs, _READ, _stretch_columns, fabric)
     tests = []
-    for direction in Direction:
-        chosen = [swatch for swatch in swatches if swatch.fabric == name and swatch.direction is direction]
-        if chosen:
-            test, remarks = _stretch_test(direction, chosen, single_run=single_run)
-            tests.append(test)
-            notes += remarks
+    for direction, swatches in chosen.items():
+        test, remarks = _stretch_test(direction, swatches, single_run=single_run)
+        tests.append(test)
+        notes += remarks
     return StretchReadings(name, tuple(tests), tuple(dict.fromkeys(notes)))
 
 
-def read_bend(
-    path: str | os.PathLike[str], *, fabric: str | None = None
-) -> tuple[tuple[BendTest, ...], tuple[str, ...]]:
+def read_bend(path: Path, *, fabric: str | None = None) -> tuple[tuple[BendTest, ...], tuple[str, ...]]:
     """Pear-loop tests of one fabric, chosen as in ``read_logs``, and remarks; runs are averaged at equal distance."""
-    tables = read_tables(
-        path, read_source(path, other_encodings=True), needed=("loop_ratio", "clamp_distance")
-    )
-    quantities = ("clamp_distance", "swatch_length", "swatch_width", "direction", "loop_ratio", "run")
+    needed = ("loop_ratio", "clamp_distance")
+    _, chosen, notes = _gathered([(path, LogSettings())], needed, _bend_columns, fabric)
+    return tuple(_bend_test(*test) for test in chosen.items()), tuple(notes)
+
+
+def _gathered(
+    logs: Iterable[tuple[Path, LogSettings]],
+    needed: tuple[str, ...],
+    columns_of: Callable[[MeasuredTable, LogSettings], dict[str, Column]],
+    fabric: str | None,
+) -> tuple[str, dict[Direction, list[Swatch]], list[str]]:
+    """Name of the fabric, its swatches by direction, and remarks on the tables."""
     swatches: list[Swatch] = []
-    for number, table in enumerate(tables, 1):
-        columns = {name: column for name in quantities if (column := table.find(name)) is not None}
-        if (sample := table.find("fabric", needed=False)) is not None:
-            columns["fabric"] = sample
-        one_unit(table, columns)
-        swatches += swatches_of(table, columns, LogSettings(), number)
-    name = chosen_fabric({swatch.fabric for swatch in swatches}, fabric, tables[0].path)
-    tests = []
-    for direction in Direction:
-        chosen = [swatch for swatch in swatches if swatch.fabric == name and swatch.direction is direction]
-        if chosen:
-            tests.append(_bend_test(direction, chosen))
-    return tuple(tests), tuple(_unread(tables))
+    notes: list[str] = []
+    for path, settings in logs:
+        tables = read_tables(path, read_source(path, other_encodings=True), needed=needed)
+        for number, table in enumerate(tables, 1):
+            swatches += swatches_of(table, columns_of(table, settings), settings, number)
+        notes += _unread(tables)
+    name = chosen_fabric({swatch.fabric for swatch in swatches}, fabric, swatches[0].table.path)
+    own = [swatch for swatch in swatches if swatch.fabric == name]
+    chosen = {along: [swatch for swatch in own if swatch.direction is along] for along in Direction}
+    return name, {along: found for along, found in chosen.items() if found}, notes
+
+
+def _bend_columns(table: MeasuredTable, _: LogSettings) -> dict[str, Column]:
+    """The columns that a table of pear loops needs and has."""
+    quantities = ("clamp_distance", "swatch_length", "swatch_width", "direction", "loop_ratio", "run")
+    columns = {name: column for name in quantities if (column := table.find(name)) is not None}
+    if (sample := table.find("fabric", needed=False)) is not None:
+        columns["fabric"] = sample
+    one_unit(table, columns)
+    return columns
 
 
 def _bend_test(direction: Direction, swatches: Sequence[Swatch]) -> BendTest:
@@ -131,21 +133,10 @@ def _stretch_columns(table: MeasuredTable, settings: LogSettings) -> dict[str, C
     for name in table.names:
         near = difflib.get_close_matches(name.text.rpartition("_")[0], ("mid_width", "swatch_width"), 1, 0.8)
         if name.quantity is None and near:
-            raise InputError(
-                f"unknown column '{name.text:.60}'",
-                where=f"{table.path}:{table.header}",
-                expected=f"{near[0]}_mm",
-            )
-    quantities = (
-        "fabric",
-        "direction",
-        "run",
-        *_READ,
-        "mid_width",
-        "swatch_width",
-        "swatch_length",
-        "stress",
-    )
+            where = f"{table.path}:{table.header}"
+            raise InputError(f"unknown column '{name.text:.60}'", where=where, expected=f"{near[0]}_mm")
+    sizes = ("mid_width", "swatch_width", "swatch_length")
+    quantities = ("fabric", "direction", "run", *_READ, *sizes, "stress")
     columns = {name: column for name in quantities if (column := _column(table, name)) is not None}
     if "force" not in columns:
         raise table.missing("force", "force_N, or a machine's name for it, such as Load (N) or Kraft [N]")
@@ -188,9 +179,7 @@ def _stretch_test(
             raise swatch.table.fault(swatch.rows[0][0], "swatch_width", expected, f"{own:.3g} m")
     names = [swatch.run for swatch in swatches]
     if len(set(names)) < len(names):
-        names = [
-            f"{Path(swatch.table.path).stem} {name}" for swatch, name in zip(swatches, names, strict=True)
-        ]
+        names = [f"{Path(swatch.table.path).stem} {swatch.run}" for swatch in swatches]
     _refuse_unlike(swatches)
     runs, said = [], {}
     for swatch, name, own in zip(swatches, names, widths, strict=True):
@@ -237,10 +226,9 @@ def _run(swatch: Swatch, name: str, width: float, mean_width: float) -> tuple[St
     force = table.numbers(columns["force"], rows) * mean_width / width
     if columns["force"].kind == "line load":
         force = force * width
-    if (worst := int(np.argmin(force))) >= 0 and -force[worst] >= max(force.max(), 0.0):
-        raise table.fault(
-            rows[worst][0], columns["force"], "tension that counts as positive", f"{force[worst]:g} N"
-        )
+    if -force[worst := int(np.argmin(force))] >= max(force.max(), 0.0):
+        expected = "tension that counts as positive"
+        raise table.fault(rows[worst][0], columns["force"], expected, f"{force[worst]:g} N")
     if "stress" in columns:
         _check_stress(table, columns, rows, width)
     length = _length(swatch)
@@ -266,21 +254,13 @@ def _length(swatch: Swatch) -> Array:
     column, gauge = swatch.columns["extension"], _size(swatch, "swatch_length")
     values = swatch.table.numbers(column, swatch.rows)
     length = gauge * (1.0 + values) if column.kind == "strain" else gauge + values
-    if (shortest := int(np.argmin(length))) >= 0 and length[shortest] <= 0.5 * gauge:
-        raise swatch.table.fault(
-            swatch.rows[shortest][0],
-            column,
-            f"an extension of a swatch of {gauge:g} m",
-            f"{values[shortest]:g} (SI)",
-        )
-    farthest = int(np.argmax(length))
-    if length[farthest] > _LONGEST * gauge:
-        raise swatch.table.fault(
-            swatch.rows[farthest][0],
-            column,
-            f"an extension of a swatch of {gauge:g} m below {_LONGEST:g} times its length",
-            f"{length[farthest] - gauge:.4g} m: a strain in percent, or another unit of length?",
-        )
+    expected = f"an extension of a swatch of {gauge:g} m"
+    if length[shortest := int(np.argmin(length))] <= 0.5 * gauge:
+        raise swatch.table.fault(swatch.rows[shortest][0], column, expected, f"{values[shortest]:g} (SI)")
+    if length[farthest := int(np.argmax(length))] > _LONGEST * gauge:
+        expected += f" below {_LONGEST:g} times its length"
+        found = f"{length[farthest] - gauge:.4g} m: a strain in percent, or another unit of length?"
+        raise swatch.table.fault(swatch.rows[farthest][0], column, expected, found)
     return length
 
 

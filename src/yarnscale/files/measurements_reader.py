@@ -125,14 +125,9 @@ class _Reader:
         return names if len(known) > 1 and known & set(self.needed) else None
 
     def _begin(self, line: int, names: tuple[ColumnName, ...]) -> None:
-        above = self.text[-1][1] if self.text else ()
-        self.found.append(
-            MeasuredTable(
-                self.path, line, names, title=" ".join(filter(None, above)), above=above,
-                text=" ".join(cell for _, cells in self.text for cell in cells), settings=tuple(self.settings.items()),
-                lines=tuple(self.text),
-            )
-        )  # fmt: skip
+        title = " ".join(filter(None, self.text[-1][1])) if self.text else ""
+        said = {"settings": tuple(self.settings.items()), "lines": tuple(self.text)}
+        self.found.append(MeasuredTable(self.path, line, names, title=title, **said))
         self.rows.append([])
         self.text, self.width = [], len(names)
         self.numeric = tuple(k for k, n in enumerate(names) if n.quantity in self.needed)
@@ -210,9 +205,9 @@ def _block(table: MeasuredTable) -> Block:
         return np.array([np.nan if place is None else table._number(cells[place]) for _, cells in table.rows])
 
     count = numbers("ignored")
-    cells = table.lines[-1][1] if table.lines else ()
-    other = len(cells) == len(table.names) and not any(
-        not c or _looks_like_number(c) or is_unit(c) for c in cells
+    above = table.above
+    other = len(above) == len(table.names) and all(
+        c and not _looks_like_number(c) and not is_unit(c) for c in above
     )
     return Block(
         table.lines[-1][0] if table.lines else table.header,

@@ -39,9 +39,8 @@ class MeasuredTable:
     """Readings below one line of column names.
 
     names: what the columns hold; header: line of the names. rows: line in the file and cells. decimal: mark of
-    decimals. text: all that stands above since the last table; title, above: its last line, and the cells of that.
-    settings: quantity → value in SI, as lines of text above give it. lines: lines of text above since the last table.
-    remarks: lines of the file that are not read.
+    decimals. lines: lines of text above since the last table; title: the last of them. settings: quantity → value in
+    SI, as lines of text above give it. remarks: lines of the file that are not read.
     """
 
     path: str
@@ -50,11 +49,19 @@ class MeasuredTable:
     rows: tuple[Row, ...] = ()
     decimal: str = "."
     title: str = ""
-    above: tuple[str, ...] = ()
-    text: str = ""
     settings: tuple[tuple[str, float], ...] = ()
     lines: tuple[Row, ...] = ()
     remarks: tuple[str, ...] = ()
+
+    @property
+    def above(self) -> tuple[str, ...]:
+        """Cells of the last line of text above."""
+        return self.lines[-1][1] if self.lines else ()
+
+    @property
+    def text(self) -> str:
+        """All text above since the last table."""
+        return " ".join(cell for _, cells in self.lines for cell in cells)
 
     def find(self, quantity: str, *, needed: bool = True) -> Column | None:
         """The column of a quantity with its unit; InputError where it stands twice, lacks a unit or is missed."""
@@ -63,12 +70,8 @@ class MeasuredTable:
             if needed:
                 raise self.missing(quantity)
             return None
-        own = [
-            k
-            for k in found
-            if self.names[k].text.rpartition("_")[0] == quantity or self.names[k].text == quantity
-        ]
         texts = [self.names[k].text for k in found]
+        own = [k for k, text in zip(found, texts, strict=True) if quantity in (text, text.rpartition("_")[0])]
         if (twice := len(set(texts)) < len(texts)) or len(own) > 1:
             raise InputError(
                 f"column '{texts[0]:.60}'" if twice else f"mixed units of {quantity}",

@@ -66,7 +66,7 @@ def contact_sheet(
             light(plotter)
             _add_cloth(plotter, _surface(frame.positions, triangles))
             for solid in frame.solids:
-                _add_solid(plotter, solid)
+                add_solid(plotter, solid)
             if frame.title:
                 plotter.add_text(frame.title, position="upper_edge", font_size=11, color=theme.INK)
             aim(plotter, everything, camera=camera, aspect=(size[0] / across) / (size[1] / down), margin=1.12)
@@ -79,7 +79,8 @@ def _add_cloth(plotter: Any, mesh: pv.PolyData) -> None:
     )  # fmt: skip
 
 
-def _add_solid(plotter: Any, solid: Solid) -> None:
+def add_solid(plotter: Any, solid: Solid) -> None:
+    """Put a body into a picture."""
     mesh = _surface(solid.vertices, solid.triangles)
     plotter.add_mesh(
         mesh, color=solid.colour, smooth_shading=True, split_sharp_edges=True, ambient=0.3, specular=0.1

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pyvista as pv
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, canvas, light
-from yarnscale.show.cloth import Solid
-from yarnscale.show.curves import Curve, smooth_curve
-from yarnscale.show.seen_tubes import seen_tubes, tube_colours
+from yarnscale.show.cloth import Solid, add_solid
+from yarnscale.show.curves import Curve
+from yarnscale.show.seen_tubes import add_tubes, tube_mesh
 
 NEAR_POINTS = 60_000
 """With fewer points in view, yarns are drawn smooth."""
@@ -61,21 +60,11 @@ def yarn_cloth_picture(
     with canvas(path, size=size) as plotter:
         light(plotter)
         scale = aim(plotter, seen, camera=camera, margin=1.04 if middle is None else 0.9)
-        plotter.add_mesh(
-            _tubes(pieces, near=near, scale=scale),
-            scalars="colour",
-            rgb=True,
-            interpolation="phong",
-            ambient=0.3,
-            diffuse=0.85,
-            specular=0.1,
-        )
-        for solid in drawn:
-            body = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
-            plotter.add_mesh(body, color=solid.colour, smooth_shading=True, ambient=0.3, specular=0.1)
         # The renderer keeps depths in half precision: below a few pixels what lies deeper would be noise.
-        if scale * radius > _SHADED:
-            plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)
+        mesh = tube_mesh(pieces, scale=scale, smooth=4 if near else 0)
+        add_tubes(plotter, mesh, radius if scale * radius > _SHADED else None)
+        for solid in drawn:
+            add_solid(plotter, solid)
         plotter.reset_camera_clipping_range()
 
 
@@ -92,19 +81,3 @@ def _pieces(curves: CurveSet, positions: Floats, middle: Floats | None, reach: f
         cuts = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
         pieces += [Curve(points[a:b], yarn, radius=radius) for a, b in cuts.reshape(-1, 2) if b - a > 2]
     return pieces
-
-
-def _tubes(pieces: Sequence[Curve], *, near: bool, scale: float) -> pv.PolyData:
-    """Tubes about curves in a picture of a scale [pixels/m], coloured by yarn; near ones smoothed."""
-    lines = [smooth_curve(piece, per_segment=4)[0] if near else piece.points for piece in pieces]
-    offsets = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
-    yarn = np.array([piece.yarn for piece in pieces])
-    closed = np.array([piece.closed and not near for piece in pieces])
-    every, radii = np.vstack(lines), np.array([piece.radius for piece in pieces])
-    sweep, chosen = seen_tubes(CurveSet(offsets, radii, closed=closed, yarn=yarn), every, scale)
-    points, normals = sweep.surface(every[chosen], sweep.curves.radii)
-    mesh = pv.PolyData.from_regular_faces(points, sweep.triangles)
-    mesh.point_data["Normals"] = normals
-    mesh.point_data.active_normals_name = "Normals"
-    mesh.point_data["colour"] = tube_colours(sweep)
-    return mesh

@@ -21,7 +21,7 @@ from yarnscale.show.canvas import Camera
 from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.plots import written_figure
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
-from yarnscale.show.tubes import yarn_picture
+from yarnscale.show.tubes import room_of, yarn_picture
 
 Array = NDArray[np.float64]
 
@@ -263,11 +263,11 @@ def _cells(folder: Path, estimate: FabricEstimate) -> list[Picture]:
         pattern_curves(cell.pattern, cell.placement(state), rings=rings_for(period, side / 32.0))
         for (_, state, _), period in zip(shown, periods, strict=True)
     ]
-    room = np.max([np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for piece in pieces], axis=0)
     radius, pictures = _drawn_radius(cell, [state for _, state, _ in shown]), []
+    room = room_of(pieces, radius)
     for number, ((caption, _, camera), piece) in enumerate(zip(shown, pieces, strict=True)):
         path = folder / f"cell-{number}.png"
-        yarn_picture(path, piece, radius, camera=camera, size=(720, 720), room=room + 2 * radius)
+        yarn_picture(path, piece, radius, camera=camera, size=(720, 720), room=room)
         pictures.append(Picture(path, caption))
     return pictures
 

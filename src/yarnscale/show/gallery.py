@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import RestShape, settled
 from yarnscale.errors import InputError
@@ -15,7 +13,7 @@ from yarnscale.files.patterns import is_drawing, read_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
-from yarnscale.show.tubes import yarn_picture
+from yarnscale.show.tubes import room_of, yarn_picture
 from yarnscale.yarn import library
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.material import YarnMaterial
@@ -147,12 +145,10 @@ def _section(
     for caption, pattern, state in shown:
         place = PeriodicCell(pattern, exhibit.material).placement(state)
         pieces.append((caption, pattern_curves(pattern, place, rings=rings)))
-    room = np.max(
-        [np.ptp(np.vstack([curve.points for curve in piece]), axis=0) for _, piece in pieces], axis=0
-    )
+    room = room_of([piece for _, piece in pieces], drawn.radius)
     for number, (caption, piece) in enumerate(pieces):
         path = stem.with_name(f"{stem.name}-{number}.png")
-        yarn_picture(path, piece, drawn.radius, camera="top", size=size, room=room + 2 * drawn.radius)
+        yarn_picture(path, piece, drawn.radius, camera="top", size=size, room=room)
         pictures.append(Picture(path, caption))
     rows = [_row(caption, state) for caption, state in exhibit.states.items()]
     *sentences, source = definition

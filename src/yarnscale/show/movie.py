@@ -19,7 +19,7 @@ from yarnscale.files.atomic import replacement
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, light, screen, view_axes, write_png
-from yarnscale.show.seen_tubes import seen_tubes, tube_colours
+from yarnscale.show.seen_tubes import add_tubes, seen_tubes, tube_colours
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -251,9 +251,7 @@ class Film:
 
         mesh = self._part(sweep.triangles, shape, first)
         mesh.point_data["colour"] = tube_colours(sweep)
-        self._plotter.add_mesh(
-            mesh, scalars="colour", rgb=True, interpolation="phong", ambient=0.32, diffuse=0.85, specular=0.12
-        )
+        add_tubes(self._plotter, mesh)
 
     def _part(
         self,

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, canvas, light
-from yarnscale.show.curves import Curve, smooth_curve
-
-SIDES = 24
-"""Corners of a tube's cross section."""
+from yarnscale.show.curves import Curve
+from yarnscale.show.seen_tubes import add_tubes, tube_mesh
 
 
 def yarn_picture(
@@ -27,7 +25,7 @@ def yarn_picture(
     surface: NDArray[np.float64] | None = None,
     camera: Camera | Sequence[float] = "oblique",
     size: tuple[int, int] = theme.PICTURE_SIZE,
-    room: Sequence[float] | None = None,
+    room: NDArray[np.float64] | None = None,
 ) -> None:
     """Draw yarns as round tubes and write a PNG file.
 
@@ -45,19 +43,11 @@ def yarn_picture(
         raise InputError("yarn centre lines", expected="at least one, all finite", found="none or NaN")
     with canvas(path, size=size) as plotter:
         light(plotter)
-        plotter.add_mesh(
-            tube_mesh(curves, radius),
-            scalars="colour",
-            rgb=True,
-            smooth_shading=True,
-            ambient=0.32,
-            diffuse=0.85,
-            specular=0.12,
-            specular_power=12,
-        )
+        # Ends are flat, with an edge.
+        tubes = tube_mesh(curves, radius).compute_normals(cell_normals=False, split_vertices=True)
+        add_tubes(plotter, tubes, radius)
         if surface is not None:
             _add_surface(plotter, surface)
-        _add_depth(plotter, radius)
         framed = [_framed(c, radius) for c in curves]
         if surface is not None:
             framed.append(np.asarray(surface, dtype=float).reshape(-1, 3))
@@ -66,34 +56,10 @@ def yarn_picture(
         aim(plotter, np.vstack(framed), camera=camera)
 
 
-def tube_mesh(curves: Sequence[Curve], radius: float) -> pv.PolyData:
-    """Tubes around smoothed centre lines, with an RGB colour at every point as ``colour``.
-
-    radius: of curves that have none of their own [m].
-    """
-    radii = [radius if curve.radius is None else curve.radius for curve in curves]
-    tubes = [
-        _tubes([curve for curve, own in zip(curves, radii, strict=True) if own == one], one)
-        for one in dict.fromkeys(radii)
-    ]
-    return tubes[0] if len(tubes) == 1 else pv.merge(tubes)  # type: ignore[return-value]
-
-
-def _tubes(curves: Sequence[Curve], radius: float) -> pv.PolyData:
-    """Tubes of one radius."""
-    blocks = [smooth_curve(curve) for curve in curves]
-    points = np.vstack([b[0] for b in blocks])
-    colours = np.empty((len(points), 3))
-    cells, start = [], 0
-    for curve, (line, solid) in zip(curves, blocks, strict=True):
-        stop = start + len(line)
-        colour = theme.yarn_colour(curve.yarn)
-        colours[start:stop] = np.where(solid[:, None], colour, theme.faded(colour))
-        cells.append(np.concatenate([[len(line)], np.arange(start, stop)]))
-        start = stop
-    lines: Any = pv.PolyData(points, lines=np.concatenate(cells))
-    lines["colour"] = np.rint(255 * colours).astype(np.uint8)
-    return lines.tube(radius=radius, n_sides=SIDES, capping=True)
+def room_of(series: Sequence[Sequence[Curve]], radius: float) -> NDArray[np.float64]:
+    """Least size (3,) [m] that holds every picture of a series."""
+    sizes = [np.ptp(np.vstack([curve.points for curve in curves]), axis=0) for curves in series]
+    return np.max(sizes, axis=0) + 2 * radius
 
 
 def _framed(curve: Curve, radius: float) -> NDArray[np.float64]:
@@ -115,8 +81,3 @@ def _add_surface(plotter: Any, surface: NDArray[np.float64]) -> None:
     plotter.add_mesh(
         sheet.extract_all_edges(), color=theme.MUTED, opacity=0.5, line_width=1.5, lighting=False
     )
-
-
-def _add_depth(plotter: Any, radius: float) -> None:
-    """Darken the places where yarns meet, so that over and under can be told apart."""
-    plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)
