@@ -104,12 +104,12 @@ def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
 @pytest.mark.parametrize("release", [True, False])
 @pytest.mark.parametrize(("here", "there"), [(0.0, 1e-3), (1e-3, 0.0)])
 def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here, there):
-    """A stage that one of them leaves out is no other stage of the way."""
+    """A stage that one of them leaves out is no other stage."""
     cell, rule = replace(model.cell(model.values(UNKNOWNS)), tolerance=1e-9), RestRule(release=release)
     near, alone = at_rest(cell, rule, draw_in=here), at_rest(cell, rule, draw_in=there)
     beside = at_rest(cell, rule, draw_in=there, near=near)
-    assert beside.relaxed and len(beside.way) == len(near.way)
-    assert (beside.way[0] is None) == (there == 0.0) and beside.solves <= alone.solves
+    assert beside.relaxed and len(beside.stages) == len(near.stages)
+    assert (beside.stages[0] is None) == (there == 0.0) and beside.solves <= alone.solves
     moved = np.abs(alone.cell.pattern.vertices - near.cell.pattern.vertices).max()
     np.testing.assert_allclose(
         beside.cell.pattern.vertices, alone.cell.pattern.vertices, rtol=0.0, atol=0.01 * moved

@@ -77,7 +77,7 @@ def estimate(options: argparse.Namespace) -> int:
             measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=search,
             weights=weights, executor=executor,
             store=lambda objective: _store(folder, objective, resume=options.resume),
-            told=_progress(measurements.name, work_ahead(search, len(model.names))),
+            progress=_progress(measurements.name, work_ahead(search, len(model.names))),
         )  # fmt: skip
     _report(options, folder, found)
     return 0 if found.fit.evaluation.failed == 0 else 1

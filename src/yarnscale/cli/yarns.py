@@ -46,7 +46,7 @@ def pattern_of(source: str, radius: float | None) -> YarnPattern:
 
 
 def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
-    """Fabric at rest of a drawing, told on the console, also where it is not quite at rest."""
+    """Fabric at rest of a drawing; the console says so, also where it is not quite at rest."""
     say(f"settling {drawn.name} to its rest shape")
     shape = watched_rest(drawn, material)
     if not shape.converged:

@@ -25,7 +25,7 @@ _WATCH = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What an evaluation came to: residuals (m,), equilibria and seconds it took."""
+    """Outcome of an evaluation: residuals (m,), equilibria and seconds it took."""
 
     residuals: Array
     solves: int
@@ -54,14 +54,14 @@ class Evaluations:
     """Evaluates points of one objective; ``many`` at once over an executor's workers.
 
     store: where evaluations are looked up and kept; None: only in memory. count, solves, seconds: of all that were
-    asked for, those found in the store included, so that a run that was interrupted tells the same as one that was
-    not. told: called after every evaluation.
+    asked for, those found in the store included, so that a resumed run counts the same as one that was not
+    interrupted. progress: called after every evaluation.
     """
 
     objective: YarnObjective
     executor: Executor | None = None
     store: Store | None = None
-    told: Callable[[Evaluations], None] | None = None
+    progress: Callable[[Evaluations], None] | None = None
     count: int = 0
     solves: int = 0
     seconds: float = 0.0
@@ -154,8 +154,8 @@ class Evaluations:
         )
         if near is None and (self.best is None or found.objective < self.best[0]):
             self.best = found.objective, np.array(point)
-        if self.told is not None:
-            self.told(self)
+        if self.progress is not None:
+            self.progress(self)
 
 
 def _key(point: Array, near: Array | None) -> bytes:

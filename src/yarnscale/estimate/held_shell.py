@@ -9,7 +9,8 @@ constants of the material, so E,xp is its gradient with other coefficients.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,25 +212,22 @@ class _HeldModel:
 
     shell: HeldShell
     linear: Linearisation
-    _parts: dict[str, Array] = field(default_factory=dict, repr=False)
 
     @property
     def pattern(self) -> SymmetricPattern:
         return self.shell.pattern
 
+    @cached_property
+    def exact(self) -> Array:
+        return self.linear.hessian("exact")[self.shell._chosen]
+
+    @cached_property
+    def positive(self) -> Array:
+        return self.linear.hessian("positive")[self.shell._chosen]
+
     def values(self, shift: float) -> Array:
         share = min(max(shift, 0.0), 1.0)
-        if share == 0.0:
-            return self._exact.copy()
-        if "positive" not in self._parts:
-            self._parts["positive"] = self.linear.hessian("positive")[self.shell._chosen]
-        return (1.0 - share) * self._exact + share * self._parts["positive"]
-
-    @property
-    def _exact(self) -> Array:
-        if "exact" not in self._parts:
-            self._parts["exact"] = self.linear.hessian("exact")[self.shell._chosen]
-        return self._parts["exact"]
+        return self.exact.copy() if share == 0.0 else (1.0 - share) * self.exact + share * self.positive
 
 
 def _restricted(

@@ -79,7 +79,7 @@ class YarnObjective:
             raise InputError(f"bending of '{self.data.name}'", expected="pear loops", found="none measured")
 
     def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
-        """Rest shape and states of a yarn; ``near``: almost the same yarn, whose way and states are followed."""
+        """Rest shape and states of a yarn; ``near``: of a similar yarn, whose states are started from."""
         began, unknowns = time.process_time(), np.array(unknowns, np.float64)
         values = self.model.values(unknowns)
         rested = at_rest(

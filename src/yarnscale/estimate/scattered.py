@@ -29,10 +29,10 @@ def sobol_starts(evaluations: Evaluations, count: int, keep: int, *, seed: int) 
 
 
 def race(evaluations: Evaluations, starts: Sequence[Array], *, iterations: int) -> Array:
-    """The lowest point that Gauss–Newton comes to from several starts.
+    """The lowest point that Gauss–Newton reaches from several starts.
 
-    The objective at a start tells little of the one it leads to, a few steps tell more; so all starts take
-    some, the better part of them some more, and only the last one goes on to its end. iterations: of one start at most.
+    The objective at a start says little about the minimum it leads to, a few steps say more. So all starts take some,
+    the better ones some more, and only the last one runs to its end. iterations: of one start at most.
     """
     descents = [Descent(evaluations, start) for start in starts]
     left = iterations

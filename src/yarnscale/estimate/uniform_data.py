@@ -39,7 +39,7 @@ class UniformCurve:
     """Uniform uniaxial stretch along one direction, free across; arrays (n,).
 
     stretch s, contraction c: F = U diag(1 + s, 1 − c) Uᵀ. stress: first Piola–Kirchhoff [N/m].
-    comfort_stretch: the largest stretch of the comfort range. contraction_measured: whether swatches told c.
+    comfort_stretch: the largest stretch of the comfort range. contraction_measured: whether c was measured.
     """
 
     direction: Direction

@@ -19,7 +19,6 @@ from yarnscale.estimate.uniform_data import UniformBend, UniformData, UniformErr
 from yarnscale.estimate.yarn_bending import bending_stiffness
 from yarnscale.estimate.yarn_fit import FitOptions, YarnFit, fit_yarn
 from yarnscale.estimate.yarn_model import YarnModel
-from yarnscale.estimate.yarn_rest import RestRule
 
 Array = NDArray[np.float64]
 
@@ -197,11 +196,10 @@ def estimate_yarn(
     holdout: Direction | None = None,
     follow: Follow = "measured",
     options: FitOptions | None = None,
-    rule: RestRule | None = None,
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
-    told: Callable[[Evaluations], None] | None = None,
+    progress: Callable[[Evaluations], None] | None = None,
 ) -> FabricEstimate:
     """Fit the shell, translate to uniform data, fit the yarn, and predict the direction that was held out.
 
@@ -214,14 +212,14 @@ def estimate_yarn(
     shell = fit_shell(measurements.only(*fitted))
     data = shell.uniform_data(follow=follow)
     fit = fit_yarn(
-        model, data, options=options, rule=rule, weights=weights, executor=executor, store=store, told=told
+        model, data, options=options, weights=weights, executor=executor, store=store, progress=progress
     )
     measured = shell.uniform_data(follow="measured")
     held_out, prediction = None, None
     if holdout is not None:
         held_out = fit_shell(measurements).uniform_data(follow="measured").only(holdout)
         unknowns = fit.evaluation.unknowns
-        prediction = evaluate(YarnObjective(model, held_out, rule or RestRule()), unknowns, None)
+        prediction = evaluate(YarnObjective(model, held_out), unknowns, None)
     bending = _bending(fit, data.bending)
     return FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, bending)
 

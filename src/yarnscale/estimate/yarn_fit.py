@@ -115,20 +115,20 @@ def fit_yarn(
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
-    told: Callable[[Evaluations], None] | None = None,
+    progress: Callable[[Evaluations], None] | None = None,
     search: Callable[[Evaluations, FitOptions], Array] | None = None,
 ) -> YarnFit:
     """Find the parameters with which a yarn model follows uniform data.
 
     executor: where evaluations run side by side. store: keeps evaluations, so that a run goes on where it ended.
-    told: called after every evaluation. search: another method than that of ``options.solver``, which returns the
+    progress: called after every evaluation. search: another method than that of ``options.solver``, which returns the
     best unknowns. The result depends on ``options.seed``, not on workers.
     """
     options, began = options or FitOptions(), time.perf_counter()
     objective = YarnObjective(
         model, coarser(data, options.samples), rule or RestRule(), weights or ErrorWeights()
     )
-    evaluations = Evaluations(objective, executor, None if store is None else store(objective), told)
+    evaluations = Evaluations(objective, executor, None if store is None else store(objective), progress)
     unknowns = (search or searched)(evaluations, options)
     slopes = jacobian(evaluations, unknowns)
     value = evaluations.many([unknowns])[0].objective

@@ -1,13 +1,15 @@
 """The rest shape of yarns after every change of their parameters, as a smooth function of them (EST22 §7.2).
 
 EST22 alternates equilibria with resets of the rest shape until the coarse stress is small. How many rounds that takes
-jumps with the parameters, and so would everything measured from there. Here the rounds are a fixed number, which makes
-the rest shape as smooth as its equilibria, and the periods then follow to where no coarse stress at all is left, as
-fabric does that lies on a table: stretch is counted from there, as measured stretch is from zero force.
+jumps with the parameters, and so would everything measured from there. Here the number of rounds is fixed, which makes
+the rest shape as smooth as its equilibria. The periods then follow to zero coarse stress, as those of fabric on a table
+do: stretch is counted from there, as measured stretch is from zero force.
 
 Resets keep what is drawn. The drawing of a chart is a scheme, though: real rib folds to a fraction of its drawn width,
-since yarn that was straight bends back as soon as the loops are off the needles, and finishing sets it somewhere on
-that way. Such a drawing draws in first; where it has got to is the drawing of which the rounds begin.
+since yarn that was straight bends back as soon as the loops are off the needles, and finishing sets it in between. Such
+a drawing draws in first, and the rounds begin from its drawn-in shape.
+
+An almost equal cell takes the same stages, and each is solved from the neighbour's state at that stage.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ _RELEASED = 1e-7
 _REDRAWN, _AT_REST = 4, 1e-5
 """How often a cell is drawn anew at its released periods, until they change by less."""
 _DRAWING = 6
-"""Steps of the way in."""
+"""Steps in which a drawing draws in."""
 _LARGEST_STEP = 0.08
 _SMALLEST_DIFFERENCE = 1e-4
 
@@ -53,7 +55,7 @@ class RestRule:
 
 @dataclass(frozen=True, eq=False)
 class RestStage:
-    """An equilibrium on the way to rest; matrix: of coarse stress by the periods (2, 2), where these are released."""
+    """An equilibrium before rest; matrix: of coarse stress by the periods (2, 2), where these are released."""
 
     state: Equilibrium
     matrix: Array | None = None
@@ -63,39 +65,39 @@ class RestStage:
 class RestedCell:
     """A cell at rest: its pattern is drawn at the equilibrium.
 
-    change: of the drawn periods, (2,). solves: equilibria that it took. relaxed: whether all are usable. way: the
-    stages passed, None where one was left out; a cell that is almost the same passes the same ones next to these.
+    change: of the drawn periods, (2,). solves: equilibria that it took. relaxed: whether all are usable. stages: in
+    their order, None where one was left out.
     """
 
     cell: PeriodicCell
     change: Array
     solves: int
     relaxed: bool
-    way: tuple[RestStage | None, ...] = ()
+    stages: tuple[RestStage | None, ...] = ()
 
 
-class _Way:
-    """Stages that are passed, beside those of a cell nearby."""
+class _Stages:
+    """Stages so far, and those of a neighbouring cell to start from."""
 
     def __init__(self, near: RestedCell | None) -> None:
-        self._beside = () if near is None or not near.relaxed else near.way
+        self._near = () if near is None or not near.relaxed else near.stages
         self.passed: list[RestStage | None] = []
 
     @property
-    def beside(self) -> RestStage | None:
-        """Where the cell nearby was at the stage that comes now."""
+    def near(self) -> RestStage | None:
+        """The neighbour's stage at this place."""
         place = len(self.passed)
-        return self._beside[place] if place < len(self._beside) else None
+        return self._near[place] if place < len(self._near) else None
 
     @property
     def start(self) -> Equilibrium | None:
-        """Its equilibrium."""
-        return None if self.beside is None else self.beside.state
+        """The neighbour's equilibrium at this place."""
+        return None if self.near is None else self.near.state
 
     @property
-    def left_of(self) -> int | None:
-        """How many stages the cell nearby had left; None without one."""
-        return len(self._beside) - len(self.passed) if self._beside else None
+    def remaining(self) -> int | None:
+        """How many stages the neighbour took from here; None without one."""
+        return len(self._near) - len(self.passed) if self._near else None
 
 
 def at_rest(
@@ -103,61 +105,59 @@ def at_rest(
 ) -> RestedCell:
     """Bring a drawn cell to rest; ``draw_in``: how far it draws in before (``drawn_in``), None not at all.
 
-    near: what almost the same cell came to by the same rule; this one then follows it stage by stage, to the same rest
-    as without it wherever there is no other close by.
+    near: an almost equal cell at rest by the same rule; its stages are started from, with the same outcome as without
+    wherever no other rest is close.
     """
-    drawn, periods, solves, way = cell.pattern, np.ones(2), 0, _Way(near)
+    drawn, periods, solves, stages = cell.pattern, np.ones(2), 0, _Stages(near)
     low, high = drawn.rest_length * (1.0 - LENGTH_BOUND), drawn.rest_length * (1.0 + LENGTH_BOUND)
     if draw_in is not None and rule.rounds:
-        found = _drawn_in(cell, draw_in, way)
+        found = _drawn_in(cell, draw_in, stages)
         if not found.relaxed:
             return found
         cell, solves, periods = found.cell, found.solves, 1.0 + found.change
     for _ in range(rule.rounds):
-        state = cell.relax(start=way.start)
+        state = cell.relax(start=stages.start)
         solves += 1
         if not state.usable:
             return RestedCell(cell, periods - 1.0, solves, False)
-        way.passed.append(RestStage(state))
+        stages.passed.append(RestStage(state))
         pattern = set_as_drawn(rebased(cell.pattern, state), share=rule.share)
         cell = replace(cell, pattern=replace(pattern, rest_length=np.clip(pattern.rest_length, low, high)))
     if not rule.release:
-        state = cell.relax(start=way.start)
-        way.passed.append(RestStage(state))
-        return RestedCell(
-            replace(cell, pattern=rebased(cell.pattern, state)), periods - 1.0, solves + 1, state.usable,
-            tuple(way.passed),
-        )  # fmt: skip
-    followed = way.left_of
-    for _ in range(_REDRAWN if followed is None else followed):
-        found = _released(cell, way)
+        state = cell.relax(start=stages.start)
+        stages.passed.append(RestStage(state))
+        cell, relaxed, solves = replace(cell, pattern=rebased(cell.pattern, state)), state.usable, solves + 1
+        return RestedCell(cell, periods - 1.0, solves, relaxed, tuple(stages.passed))
+    remaining = stages.remaining
+    for _ in range(_REDRAWN if remaining is None else remaining):
+        found = _released(cell, stages)
         cell, solves, periods = found.cell, solves + found.solves, periods * (1.0 + found.change)
         # Redrawn, the constraint that holds yarns in place follows their new tangents: a little stress comes back.
-        if not found.relaxed or (followed is None and np.abs(found.change).max() < _AT_REST):
+        if not found.relaxed or (remaining is None and np.abs(found.change).max() < _AT_REST):
             break
-    return RestedCell(cell, periods - 1.0, solves, found.relaxed, tuple(way.passed))
+    return RestedCell(cell, periods - 1.0, solves, found.relaxed, tuple(stages.passed))
 
 
 def drawn_in(cell: PeriodicCell, share: float) -> RestedCell:
-    """A cell drawn anew on its way, 0 to 1, to the periods at which straight yarn would be free of coarse stress.
+    """A cell drawn anew at a share, 0 to 1, of the change of periods that frees straight yarn of coarse stress.
 
-    What its yarns have gone of the way they forget of the drawing: rest curvatures and twists of the outcome are that
-    share those of its shape, the rest those of the drawing. Rest lengths stay. share 0: the drawing at equilibrium.
+    Its yarns forget as much of the drawing: rest curvatures and twists are by that share those of the new shape, else
+    those of the drawing. Rest lengths stay. share 0: the drawing at equilibrium.
     """
-    return _drawn_in(cell, share, _Way(None))
+    return _drawn_in(cell, share, _Stages(None))
 
 
-def _drawn_in(cell: PeriodicCell, share: float, way: _Way) -> RestedCell:
-    """``drawn_in`` beside the way of a cell nearby: two stages, the periods of straight yarn and the arrival."""
+def _drawn_in(cell: PeriodicCell, share: float, stages: _Stages) -> RestedCell:
+    """``drawn_in`` in two stages: the periods of straight yarn, and the new shape."""
     drawn, change, solves = cell.pattern, np.zeros(2), 0
     if share > 0.0:
-        end = _released(replace(cell, pattern=_set(drawn, 0.0)), way)
+        end = _released(replace(cell, pattern=_set(drawn, 0.0)), stages)
         change, solves = share * end.change, end.solves
         if not end.relaxed:
             return RestedCell(cell, change, solves, False)
     else:
-        way.passed.append(None)
-    loose, state = replace(cell, pattern=_set(drawn, 1.0 - share)), way.start
+        stages.passed.append(None)
+    loose, state = replace(cell, pattern=_set(drawn, 1.0 - share)), stages.start
     # From the drawing, not back from the end: yarns that have folded over each other would stay so.
     for part in np.arange(1, _DRAWING + 1) / _DRAWING if state is None and share > 0.0 else (1.0,):
         state = loose.relax(_flat(part * change), start=state)
@@ -165,13 +165,11 @@ def _drawn_in(cell: PeriodicCell, share: float, way: _Way) -> RestedCell:
         if not state.usable:
             return RestedCell(cell, change, solves, False)
     assert state is not None
-    way.passed.append(RestStage(state))
-    arrived = rebased(loose.pattern, state)
-    arrived = replace(arrived, rest_curvature=drawn.rest_curvature, rest_twist=drawn.rest_twist)
-    return RestedCell(
-        replace(cell, pattern=set_as_drawn(arrived, share=share, lengths=False)), change, solves, True,
-        tuple(way.passed),
-    )  # fmt: skip
+    stages.passed.append(RestStage(state))
+    shape = rebased(loose.pattern, state)
+    shape = replace(shape, rest_curvature=drawn.rest_curvature, rest_twist=drawn.rest_twist)
+    cell = replace(cell, pattern=set_as_drawn(shape, share=share, lengths=False))
+    return RestedCell(cell, change, solves, True, tuple(stages.passed))
 
 
 def _set(pattern: YarnPattern, share: float) -> YarnPattern:
@@ -181,14 +179,14 @@ def _set(pattern: YarnPattern, share: float) -> YarnPattern:
     )
 
 
-def _released(cell: PeriodicCell, way: _Way) -> RestedCell:
+def _released(cell: PeriodicCell, stages: _Stages) -> RestedCell:
     """Periods at zero stress by Newton's method; its matrix is kept up by Broyden's updates from differences.
 
-    Solves nearby are far cheaper than moduli. One stage of the way.
+    Solves nearby are far cheaper than moduli. One stage.
     """
-    periods, matrix, start, solves = np.zeros(2), None, way.start, 1
-    if way.beside is not None and start is not None:
-        periods, matrix = start.strain.vector[[0, 2]], way.beside.matrix
+    periods, matrix, start, solves = np.zeros(2), None, stages.start, 1
+    if stages.near is not None and start is not None:
+        periods, matrix = start.strain.vector[[0, 2]], stages.near.matrix
     state = cell.relax(_flat(periods), start=start)
     stress, step, limit = state.stress[[0, 2]], np.zeros(2), _LARGEST_STEP
     for _ in range(_RELEASES):
@@ -219,7 +217,7 @@ def _released(cell: PeriodicCell, way: _Way) -> RestedCell:
         # Where Newton does not pay, the matrix is taken anew.
         matrix = matrix + np.outer(change - matrix @ step, step) / (step @ step) if gain < 0.5 else None
     relaxed = state.usable and bool(np.abs(step).max() < 1e-4)
-    way.passed.append(RestStage(state, matrix))
+    stages.passed.append(RestStage(state, matrix))
     if not state.usable:
         return RestedCell(cell, periods, solves, False)
     return RestedCell(replace(cell, pattern=rebased(cell.pattern, state)), periods, solves, relaxed)

@@ -18,7 +18,7 @@ from yarnscale.files.fingerprint import code_fingerprint, fingerprint
 Array = NDArray[np.float64]
 
 EVALUATING = ("numerics", "yarn", "cell", "estimate", "kinematics.py")
-"""Code that says what an evaluation comes to."""
+"""Code that an evaluation depends on."""
 
 
 class EstimateFolder:

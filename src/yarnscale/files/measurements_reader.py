@@ -41,8 +41,8 @@ def read_tables(
     """
     reader = _Reader(str(path), tuple(needed))
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    told = re.match(r"sep=(.)\n", text)
-    separator = told.group(1) if told else _separator(text)
+    stated = re.match(r"sep=(.)\n", text)
+    separator = stated.group(1) if stated else _separator(text)
     if separator == "," and "," not in text:
         # Columns aligned by spaces.
         separator, text = "\t", re.sub(r"(?<=\S) {2,}(?=\S)", "\t", text)
