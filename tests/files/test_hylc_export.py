@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from yarnscale.files.hylc_export import hylc_content, write_hylc_json
-from yarnscale.files.material_json import read_material
+from yarnscale.files.hylc_json import hylc_content
+from yarnscale.files.material_json import read_material, write_material
 
 REACH = np.array([0.7, 0.6, 0.5, 90.0, 110.0])
 
@@ -16,7 +16,7 @@ REACH = np.array([0.7, 0.6, 0.5, 90.0, 110.0])
 @pytest.mark.parametrize("name", ["stock1", "satin1"])
 def test_published_files_come_back(shared, tmp_path, name):
     source = shared / "reference" / f"{name}.json"
-    write_hylc_json(tmp_path / "out.json", read_material(source))
+    write_material(tmp_path / "out.json", read_material(source))
     before, after = (json.loads(p.read_text()) for p in (source, tmp_path / "out.json"))
     assert after["density"] == before["density"]
     assert after["strain scale"] == before["strain scale"]
@@ -32,7 +32,7 @@ def test_published_files_come_back(shared, tmp_path, name):
 @pytest.mark.parametrize("reach", [1.0, 1.4])
 def test_out_and_in_again_agrees(tmp_path, material, states, reach):
     ours = material
-    write_hylc_json(tmp_path / "out.json", ours)
+    write_material(tmp_path / "out.json", ours)
     again = read_material(tmp_path / "out.json")
     strains = states(reach)
     for name in ("energy_density", "stress", "moduli"):

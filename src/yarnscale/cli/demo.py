@@ -15,7 +15,7 @@ from yarnscale.cli.cloth import MAKES, simulate_into
 from yarnscale.cli.console import report, writable_folder
 from yarnscale.cli.detail import curve_set
 from yarnscale.cli.materials import PATTERN as REST
-from yarnscale.cli.materials import homogenize_into, material_sections, results_of_homogenize
+from yarnscale.cli.materials import homogenize_into, results_of_homogenize
 from yarnscale.cli.yarns import draw_cell
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.yarns import YarnDetail
@@ -28,7 +28,6 @@ from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes.scene import SceneResult, drape, stretch
 from yarnscale.show.cloth import Solid
 from yarnscale.show.detail import yarn_cloth_picture
-from yarnscale.show.material import PICTURES
 from yarnscale.show.report import Picture, Section, Table, write_report
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
@@ -56,8 +55,7 @@ def _demo(folder: Path, began: float) -> tuple[dict[str, object], bool]:
     yarns, all_converged = _yarn_section(cell, folder / "yarns")
     with results_of_homogenize(folder / "homogenized") as homogenized:
         write_pattern(rest.pattern, homogenized / REST, yarns=cell.material)
-        outcome = homogenize_into(cell, homogenized, solves=SOLVES, workers=WORKERS, resume=False)
-    material_section = material_sections(outcome, _embedded(folder / "homogenized" / "pictures"))
+        outcome, material = homogenize_into(cell, homogenized, solves=SOLVES, workers=WORKERS, resume=False)
     cloth, measures, results = _cloth_section(outcome.material, folder)
     samples = SampleStore(folder / "homogenized" / "samples")
     detail = _detail_section(FluctuationTable.from_store(samples, cell.pattern), results, folder / "yarns")
@@ -65,7 +63,7 @@ def _demo(folder: Path, began: float) -> tuple[dict[str, object], bool]:
     write_report(
         folder / "index.html",
         "From yarn to cloth: stockinette",
-        [detail, yarns, *material_section, cloth],
+        [detail, yarns, material, cloth],
         summary=f"Yarn material {MATERIAL}. Everything on this page was computed in {seconds:.0f}\u00a0s.",
         facts={
             "yarn states solved": outcome.summary.states,
@@ -99,12 +97,6 @@ def _yarn_section(cell: PeriodicCell, folder: Path) -> tuple[Section, bool]:
     return Section(
         "Yarns", ["A periodic cell relaxed under macroscopic strain."], [Table(columns, rows)], pictures
     ), converged
-
-
-def _embedded(folder: Path) -> list[Picture]:
-    names = {name: (text, True) for name, text in PICTURES.items()}
-    names |= {"errors.png": ("Relative error of the stress.", False)}
-    return [Picture(folder / name, text, wide) for name, (text, wide) in names.items()]
 
 
 def _detail_section(table: FluctuationTable, results: Sequence[SceneResult], folder: Path) -> Section:

@@ -8,7 +8,7 @@ import numpy as np
 
 from yarnscale.cli.console import report, say, writable_file
 from yarnscale.errors import InputError
-from yarnscale.files.material_json import read_material
+from yarnscale.files.material_json import read_material, write_material
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 
@@ -40,7 +40,6 @@ def export(options: argparse.Namespace) -> int:
 
 def _hylc(options: argparse.Namespace, material: object) -> str:
     """Write HYLC JSON; what it loses."""
-    from yarnscale.files.hylc_export import write_hylc_json
     from yarnscale.homogenize.compact_problem import StressErrors
     from yarnscale.homogenize.homogenize import published_form
 
@@ -63,6 +62,6 @@ def _hylc(options: argparse.Namespace, material: object) -> str:
         raise InputError(
             "material cannot be exported", where=options.material, expected="kind 'compact' or HYLC JSON"
         )
-    write_hylc_json(options.out, published)
+    write_material(options.out, published)
     say(f"yarnscale: note: not in HYLC JSON: {lost}")
     return lost

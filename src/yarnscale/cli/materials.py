@@ -110,7 +110,7 @@ def homogenize(options: argparse.Namespace) -> int:
                 drawn = settled_drawing(drawn, yarn.materials)
             write_pattern(drawn, kept, yarns=yarn.materials)
         cell = PeriodicCell(read_pattern(kept), yarn.materials)
-        outcome = homogenize_into(
+        outcome, _ = homogenize_into(
             cell, folder, workers=worker_count(options), resume=options.resume, dask=options.dask, **settings
         )  # fmt: skip
     summary, errors = outcome.summary, outcome.errors
@@ -148,16 +148,16 @@ def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool =
 
 def homogenize_into(
     cell: PeriodicCell, folder: Path, *, workers: int, resume: bool, **settings: Any
-) -> Homogenization:
-    """Run the job; write ``material.json``, pictures and ``index.html`` into the folder."""
+) -> tuple[Homogenization, Section]:
+    """Run the job; write ``material.json``, pictures and ``index.html`` into the folder. Also what its page says."""
     progress = ProgressLine(f"sampling {cell.pattern.name}").sampled
     outcome = run_homogenize(cell, folder, workers=workers, resume=resume, progress=progress, **settings)
     write_material(folder / "material.json", outcome.material)
-    pictures = draw_material(outcome, folder / "pictures")
+    section = _section(outcome, draw_material(outcome, folder / "pictures"))
     write_report(
         folder / "index.html",
         f"{cell.pattern.name}, homogenized",
-        [*material_sections(outcome, pictures)],
+        [section],
         summary=f"Yarn material {cell.material_name}; {outcome.summary.states} states solved.",
         facts={
             "states": outcome.summary.states,
@@ -167,7 +167,7 @@ def homogenize_into(
             "density [kg/m²]": outcome.material.density,
         },
     )
-    return outcome
+    return outcome, section
 
 
 def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
@@ -201,7 +201,7 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
     ]
 
 
-def material_sections(outcome: Homogenization, pictures: list[Picture]) -> list[Section]:
+def _section(outcome: Homogenization, pictures: list[Picture]) -> Section:
     """What a page says about a homogenized material."""
     errors = outcome.errors
     table = Table(
@@ -213,4 +213,4 @@ def material_sections(outcome: Homogenization, pictures: list[Picture]) -> list[
     text = ["One energy of one-sided springs, fitted to energies, stresses and moduli of cells under loads."]
     if not isinstance(outcome.material, CompactMaterial):
         text = ["A sum of one- and two-dimensional splines (HYLC20 eq. 31–32)."]
-    return [Section("Shell material", text, [table], pictures)]
+    return Section("Shell material", text, [table], pictures)

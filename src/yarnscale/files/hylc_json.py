@@ -1,12 +1,13 @@
-"""Reader of the material files published with HYLC20 ("HYLC JSON").
+"""The material files published with HYLC20 ("HYLC JSON").
 
 Strains in the file are normalised, x = strain / scale; terms are cubic (bicubic) Hermite splines of them,
 continued linearly outside. Terms are kept as they are: published one-dimensional splines are not zero at zero
-strain.
+strain. The sampled range and the provenance have no place in the layout.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,6 +21,9 @@ from yarnscale.shell.materials.spline_patches import AXES, PLANES
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
 
 Array = NDArray[np.float64]
+
+STRAIN_SHIFT = (1, 0, 1, 0, 0)
+"""The published programs subtract these from (√I11, I12/√(I11 I22), √I22, λ_x, λ_y) to get strains."""
 
 
 def is_hylc(content: Mapping[str, object]) -> bool:
@@ -78,3 +82,57 @@ def _axis(item: Fields, key: str, taken: Mapping[int, object]) -> int:
     if axis not in range(len(AXES)) or axis in taken:
         raise item.fault(key, expected="each of 0 to 4 once", found=axis)
     return axis
+
+
+def hylc_text(material: SplineMaterial) -> str:
+    """The HYLC JSON of a material."""
+    return json.dumps(hylc_content(material), allow_nan=False) + "\n"
+
+
+def hylc_content(material: SplineMaterial) -> dict[str, object]:
+    """The JSON object of a material; strains are normalised by the scale it was read with, or by its range."""
+    scale = _scale(material)
+    terms: dict[str, object] = {
+        "const": material.constant,
+        "1D": [_axis_content(k, f, scale[k]) for k, f in enumerate(material.axes)],
+        "2D": [
+            {
+                "k0": i,
+                "k1": j,
+                "tu": (f.knots_u / scale[i]).tolist(),
+                "tv": (f.knots_v / scale[j]).tolist(),
+                # Rows of the file go along the second strain.
+                "p": f.values.T.ravel().tolist(),
+                "mu": (f.slopes_u * scale[i]).T.ravel().tolist(),
+                "mv": (f.slopes_v * scale[j]).T.ravel().tolist(),
+                "muv": (f.twists * scale[i] * scale[j]).T.ravel().tolist(),
+            }
+            for (i, j), f in material.planes.items()
+        ],
+    }
+    return {
+        "density": material.density,
+        "strain scale": scale.tolist(),
+        "strain shift": list(STRAIN_SHIFT),
+        "coeffs": terms,
+    }
+
+
+def _scale(material: SplineMaterial) -> Array:
+    stored = material.provenance.get("strain_scale")
+    if (
+        isinstance(stored, list)
+        and len(stored) == len(AXES)
+        and all(isinstance(x, float) and x > 0 for x in stored)
+    ):
+        return np.array(stored)
+    return np.max(np.abs(material.range), axis=1)
+
+
+def _axis_content(axis: int, spline: CubicSpline, scale: float) -> dict[str, object]:
+    return {
+        "k": axis,
+        "t": (spline.knots / scale).tolist(),
+        "p": spline.values.tolist(),
+        "m": (spline.slopes * scale).tolist(),
+    }

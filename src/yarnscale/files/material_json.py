@@ -16,8 +16,7 @@ from yarnscale.checked import checked
 from yarnscale.errors import InputError, located
 from yarnscale.files.atomic import write_text
 from yarnscale.files.fields import Fields, read_json
-from yarnscale.files.hylc_export import hylc_text
-from yarnscale.files.hylc_json import hylc_material, is_hylc
+from yarnscale.files.hylc_json import hylc_material, hylc_text, is_hylc
 from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import CONSTANTS, OrthotropicMaterial
