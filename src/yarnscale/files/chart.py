@@ -79,7 +79,7 @@ def _drawn(path: Path, chart: _Chart) -> YarnPattern:
             return knit([row.symbols for row in rows], **options)
         if any(row.yarns is not None for row in rows):
             options["weft_yarns"] = [row.yarns or "a" for row in rows]
-        return weave(_draft(path, rows), **options)
+        return weave(_draft(rows), **options)
 
 
 def read_stitches(path: str | os.PathLike[str]) -> StitchChart | None:
@@ -112,12 +112,8 @@ def _placed(path: Path, chart: _Chart) -> Iterator[None]:
 def _read(path: Path) -> _Chart:
     text = read_source(path)
     if len(text) > LARGEST_CHART_FILE:
-        raise InputError(
-            "chart file is too long",
-            where=path,
-            expected=f"≤ {LARGEST_CHART_FILE} characters",
-            found=len(text),
-        )
+        expected = f"≤ {LARGEST_CHART_FILE} characters"
+        raise InputError("chart file is too long", where=path, expected=expected, found=len(text))
     return _parse(path, text)
 
 
@@ -150,11 +146,8 @@ def _parse(path: Path, text: str) -> _Chart:
                 )
             chart.keys[key] = (number, value)
     if not chart.rows:
-        raise InputError(
-            "chart has no rows",
-            where=path,
-            expected="a line 'rows:' and a row of symbols on each line after it",
-        )
+        expected = "a line 'rows:' and a row of symbols on each line after it"
+        raise InputError("chart has no rows", where=path, expected=expected)
     return chart
 
 
@@ -213,17 +206,15 @@ def _options(path: Path, chart: _Chart, kind: str) -> dict:
 
 
 def _number(where: str, key: str, value: str) -> float:
+    # Python would also accept 1_0, nan and digits of other scripts.
+    plain = value.isascii() and "_" not in value
     try:
-        # Python would also accept 1_0, nan and digits of other scripts.
-        if not value.isascii() or "_" in value:
-            raise ValueError
-        number = float(value)
-        if not 0.0 < number < math.inf:
-            raise ValueError
+        number = float(value) if plain else math.nan
     except ValueError:
-        raise InputError(
-            f"{key} is no positive number", where=where, expected="a number of radii", found=quoted(value)
-        ) from None
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        expected = "a number of radii"
+        raise InputError(f"{key} is no positive number", where=where, expected=expected, found=quoted(value))
     return number
 
 
@@ -232,33 +223,28 @@ def _length(where: str, key: str, value: str) -> float:
     words = value.split()
     units = [unit for unit, (quantity, _) in FACTORS.items() if quantity == "length"]
     if len(words) != 2 or words[1] not in units:
+        expected = f"as in 1 mm ({', '.join(units)})"
         raise InputError(
-            f"{key} needs a number and a unit",
-            where=where,
-            expected=f"as in 1 mm ({', '.join(units)})",
-            found=quoted(value),
+            f"{key} needs a number and a unit", where=where, expected=expected, found=quoted(value)
         )
     return to_si(_number(where, key, words[0]), words[1])
 
 
-def _draft(path: Path, rows: list[_Row]) -> list[list[int]]:
+def _draft(rows: list[_Row]) -> list[list[int]]:
     """A binary table, the first pick first."""
-    for number, row in enumerate(rows, start=1):
+    for number, row in enumerate(rows):
         if len(row.symbols) != len(rows[0].symbols):
-            raise InputError(
-                f"draft row {number} has another length",
-                where=f"{path}:{row.line}",
-                expected=f"{len(rows[0].symbols)} ends as in row 1",
-                found=len(row.symbols),
+            what, expected = (
+                f"draft row {number + 1} has another length",
+                f"{len(rows[0].symbols)} ends as in row 1",
             )
-        # A bar means nothing here, and has no column of its own in the list.
-        columns = iter(row.columns)
-        for end, symbol in enumerate(row.symbols, start=1):
-            column = row.columns[0] if symbol == "|" else next(columns)
+            raise ChartError(what, row=number, expected=expected, found=len(row.symbols))
+        for end, symbol in enumerate(row.symbols):
             if symbol not in WEAVE_SYMBOLS:
-                raise InputError(
-                    f"draft row {number} column {end}: unknown symbol",
-                    where=f"{path}:{row.line}:{column}",
+                raise ChartError(
+                    f"draft row {number + 1} column {end + 1}: unknown symbol",
+                    row=number,
+                    column=end - row.symbols[:end].count("|"),  # a bar has no column of its own
                     expected="x (warp over) or . (weft over)",
                     found=repr(symbol),
                 )

@@ -183,7 +183,7 @@ def read_curve_frames(folder: str | os.PathLike[str]) -> CurveFrames:
             arrays["offsets"], arrays["radii"], closed=arrays.get("closed"), yarn=arrays.get("yarn")
         )
     except InputError as error:
-        raise InputError(error.what, where=path, expected=error.expected, found=error.found) from None
+        raise error.at(path) from None
     paths = frame_paths(folder)
     return CurveFrames(curves, paths, frame_times(folder, paths), _bodies(folder / BODIES))
 

@@ -71,7 +71,7 @@ def check_clearance(
     try:
         approach = closest_approach(pattern)
     except InputError as error:
-        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+        raise error.at(where) from None
     diameter = 2.0 * pattern.radius
     if approach.distance < least * diameter:
         ends = pattern.next_vertex

@@ -27,7 +27,7 @@ def check_proportions(pattern: YarnPattern, *, where: object = None) -> None:
         for text in list(_unusual(pattern)):
             notify(text if where is None else f"{where}: {text}")
     except InputError as error:
-        raise InputError(error.what, where=where, expected=error.expected, found=error.found) from None
+        raise error.at(where) from None
 
 
 def _unusual(pattern: YarnPattern) -> Iterator[str]:
