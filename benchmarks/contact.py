@@ -13,11 +13,11 @@ import ipctk
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.motion.obstacles import MeshObstacle
 from yarnscale.motion.rigid import Motion
 from yarnscale.numerics.threads import available_threads
 from yarnscale.shell.contact.broad_phase import near_pairs
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
-from yarnscale.shell.contact.obstacles import MeshObstacle
 from yarnscale.shell.contact.surface_contact import SurfaceContact
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 

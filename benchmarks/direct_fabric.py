@@ -146,7 +146,7 @@ def measure(name: str, options: argparse.Namespace) -> str:
     scene, count = scene_of(sheet, options.scene), PassageCount(energy, x)
     friction = YarnFriction(options.friction) if options.friction else None
     settings = MotionSettings(scene.gravity, DAMPING, friction, iterations=options.iterations)
-    around = scene.holds, scene.obstacles(energy), count
+    around = scene.holds, scene.pushes(energy), count
     dynamics = FabricDynamics(energy, settings, *around)
     # Borders that were just glued snap together; that is no part of the scene.
     rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING, count=count)

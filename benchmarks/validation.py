@@ -38,10 +38,10 @@ from yarnscale.fabric.sheet_scene import SheetScene, drape, pulled_apart
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.homogenize.homogenize import homogenize
+from yarnscale.motion.obstacles import Sphere
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.contact.obstacles import Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.elastic.energy import ElementMaterial
@@ -142,7 +142,7 @@ def scenario(name: str, kind: str, axis: int, size: float) -> Scenario:
 
 def scene_of_yarns(asked: Scenario) -> SheetScene:
     if asked.kind == "drape":
-        return drape(asked.sheet, radius=BALL * asked.size, aside=asked.aside)
+        return drape(asked.sheet, radius=BALL * asked.size, aside=asked.aside, friction=BALL_FRICTION)
     grips = [bar_points(asked.flat, asked.axis, side, asked.size) for side in (-1.0, 1.0)]
     down = (0.0, 0.0, -9.81)
     return pulled_apart(
@@ -157,7 +157,7 @@ def by_yarns(asked: Scenario, options: argparse.Namespace) -> Run:
     surface = MiddleSurface.of(asked.flat, asked.size)
     friction = YarnFriction(options.friction) if options.friction else None
     settings = MotionSettings(scene.gravity, DAMPING, friction)
-    pushes = scene.obstacles(energy, friction=BALL_FRICTION)
+    pushes = scene.pushes(energy)
     times, pulls, surfaces = [], [], []
 
     def frame(_: int, motion: FabricMotion) -> None:
@@ -192,11 +192,10 @@ def cloth_of(asked: Scenario, material: ElementMaterial, spacing: float) -> Clot
     mesh = rectangle(asked.size, asked.size, spacing)
     contact = ContactSettings(cloth_thickness(material, mesh), friction=BALL_FRICTION)
     # Both middle surfaces begin at height 0 over the same ball, and lie on it at the same distance.
-    ball = scene_of_yarns(asked).ball
-    assert ball is not None
+    (ball,) = scene_of_yarns(asked).obstacles
     relief = float(-asked.sheet.vertices[:, 2].min()) + asked.sheet.radius - CLOTH_GAP * contact.thickness
-    (_, _, height), radius = ball
-    sphere = Sphere((*asked.aside, height), radius + relief)
+    assert isinstance(ball, Sphere)
+    sphere = Sphere((*asked.aside, ball.centre[2]), ball.radius + relief)
     return Cloth(mesh, material, contact=contact, obstacles=(sphere,), damping=FALL_DAMPING)
 
 
@@ -237,7 +236,10 @@ def compared(asked: Scenario, yarns: Run, cloth: Run) -> dict:
     """Numbers of a pair of runs."""
     periods = np.round(np.array(asked.sheet.size) / asked.cell.pattern.period).astype(int)
     row: dict = {"size": asked.size, "periods": periods.tolist(), "radius": asked.sheet.radius}
-    row["way"], row["moving"], row["ball"] = 2.0 * asked.travel, asked.moving, scene_of_yarns(asked).ball
+    row["way"], row["moving"], row["ball"] = 2.0 * asked.travel, asked.moving, None
+    for ball in scene_of_yarns(asked).obstacles:
+        assert isinstance(ball, Sphere)
+        row["ball"] = ball.centre, ball.radius
     for name, run in (("yarns", yarns), ("cloth", cloth)):
         row[name] = {
             "vertices": run.vertices, "steps": run.steps, "time_step": run.time_step,

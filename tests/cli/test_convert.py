@@ -13,6 +13,7 @@ from yarnscale.cli.values import frames
 from yarnscale.errors import InputError
 from yarnscale.files.animation import read_animation
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
+from yarnscale.motion.obstacles import MeshObstacle
 
 
 @pytest.fixture
@@ -20,7 +21,7 @@ def run_of_yarns(tmp_path: Path) -> Path:
     """Frames 3 to 9 of a yarn that rises, beside a body that stands still."""
     points = np.column_stack([np.linspace(0, 0.1, 40), np.zeros(40), np.zeros(40)])
     body = np.eye(3) * 0.01, np.array([[0, 1, 2]])
-    folder = CurveFolder(tmp_path / "run", CurveSet([0, 40], 1e-3), bodies=body)
+    folder = CurveFolder(tmp_path / "run", CurveSet([0, 40], 1e-3), obstacles=[MeshObstacle(*body)])
     for number in range(3, 10):
         folder.write(number, points + np.array([0, 0, 0.01 * number]), 0.1 * number)
     return tmp_path / "run"

@@ -9,15 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings, rigid_motion
 from yarnscale.fabric.direct_moves import PassageCount, safe_way
-from yarnscale.fabric.direct_obstacles import Pushes, bar, plane, sphere, triangles
+from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_frames import unit_edges
 from yarnscale.fabric.yarn_friction import FRICTION, YarnFriction
+from yarnscale.motion.obstacles import Plane
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn.material import YarnMaterial
 
@@ -276,36 +276,10 @@ def test_friction_resists_sliding_with_the_share_of_the_pressure(crossing: Cross
     assert np.abs(drag.reshape(-1)[: 3 * energy.count].reshape(-1, 3).sum(axis=0)).max() < 1e-12 * held
 
 
-def test_obstacles_know_their_distance_and_mesh_agrees_with_the_ball() -> None:
-    generator = np.random.default_rng(2)
-    points = generator.normal(size=(200, 3))
-    points *= (1.0 + 0.05 * generator.standard_normal(200))[:, None] / np.linalg.norm(points, axis=1)[:, None]
-    ball = sphere((0.0, 0.0, 0.0), 1.0)
-    phi, theta = np.meshgrid(np.linspace(0, 2 * np.pi, 61), np.linspace(1e-3, np.pi - 1e-3, 41))
-    grid = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
-    number = np.arange(61 * 41).reshape(41, 61)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    corners = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    mesh = triangles(grid.reshape(-1, 3), corners, reach=0.3)
-    exact, normal = ball(points)
-    found, direction = mesh(points)
-    np.testing.assert_allclose(found, exact, atol=6e-3)
-    assert (np.einsum("ij,ij->i", normal, direction) > 0.98).all()
-    rod = bar((0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 0.1)
-    np.testing.assert_allclose(rod(np.array([[0.5, 1.0, 0.0], [0.0, 2.6, 0.0]]))[0], [0.4, 0.5])
-    for wrong in (
-        lambda: sphere((0, 0, 0), -1.0),
-        lambda: plane((0, 0, 0), (0, 0, 0)),
-        lambda: bar((0, 0, 0), (0, 0, 0), 1),
-    ):
-        with pytest.raises(InputError):
-            wrong()
-
-
 def test_a_yarn_that_falls_on_the_floor_stays_on_it() -> None:
     sheet = _straight(10, 0.02)
     energy = FabricEnergy(sheet, SOLID)
-    floor = Pushes(energy, plane((0.0, 0.0, -0.003), (0.0, 0.0, 1.0)))
+    floor = Pushes(energy, Plane((0.0, 0.0, -0.003), (0.0, 0.0, 1.0)))
     step, motion = 1 / 100, None
     dynamics = FabricDynamics(energy, MotionSettings(damping=20.0, iterations=60), obstacles=(floor,))
     motion = dynamics.start()

@@ -10,10 +10,11 @@ import pytest
 
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
-from yarnscale.fabric.direct_obstacles import Pushes, plane
+from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.yarn_friction import Rubbing, YarnFriction
+from yarnscale.motion.obstacles import Plane
 from yarnscale.yarn.material import YarnMaterial
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)
@@ -76,7 +77,7 @@ def test_a_yarn_slides_down_two_others_as_coulomb_says(friction: float) -> None:
 def test_a_yarn_slides_down_a_plane_as_coulomb_says(friction: float) -> None:
     line = np.stack([np.zeros(12), np.linspace(0.0, 0.022, 12), np.full(12, 0.99 * RADIUS)], 1)
     energy = FabricEnergy(YarnSheet.from_lines([line], RADIUS), SOLID)
-    floor = Pushes(energy, plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), friction=friction)
+    floor = Pushes(energy, Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), friction=friction)
     dynamics = FabricDynamics(energy, MotionSettings(DOWN_SLOPE, method="explicit"), obstacles=(floor,))
     way, speed = _slide(dynamics, 0.005)
     pull = GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE))

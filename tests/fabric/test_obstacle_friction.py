@@ -9,9 +9,12 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_motion import FabricDynamics, MotionSettings
-from yarnscale.fabric.direct_obstacles import Pushes, plane, sphere
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
+from yarnscale.fabric.direct_obstacles import Pushes
+from yarnscale.fabric.direct_static import Holds, equilibrium
 from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.motion.obstacles import MeshObstacle, Plane, Sphere
+from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.material import YarnMaterial
@@ -28,12 +31,12 @@ def _on_slope(friction: float) -> tuple[FabricEnergy, Pushes]:
     line = np.zeros((12, 3))
     line[:, 1] = np.linspace(0.0, 0.022, 12)
     energy = FabricEnergy(YarnSheet.from_lines([line], RADIUS), SOLID)
-    slope = Pushes(energy, plane((0.0, 0.0, 0.0), UP), friction=friction)
+    slope = Pushes(energy, Plane((0.0, 0.0, 0.0), UP), friction=friction)
     weight = energy.masses() * 9.81 * math.cos(SLOPE) / energy.force_unit
     sheet = energy.sheet
     height = RADIUS * (1.0 - np.sqrt(weight / slope.stiffness))
     energy = FabricEnergy(sheet.moved(sheet.vertices + height[:, None] * np.array(UP)), SOLID)
-    return energy, Pushes(energy, plane((0.0, 0.0, 0.0), UP), friction=friction)
+    return energy, Pushes(energy, Plane((0.0, 0.0, 0.0), UP), friction=friction)
 
 
 def _next_speed(speed: float, friction: float, slip: float) -> float:
@@ -87,10 +90,10 @@ def test_every_step_rubs_whoever_calls_it() -> None:
 def test_friction_has_exact_derivatives_and_begins_at_zero() -> None:
     generator = np.random.default_rng(8)
     energy, _ = _on_slope(0.0)
-    ball = Pushes(energy, sphere((0.0, 0.011, -0.02), 0.0205), stiffness=3.0, friction=0.5)
-    plain = Pushes(energy, sphere((0.0, 0.011, -0.02), 0.0205), stiffness=3.0)
+    ball = Pushes(energy, Sphere((0.0, 0.011, -0.02), 0.0205), stiffness=3.0, friction=0.5)
+    plain = Pushes(energy, Sphere((0.0, 0.011, -0.02), 0.0205), stiffness=3.0)
     x = energy.positions(energy.start()) + 0.05 * generator.standard_normal((energy.count, 3))
-    ball.begin(x)
+    ball.begin(x, 0.0, 0.0)
     assert ball.at(x)[0] == pytest.approx(plain.at(x)[0], rel=1e-12) and plain.at(x)[0] > 0
     x = x + 0.03 * generator.standard_normal(x.shape)
     step = 1e-6
@@ -106,4 +109,40 @@ def test_friction_has_exact_derivatives_and_begins_at_zero() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
     assert (np.linalg.eigvalsh(hessian) > -1e-9).all()
     with pytest.raises(InputError, match="friction"):
-        Pushes(energy, sphere((0.0, 0.0, 0.0), 0.01), friction=-0.1)
+        Pushes(energy, Sphere((0.0, 0.0, 0.0), 0.01), friction=-0.1)
+
+
+@pytest.mark.parametrize("method", ["implicit", "explicit"])
+@pytest.mark.parametrize("shape", ["plane", "mesh"])
+def test_a_moving_belt_takes_a_yarn_along_as_coulomb_says(method: str, shape: str) -> None:
+    """It gains μ g t of speed while it slips, and moves with the belt afterwards."""
+    speed, friction = 0.05, 0.4
+    line = np.stack([np.zeros(12), np.linspace(0.0, 0.022, 12), np.full(12, 0.99 * RADIUS)], 1)
+    energy = FabricEnergy(YarnSheet.from_lines([line], RADIUS), SOLID)
+    motion = Motion((speed, 0.0, 0.0), 0.0, 1.0, ease=False)
+    square = 0.1 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    belt = (
+        Plane(motion=motion)
+        if shape == "plane"
+        else MeshObstacle(square, np.array([[0, 1, 2], [0, 2, 3]]), motion)
+    )
+    settings = MotionSettings(tolerance=1e-9, enough=0.0, iterations=40, method=method)  # type: ignore[arg-type]
+    dynamics = FabricDynamics(
+        energy, settings, obstacles=(Pushes(energy, belt, friction=friction, slip=1e-3),)
+    )
+    pressed = equilibrium(
+        energy,
+        energy.start(),
+        Holds.none(),
+        load=dynamics.load,
+        obstacles=dynamics.obstacles,
+        tolerance=1e-9,
+    )
+    state = FabricMotion(pressed.x, 0.0 * pressed.x)
+    weight = energy.masses() / energy.masses().sum()
+    for seconds, expected in ((0.006, friction * 9.81 * 0.006), (0.012, speed)):
+        schedule = Schedule(seconds, 1 / 2000, to_rest=False, frame_interval=None)
+        state = simulate(dynamics, state, schedule).state
+        gained = weight @ energy.positions(state.velocity) * RADIUS
+        assert gained[0] == pytest.approx(expected, rel=0.01)
+        assert abs(gained[1]) < 1e-6

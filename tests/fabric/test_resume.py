@@ -35,7 +35,7 @@ Made = tuple[Body[Any], Any, Schedule]
 def rods(scene: str, *, volume: bool = False, explicit: bool = False) -> Made:
     sheet = YarnSheet.of(library.build("stockinette"), 2, 2)
     energy = FabricEnergy(sheet, WOOL)
-    made = drape(sheet) if scene == "drape" else stretch(sheet, amount=0.5, duration=0.04)
+    made = drape(sheet, friction=0.3) if scene == "drape" else stretch(sheet, amount=0.5, duration=0.04)
     settings = MotionSettings(
         made.gravity, 1.0, YarnFriction(0.1), method="explicit" if explicit else "implicit"
     )
@@ -43,7 +43,7 @@ def rods(scene: str, *, volume: bool = False, explicit: bool = False) -> Made:
         energy,
         settings,
         made.holds,
-        made.obstacles(energy, friction=0.3),
+        made.pushes(energy),
         PassageCount(energy, energy.start()),
     )
     body = VolumeDynamics(*parts, volume=RodVolume(energy, (4, 4))) if volume else FabricDynamics(*parts)

@@ -12,7 +12,7 @@ from yarnscale.files.animation import read_animation, vertex_normals
 from yarnscale.files.body_surface import BodySurface, ball
 from yarnscale.files.cloth_frames import FrameFolder, read_cloth_frames
 from yarnscale.files.curve_frames import CurveFolder, CurveSet, read_curve_frames
-from yarnscale.shell.contact.obstacles import MeshObstacle, Plane, Sphere
+from yarnscale.motion.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
 

@@ -13,7 +13,7 @@ from yarnscale.errors import InputError
 from yarnscale.files.material_json import write_material
 from yarnscale.files.obj import obj_text
 from yarnscale.files.scene_toml import read_scene
-from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Plane, Sphere
+from yarnscale.motion.obstacles import AnimatedMesh, MeshObstacle, Plane, Sphere
 from yarnscale.shell.garments.mannequin import MovingMannequin
 from yarnscale.shell.garments.wardrobe import T_SHIRT, shirt
 from yarnscale.shell.materials.orthotropic import JERSEY

@@ -24,7 +24,6 @@ from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
-from yarnscale.files.body_surface import ball
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
@@ -137,16 +136,12 @@ def simulate_direct(
     # A colour for every yarn of the sheet, in a knitted piece for every kind of yarn.
     colour = sheet.yarn_material if options.border == "knitted" else None
     curves = CurveSet(sheet.offsets, sheet.yarn_radii, closed=sheet.closed, yarn=colour)
-    bodies = None
-    if scene.ball is not None:
-        vertices, triangles = ball()
-        bodies = np.array(scene.ball[0]) + scene.ball[1] * vertices, triangles
     run = about.simulate(
         dynamics,
         dynamics.start(),
         curves,
         lambda state: energy.positions(state.x) * sheet.radius,
-        bodies=bodies,
+        obstacles=scene.obstacles,
     )
     dynamics.take_up(run.state)
     x, passed = run.state.x, dynamics.count
@@ -171,7 +166,7 @@ def _moving(options: argparse.Namespace, energy: FabricEnergy) -> tuple[SheetSce
         method="explicit" if options.explicit else "implicit",
     )  # fmt: skip
     parts = (
-        energy, settings, scene.holds, scene.obstacles(energy, friction=options.ball_friction),
+        energy, settings, scene.holds, scene.pushes(energy),
         PassageCount(energy, energy.start()),
     )  # fmt: skip
     if options.method == "volume":
@@ -183,4 +178,4 @@ def _scene(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
     if options.scene == "stretch":
         axis = 0 if options.direction == "course" else 1
         return stretch(sheet, amount=options.amount, axis=axis, duration=options.duration)
-    return drape(sheet) if options.scene == "drape" else hang(sheet)
+    return drape(sheet, friction=options.ball_friction) if options.scene == "drape" else hang(sheet)

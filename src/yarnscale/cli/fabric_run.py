@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Generic
@@ -19,6 +19,7 @@ from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import BODIES
 from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
 from yarnscale.motion.body import Body, State
+from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.run import Run, simulate
 from yarnscale.motion.schedule import Schedule
 
@@ -62,13 +63,16 @@ class FabricRun(Generic[State]):
         curves: CurveSet,
         points: Callable[[State], Floats],
         *,
-        bodies: tuple[Floats, NDArray[np.int64]] | None = None,
+        obstacles: Sequence[Obstacle] = (),
     ) -> Run[State]:
         """Run to the end; points: those of the curves at a state (n, 3) [m]."""
         options, kept = self._options, 0 if self._place is None else self._place.frames
         schedule = Schedule(options.duration, options.time_step, to_rest=False, frame_interval=FRAME)
         with self._results:
-            folder, began = CurveFolder(options.out, curves, bodies=bodies, keep=kept), time.perf_counter()
+            folder, began = (
+                CurveFolder(options.out, curves, obstacles=obstacles, keep=kept),
+                time.perf_counter(),
+            )
             run = simulate(
                 body, start, schedule,
                 on_frame=lambda number, state: folder.write(number, points(state), state.time),

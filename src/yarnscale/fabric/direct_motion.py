@@ -118,7 +118,7 @@ class FabricDynamics(Body[FabricMotion]):
         if self.method == "explicit":
             return self._explicit(state, duration)
         energy, settings, weight = self.energy, self.settings, self.mass / duration**2
-        self._begin(state, settings.friction)
+        self._begin(state, settings.friction, until)
         ahead = state.x + duration * state.velocity if inertia else state.x
         objective = FabricObjective(
             energy, Wells(weight, ahead).with_(self.holds(until).wells(energy)), self.load, self.obstacles,
@@ -164,12 +164,12 @@ class FabricDynamics(Body[FabricMotion]):
         if self.count is not None:
             self.count.begin(motion.x, motion.cuts)
 
-    def _begin(self, motion: FabricMotion, friction: YarnFriction | None) -> None:
+    def _begin(self, motion: FabricMotion, friction: YarnFriction | None, end: float) -> None:
         """Begin a step: frames, and all that resists to slip from here on; friction: as a potential."""
         self.take_up(motion)
         self.energy.rub(motion.x, friction)
         for obstacle in self.obstacles:
-            obstacle.begin(self.energy.positions(motion.x))
+            obstacle.begin(self.energy.positions(motion.x), motion.time, end)
 
     def _moved(
         self, motion: FabricMotion, x: Array, velocity: Array, time: float, shift: float
@@ -196,7 +196,7 @@ class FabricDynamics(Body[FabricMotion]):
     def _explicit(self, motion: FabricMotion, duration: float) -> Step[FabricMotion]:
         """One step of symplectic Euler [s]."""
         energy = self.energy
-        self._begin(motion, None)
+        self._begin(motion, None, motion.time)
         objective = FabricObjective(energy, Wells.none(energy.count), self.load, self.obstacles)
         value, gradient = objective.gradient(motion.x)
         if not (math.isfinite(value) and np.isfinite(gradient).all()):

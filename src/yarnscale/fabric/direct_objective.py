@@ -22,8 +22,8 @@ _LOOSE = 1e-4
 class NodeForce(Protocol):
     """An energy of every vertex by itself, such as contact with an obstacle; lengths in radii, energies in E π r³."""
 
-    def begin(self, positions: Array) -> None:
-        """Begin a step of motion at positions (n, 3): what rubs does so from there on."""
+    def begin(self, positions: Array, start: float, end: float) -> None:
+        """Begin a step of motion from a time to another [s] at positions (n, 3): what rubs does so from there on."""
         ...
 
     def slowed(self, velocity: Array, yielding: Array, duration: float) -> Array:

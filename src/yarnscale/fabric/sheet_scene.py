@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_obstacles import Pushes, sphere
+from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
+from yarnscale.motion.obstacles import Obstacle, Sphere
 
 Array = NDArray[np.float64]
 
@@ -25,20 +26,21 @@ _PULLED = 0.7
 
 @dataclass(frozen=True, eq=False)
 class SheetScene:
-    """gravity [m/s²], holds at a time [s], a ball (centre [m], radius [m]) or None.
+    """gravity [m/s²], holds at a time [s], obstacles and the friction of yarns on them.
 
     pulled: (k,) which of the held vertices are in the second grip, axis: along which it moves.
     """
 
     gravity: tuple[float, float, float]
     holds: Callable[[float], Holds]
-    ball: tuple[tuple[float, float, float], float] | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    friction: float = 0.0
     pulled: NDArray[np.bool_] | None = None
     axis: int = 0
 
-    def obstacles(self, energy: FabricEnergy, *, friction: float = 0.0) -> tuple[Pushes, ...]:
-        """The ball, as the simulation meets it; friction: coefficient of yarns on it."""
-        return () if self.ball is None else (Pushes(energy, sphere(*self.ball), friction=friction),)
+    def pushes(self, energy: FabricEnergy) -> tuple[Pushes, ...]:
+        """The obstacles, as the simulation meets them."""
+        return tuple(Pushes(energy, obstacle, friction=self.friction) for obstacle in self.obstacles)
 
     def force(self, energy: FabricEnergy, x: Array, time: float, *, led: bool = False) -> float:
         """With which both grips are pulled apart, their mean [N]; NaN where none is pulled. led: by explicit steps."""
@@ -93,18 +95,23 @@ def pulled_apart(
 
 
 def drape(
-    sheet: YarnSheet, *, radius: float | None = None, aside: tuple[float, float] = (0.0, 0.0)
+    sheet: YarnSheet,
+    *,
+    radius: float | None = None,
+    aside: tuple[float, float] = (0.0, 0.0),
+    friction: float = 0.0,
 ) -> SheetScene:
     """Over a ball under its middle, which it touches, under gravity through the thickness.
 
     radius: of the ball [m], by default a fifth of the sheet's width. aside: of it from under the middle, (x, y) [m].
+    friction: of yarns on it.
     """
     low, high = sheet.vertices.min(axis=0), sheet.vertices.max(axis=0)
     ball = 0.2 * float(min(high[0] - low[0], high[1] - low[1])) if radius is None else radius
     middle = 0.5 * (low + high)
     top = float(low[2] - 1.5 * sheet.radius)
     centre = (float(middle[0]) + aside[0], float(middle[1]) + aside[1], top - ball)
-    return SheetScene((0.0, 0.0, -9.81), lambda time: Holds.none(), (centre, ball))
+    return SheetScene((0.0, 0.0, -9.81), lambda time: Holds.none(), (Sphere(centre, ball),), friction)
 
 
 def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:

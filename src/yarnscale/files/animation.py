@@ -148,11 +148,10 @@ def _joined(folder: Path, cloth: ClothFrames | None, curves: CurveFrames | None)
             state.velocities if state is not None else None,
             points,
             radii,
-            cloth.bodies(number) if cloth is not None else still[0] if still is not None else None,
+            sources[0].bodies(number),
         )
 
-    still = curves.bodies if curves is not None else None
-    bodies = cloth.body_triangles if cloth is not None else still[1] if still is not None else None
+    bodies = sources[0].body_triangles
     return Animation(
         times,
         moment,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.shell.contact.obstacles import Obstacle, Sphere, current_points
+from yarnscale.motion.obstacles import Obstacle, Sphere, current_points
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

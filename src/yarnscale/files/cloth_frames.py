@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.array_file import checked, checked_indices, read_arrays, write_arrays
 from yarnscale.files.body_surface import BodySurface
-from yarnscale.shell.contact.obstacles import Obstacle
+from yarnscale.motion.obstacles import Obstacle
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.state import ClothState
 
@@ -25,26 +25,17 @@ MESH = "mesh.npz"
 BODIES = "bodies.npz"
 
 
-class FrameFolder:
-    """A folder with ``mesh.npz`` and ``frame_0000.npz``, ``frame_0001.npz``, …
+class FrameWriter:
+    """A folder with ``frame_0000.npz``, ``frame_0001.npz``, …, each replaced in one step.
 
-    The mesh holds material points (nm, 2) [m], triangles (nt, 3) in space and their corners (nt, 3) among the points.
-
-    A frame holds positions [m], velocities [m/s], both (nv, 3), and time [s]. Where there are obstacles with a
-    surface, ``bodies.npz`` holds their triangles and every frame their vertices as ``bodies`` (nb, 3) [m]: where they
-    are, which is not where their motion takes them if they gave way. Pass ``write`` as ``on_frame``.
-
-    keep: frames of an earlier run, from the first on, that stay; all others are removed at the start. Raises
-    InputError where the folder cannot be written.
+    Where there are obstacles with a surface, ``bodies.npz`` holds their triangles and every frame their vertices as
+    ``bodies`` (nb, 3) [m]: where they are, which is not where their motion takes them if they gave way. keep: frames
+    of an earlier run, from the first on, that stay; all others are removed at the start. Raises InputError where the
+    folder cannot be written.
     """
 
     def __init__(
-        self,
-        folder: str | os.PathLike[str],
-        mesh: TriangleMesh,
-        *,
-        obstacles: Sequence[Obstacle] = (),
-        keep: int = 0,
+        self, folder: str | os.PathLike[str], *, obstacles: Sequence[Obstacle] = (), keep: int = 0
     ) -> None:
         self.folder = Path(folder)
         self._bodies = BodySurface(obstacles)
@@ -58,21 +49,41 @@ class FrameFolder:
         except OSError as error:
             reason = error.strerror or str(error)
             raise InputError("output cannot be written", where=self.folder, found=reason) from None
-        write_arrays(
-            self.folder / MESH, material=mesh.material, triangles=mesh.triangles, corners=mesh.corners
-        )
         if self._bodies:
             write_arrays(self.folder / BODIES, triangles=self._bodies.triangles)
 
-    def write(self, number: int, state: ClothState) -> None:
-        """Write one frame; a file of that number is replaced in one step."""
-        bodies = {"bodies": self._bodies.vertices(state.time, state.obstacles)} if self._bodies else {}
+    def write_arrays(
+        self, number: int, time: float, moved: Floats | None = None, **arrays: ArrayLike
+    ) -> None:
+        """One frame at a time [s]; moved: where the points of moving obstacles are, as in ``ClothState``."""
+        if self._bodies:
+            arrays["bodies"] = self._bodies.vertices(time, moved)
+        write_arrays(self.folder / frame_name(number), time=np.array(float(time)), **arrays)
+
+
+class FrameFolder(FrameWriter):
+    """Frames of a cloth, and ``mesh.npz``: material points (nm, 2) [m], triangles (nt, 3), corners (nt, 3) among them.
+
+    A frame holds positions [m], velocities [m/s], both (nv, 3), and time [s]. Pass ``write`` as ``on_frame``.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        mesh: TriangleMesh,
+        *,
+        obstacles: Sequence[Obstacle] = (),
+        keep: int = 0,
+    ) -> None:
+        super().__init__(folder, obstacles=obstacles, keep=keep)
         write_arrays(
-            self.folder / frame_name(number),
-            positions=state.positions,
-            velocities=state.velocities,
-            time=np.array(state.time),
-            **bodies,
+            self.folder / MESH, material=mesh.material, triangles=mesh.triangles, corners=mesh.corners
+        )
+
+    def write(self, number: int, state: ClothState) -> None:
+        """Write one frame."""
+        self.write_arrays(
+            number, state.time, state.obstacles, positions=state.positions, velocities=state.velocities
         )
 
 
@@ -101,19 +112,36 @@ def read_frame(path: str | os.PathLike[str]) -> ClothState:
 
 
 @dataclass(frozen=True, eq=False)
-class ClothFrames:
-    """A folder of frames to read.
+class Frames:
+    """Files of frames: paths by number, times of each [s], (nf,), and triangles of the bodies (mb, 3) or None."""
+
+    paths: dict[int, Path]
+    times: Floats
+    body_triangles: Integers | None
+
+    def bodies(self, number: int) -> Floats | None:
+        """Vertices of the bodies in a frame [m], (nb, 3), or None without any."""
+        if self.body_triangles is None:
+            return None
+        path = self.paths[number]
+        vertices = read_arrays(path, "bodies", what="frame with bodies")["bodies"]
+        vertices = checked(vertices, name="bodies", shape=(None, 3), where=path)
+        if len(vertices) <= self.body_triangles.max(initial=-1):
+            raise InputError("bodies", where=path, expected="vertices of all triangles", found=vertices.shape)
+        return vertices
+
+
+@dataclass(frozen=True, eq=False)
+class ClothFrames(Frames):
+    """Frames of a cloth to read.
 
     triangles: vertices in space, corners: material points of each triangle, both (nt, 3); material: the points
-    (nm, 2) [m]; body_triangles: (mb, 3) or None. paths: frames by number; times: of each [s], (nf,).
+    (nm, 2) [m].
     """
 
     triangles: Integers
     corners: Integers
     material: Floats
-    body_triangles: Integers | None
-    paths: dict[int, Path]
-    times: Floats
 
     def among(self, numbers: Sequence[int]) -> ClothFrames:
         """The frames of these numbers alone."""
@@ -129,17 +157,6 @@ class ClothFrames:
                 "positions", where=self.paths[number], expected=f"shape ({count}, 3)", found=found
             )
         return state
-
-    def bodies(self, number: int) -> Floats | None:
-        """Vertices of the bodies in a frame [m], (nb, 3), or None without any."""
-        if self.body_triangles is None:
-            return None
-        path = self.paths[number]
-        vertices = read_arrays(path, "bodies", what="frame with bodies")["bodies"]
-        vertices = checked(vertices, name="bodies", shape=(None, 3), where=path)
-        if len(vertices) <= self.body_triangles.max(initial=-1):
-            raise InputError("bodies", where=path, expected="vertices of all triangles", found=vertices.shape)
-        return vertices
 
 
 def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
@@ -163,14 +180,18 @@ def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
         raise InputError(
             "corners", where=folder / MESH, expected=f"{len(triangles)} rows", found=len(corners)
         )
-    bodies = None
+    return ClothFrames(*frame_files(folder), triangles, corners, material)
+
+
+def frame_files(folder: Path) -> tuple[dict[int, Path], Floats, Integers | None]:
+    """The fields of ``Frames`` of a folder; InputError where there are none."""
+    paths, bodies = frame_paths(folder), None
     if (folder / BODIES).is_file():
-        stored = read_arrays(folder / BODIES, "triangles", what="bodies beside a cloth")["triangles"]
+        stored = read_arrays(folder / BODIES, "triangles", what="bodies in frames")["triangles"]
         bodies = checked_indices(
             stored, name="triangles", width=3, count=np.iinfo(np.int64).max, where=folder / BODIES
         )
-    paths = frame_paths(folder)
-    return ClothFrames(triangles, corners, material, bodies, paths, frame_times(folder, paths))
+    return paths, frame_times(folder, paths), bodies
 
 
 def frame_times(folder: Path, paths: dict[int, Path]) -> Floats:

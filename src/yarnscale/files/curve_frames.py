@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.files.array_file import checked, checked_indices, read_arrays, write_arrays
-from yarnscale.files.cloth_frames import BODIES, frame_name, frame_paths, frame_times
+from yarnscale.files.array_file import checked, read_arrays, write_arrays
+from yarnscale.files.cloth_frames import Frames, FrameWriter, frame_files
+from yarnscale.motion.obstacles import Obstacle
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -102,13 +104,11 @@ def _per_point(radii: NDArray, offsets: Integers) -> Floats:
     return radii
 
 
-class CurveFolder:
-    """A folder with ``curves.npz``, the fields of a ``CurveSet``, and ``frame_0000.npz``, ``frame_0001.npz``, …
+class CurveFolder(FrameWriter):
+    """Frames of curves, and ``curves.npz``, the fields of a ``CurveSet``.
 
     A frame holds positions (n, 3) [m] of all points and time [s]; radii (n,) [m] too where they change. Frames
-    bear the numbers of the cloth's frames they belong to. bodies: vertices (nb, 3) [m] and triangles (mb, 3) of what
-    stands still beside the curves, kept in ``bodies.npz``. keep: as in ``FrameFolder``. Raises InputError where the
-    folder cannot be written.
+    bear the numbers of the cloth's frames they belong to.
     """
 
     def __init__(
@@ -116,20 +116,11 @@ class CurveFolder:
         folder: str | os.PathLike[str],
         curves: CurveSet,
         *,
-        bodies: tuple[Floats, Integers] | None = None,
+        obstacles: Sequence[Obstacle] = (),
         keep: int = 0,
     ) -> None:
-        self.folder, self.curves = Path(folder), curves
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            for number, path in frame_paths(self.folder).items():
-                if number >= keep:
-                    path.unlink()
-            if bodies is None:
-                (self.folder / BODIES).unlink(missing_ok=True)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InputError("output cannot be written", where=self.folder, found=reason) from None
+        super().__init__(folder, obstacles=obstacles, keep=keep)
+        self.curves = curves
         write_arrays(
             self.folder / CURVES,
             offsets=curves.offsets,
@@ -137,29 +128,21 @@ class CurveFolder:
             closed=curves.closed,
             yarn=curves.yarn,
         )
-        if bodies is not None:
-            write_arrays(self.folder / BODIES, vertices=bodies[0], triangles=bodies[1])
 
     def write(self, number: int, positions: Floats, time: float, *, radii: Floats | None = None) -> None:
-        """Write one frame; a file of that number is replaced in one step."""
+        """Write one frame."""
         count = self.curves.point_count
         arrays = {"positions": checked(np.asarray(positions), name="positions", shape=(count, 3))}
         if radii is not None:
             arrays["radii"] = checked(np.asarray(radii), name="radii", shape=(count,))
-        write_arrays(self.folder / frame_name(number), **arrays, time=np.array(float(time)))
+        self.write_arrays(number, time, **arrays)
 
 
 @dataclass(frozen=True, eq=False)
-class CurveFrames:
-    """A folder of curve frames to read: its ``curves``, frames by number and their times [s], (nf,).
-
-    bodies: vertices (nb, 3) [m] and triangles (mb, 3) of what stands still beside the curves, or None.
-    """
+class CurveFrames(Frames):
+    """Frames of curves to read, and the ``curves``."""
 
     curves: CurveSet
-    paths: dict[int, Path]
-    times: Floats
-    bodies: tuple[Floats, Integers] | None = None
 
     def points(self, number: int) -> tuple[Floats, Floats]:
         """Positions (n, 3) and radii (n,) of a frame [m]; InputError where it is none of these curves."""
@@ -184,16 +167,4 @@ def read_curve_frames(folder: str | os.PathLike[str]) -> CurveFrames:
         )
     except InputError as error:
         raise error.at(path) from None
-    paths = frame_paths(folder)
-    return CurveFrames(curves, paths, frame_times(folder, paths), _bodies(folder / BODIES))
-
-
-def _bodies(path: Path) -> tuple[Floats, Integers] | None:
-    """Bodies that stand still, None where there are none."""
-    if not path.is_file():
-        return None
-    arrays = read_arrays(path, "vertices", "triangles", what="bodies beside curves")
-    vertices = checked(arrays["vertices"], name="vertices", shape=(None, 3), where=path)
-    return vertices, checked_indices(
-        arrays["triangles"], name="triangles", width=3, count=len(vertices), where=path
-    )
+    return CurveFrames(*frame_files(folder), curves)

@@ -12,7 +12,7 @@ from yarnscale.errors import InputError
 from yarnscale.files.garment_units import LENGTHS
 from yarnscale.files.obj_surface import read_obj_poses, read_obj_surface
 from yarnscale.files.scene_section import MOTION, Section
-from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
+from yarnscale.motion.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 
 SHAPES = ("sphere", "plane", "mesh", "mannequin")

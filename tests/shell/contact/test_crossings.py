@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.contact.crossings import CLOTH
-from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.orthotropic import JERSEY

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.rigid import STILL, Motion, rotation_matrix
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY

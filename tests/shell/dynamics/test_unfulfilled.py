@@ -10,12 +10,12 @@ import pytest
 
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder, read_cloth_frames
+from yarnscale.motion.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import Run
 from yarnscale.motion.schedule import Schedule
 from yarnscale.motion.unfulfilled import Unfulfilled
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.contact.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY

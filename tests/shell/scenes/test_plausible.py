@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.contact.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import rectangle

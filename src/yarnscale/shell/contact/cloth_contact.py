@@ -18,9 +18,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.motion.obstacles import Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.shell.contact.barrier import ContactSettings
 from yarnscale.shell.contact.crossings import Crossing
-from yarnscale.shell.contact.obstacles import Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.shell.contact.shape_contact import ShapeContact
 from yarnscale.shell.contact.surface_contact import SurfaceContact
 from yarnscale.shell.mesh import TriangleMesh

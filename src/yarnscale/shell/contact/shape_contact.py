@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.motion.obstacles import Plane, Shape, Sphere
 from yarnscale.motion.rigid import rotation_matrix
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
 from yarnscale.shell.contact.crossings import Crossing, shape_crossing
-from yarnscale.shell.contact.obstacles import Plane, Shape, Sphere
 from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.state import Slips

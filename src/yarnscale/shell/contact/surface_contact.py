@@ -15,11 +15,11 @@ import ipctk
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.motion.obstacles import TriangleObstacle
 from yarnscale.numerics.threads import run_parts
 from yarnscale.shell.contact import pair_hessian, pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, surface_crossings
-from yarnscale.shell.contact.obstacles import Body
 from yarnscale.shell.contact.pair_search import PairSearch, shares
 from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.mesh import TriangleMesh
@@ -69,7 +69,7 @@ class SurfaceContact:
     def __init__(
         self,
         mesh: TriangleMesh,
-        bodies: Sequence[tuple[Body, int | None]],
+        bodies: Sequence[tuple[TriangleObstacle, int | None]],
         settings: ContactSettings,
         rows: int,
     ) -> None:

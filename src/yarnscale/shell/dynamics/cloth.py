@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.motion.rigid import STILL, Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.contact.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.shell.elastic.elements import FreeEdges
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.motion.body import Body, Step
+from yarnscale.motion.obstacles import current_points, obstacle_name
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 from yarnscale.shell.contact.cloth_contact import ClothContact
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosses
-from yarnscale.shell.contact.obstacles import current_points, obstacle_name
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.integrator import Integrator, StepRule, checked_integrator, step_rule

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.shell.contact.obstacles import Obstacle, Plane, Sphere
+from yarnscale.motion.obstacles import Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.mesh import TriangleMesh
 

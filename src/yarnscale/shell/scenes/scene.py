@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.motion.obstacles import Sphere
 from yarnscale.motion.run import Progress, Run, simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.motion.unfulfilled import Unfulfilled
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.contact.obstacles import Sphere
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial

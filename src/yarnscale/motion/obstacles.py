@@ -33,7 +33,7 @@ class Obstacle(Protocol):
         ...
 
 
-class Body(Obstacle, Protocol):
+class TriangleObstacle(Obstacle, Protocol):
     """An obstacle with a surface of triangles between its points."""
 
     @property

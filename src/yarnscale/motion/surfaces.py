@@ -1,0 +1,134 @@
+"""Surfaces of obstacles: how far points are from them, and where what sticks to them is carried."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from yarnscale.motion.obstacles import Obstacle, Plane, Sphere, TriangleObstacle
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Surface(Protocol):
+    """The surface of an obstacle at a time [s]; points (n, 3) [m]."""
+
+    def at(self, points: Array, time: float) -> tuple[Array, Array]:
+        """Signed distances (n,) [m] and outward normals (n, 3)."""
+        ...
+
+    def carried(self, points: Array, start: float, end: float) -> Array:
+        """Where points that stick to the surface go from one time to another (n, 3)."""
+        ...
+
+
+def surface_of(obstacle: Obstacle, *, reach: float) -> Surface:
+    """The surface of an obstacle; distances from triangles, which face outwards, are exact within ``reach`` [m]."""
+    if isinstance(obstacle, Sphere):
+        return _Ball(obstacle)
+    return _HalfSpace(obstacle) if isinstance(obstacle, Plane) else _Triangles(obstacle, reach)  # type: ignore[arg-type]
+
+
+class _Ball:
+    def __init__(self, ball: Sphere) -> None:
+        self._ball = ball
+
+    def at(self, points: Array, time: float) -> tuple[Array, Array]:
+        away = points - self._ball.points(time)
+        size = np.linalg.norm(away, axis=1)
+        return size - self._ball.radius, away / np.maximum(size, 1e-12)[:, None]
+
+    def carried(self, points: Array, start: float, end: float) -> Array:
+        motion = self._ball.motion
+        turn = motion.turn(end) @ motion.turn(start).T
+        return (points - self._ball.points(start)) @ turn.T + self._ball.points(end)
+
+
+class _HalfSpace:
+    def __init__(self, plane: Plane) -> None:
+        self._plane, self._up = plane, np.array(plane.normal)
+
+    def at(self, points: Array, time: float) -> tuple[Array, Array]:
+        return (points - self._plane.points(time)) @ self._up, np.broadcast_to(self._up, points.shape)
+
+    def carried(self, points: Array, start: float, end: float) -> Array:
+        return points + self._plane.points(end) - self._plane.points(start)
+
+
+class _Triangles:
+    def __init__(self, body: TriangleObstacle, reach: float) -> None:
+        self._body, self._reach, self._time = body, reach, np.nan
+
+    def _place(self, time: float) -> None:
+        """Corners, normals and a tree of the middles of triangles, made anew where the body moves."""
+        if time == self._time or (not self._body.moves and not np.isnan(self._time)):
+            return
+        self._time, self._corner = time, self._body.points(time)[self._body.triangles]
+        middle = self._corner.mean(axis=1)
+        self._widest = float(np.linalg.norm(self._corner - middle[:, None], axis=2).max())
+        sides = self._corner[:, 1:] - self._corner[:, :1]
+        normal = np.cross(sides[:, 0], sides[:, 1])
+        self._normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        self._tree = KDTree(middle)
+
+    def _nearest(self, points: Array, time: float) -> tuple[Indices, Indices, Array]:
+        """Which points are within reach (k,), the nearest triangle of each (k,) and its closest point (k, 3)."""
+        self._place(time)
+        near = self._tree.query_ball_point(points, self._reach + self._widest)
+        counts = np.array([len(found) for found in near], np.int64)
+        which = np.concatenate([np.array(found, np.int64) for found in near])
+        owner = np.repeat(np.arange(len(points)), counts)
+        closest = _closest(points[owner], self._corner[which])
+        gap = np.linalg.norm(points[owner] - closest, axis=1)
+        order = np.lexsort((gap, owner))
+        first = order[np.unique(owner[order], return_index=True)[1]]
+        return owner[first], which[first], closest[first]
+
+    def at(self, points: Array, time: float) -> tuple[Array, Array]:
+        own, which, closest = self._nearest(points, time)
+        signed, direction = np.full(len(points), self._reach), np.zeros_like(points)
+        direction[:, 2] = 1.0
+        away, outward = points[own] - closest, self._normal[which]
+        gap = np.linalg.norm(away, axis=1)
+        sign = np.where(np.einsum("ij,ij->i", away, outward) < 0, -1.0, 1.0)
+        signed[own] = sign * gap
+        unit = sign[:, None] * away / np.maximum(gap, 1e-12)[:, None]
+        direction[own] = np.where(gap[:, None] > 1e-12, unit, outward)
+        return signed, direction
+
+    def carried(self, points: Array, start: float, end: float) -> Array:
+        if not self._body.moves:
+            return points
+        own, which, closest = self._nearest(points, start)
+        corner = self._corner[which]
+        sides = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], 2)
+        share = np.einsum("nij,nj->ni", np.linalg.pinv(sides), closest - corner[:, 0])
+        weights = np.column_stack([1.0 - share.sum(axis=1), share])
+        moved = self._body.points(end) - self._body.points(start)
+        gone = points.copy()
+        gone[own] += np.einsum("nk,nki->ni", weights, moved[self._body.triangles[which]])
+        return gone
+
+
+def _closest(points: Array, corner: Array) -> Array:
+    """Closest points of triangles (m, 3, 3) to points (m, 3)."""
+    a, ab, ac = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    away = points - a
+    uu, vv, uv = (ab * ab).sum(1), (ac * ac).sum(1), (ab * ac).sum(1)
+    up, vp = (ab * away).sum(1), (ac * away).sum(1)
+    skew = np.maximum(uu * vv - uv * uv, 1e-300)
+    s, t = (vv * up - uv * vp) / skew, (uu * vp - uv * up) / skew
+    best = a + s[:, None] * ab + t[:, None] * ac
+    gap = np.where((s >= 0) & (t >= 0) & (s + t <= 1), 0.0, np.inf)
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        start, edge = corner[:, first], corner[:, second] - corner[:, first]
+        along = np.clip(((points - start) * edge).sum(1) / np.maximum((edge * edge).sum(1), 1e-300), 0.0, 1.0)
+        on = start + along[:, None] * edge
+        apart = ((points - on) ** 2).sum(1)
+        closer = apart < gap
+        best, gap = np.where(closer[:, None], on, best), np.where(closer, apart, gap)
+    return best
