@@ -12,6 +12,7 @@ from yarnscale.cell import PeriodicCell, rest
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.rest import rest_stress_ratio
 from yarnscale.cli import main, yarns
+from yarnscale.cli.console import ProgressLine
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library
@@ -35,6 +36,34 @@ def test_a_chart_is_written_at_rest(tmp_path: Path, capsys: pytest.CaptureFixtur
         rest_stress_ratio(PeriodicCell(read_pattern(out), YarnMaterial.preset("hylc2020-basket"))).largest
         < 0.01
     )
+
+
+def test_a_large_drawing_has_set_yarns_and_its_own_periods(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(yarns, "LARGE", 30)
+    energies = []
+    for more in ([], ["--as-drawn"]):
+        assert main(["relax", "plain", "--json", *more]) == 0
+        said = capsys.readouterr()
+        assert ("periods stay as drawn" in said.err) == (not more)
+        energies.append(json.loads(said.out)["energy_parts"]["bend_twist"])
+    assert energies[0] < 0.2 * energies[1]
+
+
+def test_a_solve_says_how_long_its_digits_will_take(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("yarnscale.cli.console.time.monotonic", lambda: now)
+    line = ProgressLine("relaxing")
+    line.note_solve(0, 1.0)
+    now = 110.0
+    line.note_solve(7, 1e-2)
+    assert "iteration 7, residual 1.0e-02, about 20 s left" in capsys.readouterr().err
+    now = 120.0
+    line.note_solve(8, 0.5)
+    assert "residual 5.0e-01, about 40 s left" in capsys.readouterr().err
 
 
 def test_a_pattern_can_be_written_as_drawn(tmp_path: Path) -> None:

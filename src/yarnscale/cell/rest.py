@@ -37,6 +37,7 @@ from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
 
 __all__ = [
+    "SETTING",
     "RestRound",
     "RestShape",
     "RestStatus",
@@ -51,6 +52,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+SETTING = 0.8
+"""Share of the drawn curvature and twist that yarns have at rest, unless told otherwise."""
 LARGEST_STEP = 0.06
 """Largest change of a period in one step, relative."""
 SMALLEST_STEP = 1e-5
@@ -62,7 +65,7 @@ def settled(
     pattern: YarnPattern,
     material: Materials,
     *,
-    setting: float = 0.8,
+    setting: float = SETTING,
     shortening: float = 0.05,
     progress: Progress | None = None,
     watch: Watch | None = None,

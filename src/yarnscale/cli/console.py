@@ -83,6 +83,7 @@ class ProgressLine:
         self.label, self._last, self._began = label, 0.0, time.monotonic()
         self._done, self._changed = -1, self._began
         self._first: tuple[float, float] | None = None
+        self._solve = self._began, np.inf, np.inf
         self._terminal = sys.stderr.isatty()
 
     def show_step(self, progress: Progress) -> None:
@@ -124,6 +125,20 @@ class ProgressLine:
         now = time.monotonic()
         if now - max(self._last, self._began) >= (0.1 if self._terminal else 5.0):
             self._print(f"{self.label}: {text}, {now - self._began:.0f} s")
+
+    def note_solve(self, iteration: int, residual: float, tolerance: float = 1e-6) -> None:
+        """Say where a solve stands that ends at a residual; what is left takes as long as the digits won so far."""
+        now = time.monotonic()
+        if iteration == 0:
+            self._solve = now, residual, residual
+        began, first, lowest = self._solve
+        lowest = min(lowest, residual)
+        self._solve = began, first, lowest
+        text = f"iteration {iteration}, residual {residual:.1e}"
+        if tolerance < lowest < first:
+            left = (now - began) * np.log(lowest / tolerance) / np.log(first / lowest)
+            text += f", about {left:.0f} s left"
+        self.note(text)
 
     def end(self) -> None:
         """Leave the line of work of unknown length."""

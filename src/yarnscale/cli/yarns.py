@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import Equilibrium, PeriodicCell
-from yarnscale.cell.rest import RestRound, RestShape, settled
+from yarnscale.cell.rest import SETTING, RestRound, RestShape, set_as_drawn, settled
 from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.errors import InputError
@@ -23,7 +23,7 @@ from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
 
 LARGE = 1500
-"""Vertices of a drawing beyond which commands that relax a cell do not bring it to rest first."""
+"""Vertices of a drawing beyond which commands that relax a cell leave its periods as drawn."""
 
 
 def patterns(options: argparse.Namespace) -> int:
@@ -75,16 +75,16 @@ def watched_rest(drawn: YarnPattern, material: Materials) -> RestShape:
 def at_rest(options: argparse.Namespace, drawn: YarnPattern, material: Materials) -> YarnPattern:
     """A pattern read, brought to rest where it is a drawing that shall not stay as it is drawn.
 
-    Drawings of more than ``LARGE`` vertices stay as drawn, and a line says so: their settling takes many minutes.
+    Drawings of more than ``LARGE`` vertices keep their periods, and a line says so: to settle them takes minutes.
     """
     if options.as_drawn or not is_drawing(options.pattern):
         return drawn
     if len(drawn.edges) > LARGE:
         say(
-            f"{drawn.name}: {len(drawn.edges)} vertices, left as drawn, since so large a drawing takes many minutes to "
-            "settle; 'yarnscale pattern' settles it into a file"
+            f"{drawn.name}: {len(drawn.edges)} vertices; yarns take on the shape of the drawing, as in fabric at rest, "
+            "but periods stay as drawn, since these take minutes to settle; 'yarnscale pattern' does so"
         )
-        return drawn
+        return set_as_drawn(drawn, share=SETTING, lengths=False)
     return settled_drawing(drawn, material)
 
 
@@ -127,7 +127,7 @@ def relax(options: argparse.Namespace) -> int:
     source = at_rest(options, tile, yarn.materials).repeated(*options.size)
     cell = PeriodicCell(
         source, yarn.materials, options.free_sliding, starts=options.starts,
-        watch=lambda iteration, residual: line.note(f"iteration {iteration}, residual {residual:.1e}"),
+        watch=line.note_solve,
     )  # fmt: skip
     state = cell.relax(strain)
     line.end()
