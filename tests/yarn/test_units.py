@@ -12,7 +12,6 @@ from yarnscale.yarn.units import (
     FACTORS,
     from_si,
     linear_density,
-    modulus_from_specific,
     to_si,
     yarn_density,
     yarn_radius,
@@ -54,11 +53,6 @@ def test_radius_from_linear_density() -> None:
     assert 1.0e-4 < radius < 1.2e-4
     density = yarn_density(fibre_density=1520.0, packing_fraction=0.55)
     assert linear_density(radius, density) == pytest.approx(3e-5)
-
-
-def test_specific_modulus() -> None:
-    # 1 N/tex at 1000 kg/m³ is 1 GPa.
-    assert modulus_from_specific(1.0, 1000.0) == pytest.approx(1e9)
 
 
 def test_what_makes_no_sense_is_named() -> None:

@@ -60,11 +60,6 @@ class RestStress:
         return np.maximum(np.array([course, max(course, wale), wale]), 1e-300)
 
     @property
-    def shear_ratio(self) -> float:
-        """|∂Ψ/∂s_a| at rest over its own value at s_a = 0.05: the stricter measure, for patterns that skew."""
-        return abs(float(self.at_rest[1])) / max(abs(self.shear), 1e-300)
-
-    @property
     def largest(self) -> float:
         """The largest of ``ratios``; at most 0.01 for a fabric at rest."""
         return float(self.ratios.max())

@@ -91,11 +91,6 @@ def linear_density(radius: float, density: float) -> float:
     return math.pi * _positive("radius", radius) ** 2 * _positive("density", density)
 
 
-def modulus_from_specific(newton_per_tex: float, density: float) -> float:
-    """Young's modulus [Pa] of a yarn from its specific modulus [N/tex] and its density [kg/m³]."""
-    return newton_per_tex * 1e6 * _positive("density", density)
-
-
 def _factor(unit: str) -> float:
     if unit not in FACTORS:
         raise InputError("unknown unit", expected=", ".join([*FACTORS, *COUNTS]), found=repr(unit))

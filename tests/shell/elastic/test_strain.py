@@ -6,8 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from yarnscale.numerics.kernel import BLOCK
-from yarnscale.shell.elastic.elements import ShellElements, shell_elements, vertex_mean
+from yarnscale.shell.elastic.elements import ShellElements, shell_elements
 from yarnscale.shell.elastic.strain import GEOMETRY, form_kernels, fundamental_forms
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 
@@ -177,10 +176,3 @@ def test_free_edges_see_a_curl_only_when_extrapolated() -> None:
         assert elements.areas.sum() == pytest.approx(mesh.areas.sum())
     assert abs(bending["extrapolate"] - 1) < 2e-3
     assert bending["zero"] < 0.96
-
-
-def test_vertex_mean_of_a_constant_is_that_constant() -> None:
-    mesh = rectangle(0.05, 0.05, 0.01)
-    elements = shell_elements(mesh)
-    values = np.full((elements.blocks, BLOCK), 3.5)
-    np.testing.assert_allclose(vertex_mean(mesh, elements, values), 3.5)

@@ -87,16 +87,6 @@ def shell_elements(mesh: TriangleMesh, *, free_edges: FreeEdges = "extrapolate")
     )
 
 
-def vertex_mean(
-    mesh: TriangleMesh, elements: ShellElements, values: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Area-weighted mean over the elements around each vertex: (blocks, BLOCK) → (nv,)."""
-    corners = mesh.triangles[elements.triangles.ravel()].ravel()
-    weight = np.repeat(elements.areas.ravel(), 3)
-    total = np.bincount(corners, weight, minlength=mesh.vertex_count)
-    return np.bincount(corners, weight * np.repeat(values.ravel(), 3), minlength=mesh.vertex_count) / total
-
-
 _Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
 """Stencils (n, 6), geometry (n, 18), areas (n,), triangles (n,)."""
 
