@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from yarnscale.numerics.null_space import Chain, ChainConstraints
 from yarnscale.yarn.pattern import YarnPattern
@@ -49,17 +50,18 @@ def _translations_and_chains(pattern: YarnPattern, sliding: bool) -> tuple[Array
     return translations, chains
 
 
-def constraint_rows(pattern: YarnPattern, sliding: bool) -> Array:
+def constraint_rows(pattern: YarnPattern, sliding: bool) -> csr_array:
     """The constraints as rows on [û, θ] (m, 4n): three of translation, then of each yarn its twist and sliding."""
     n = len(pattern.edges)
     translations, chains = _translations_and_chains(pattern, sliding)
-    rows = np.zeros((len(chains), 4 * n))
-    for row, chain in zip(rows, chains, strict=True):
-        if chain.coefficients.shape[1] == 3:
-            row[: 3 * n].reshape(n, 3)[chain.groups] = chain.coefficients
-        else:
-            row[2 * n + chain.groups] = chain.coefficients[:, 0]
-    return np.concatenate([translations, rows])
+    columns = [
+        3 * c.groups[:, None] + np.arange(3) if c.coefficients.shape[1] == 3 else 2 * n + c.groups
+        for c in chains
+    ]
+    entries = np.concatenate([translations.ravel(), *(chain.coefficients.ravel() for chain in chains)])
+    places = np.concatenate([np.tile(np.arange(4 * n), 3), *(c.ravel() for c in columns)])
+    starts = np.concatenate([4 * n * np.arange(4), 12 * n + np.cumsum([c.size for c in columns])])
+    return csr_array((entries, places, starts), shape=(3 + len(chains), 4 * n))
 
 
 def constraint_chains(pattern: YarnPattern, sliding: bool) -> ChainConstraints:

@@ -197,7 +197,7 @@ class CellEnergy:
         """Rows of ``constraint_rows``, made independent of each other; of large cells, as chains."""
         if self._large:
             return constraint_chains(self.pattern, self.sliding)
-        rows = constraint_rows(self.pattern, self.sliding)
+        rows = constraint_rows(self.pattern, self.sliding).toarray()
         matrix = independent(rows / np.linalg.norm(rows, axis=1)[:, None])
         return LinearConstraints(matrix, np.zeros(len(matrix)))
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from yarnscale.cell.constraints import constraint_rows, vertex_tangents
 from yarnscale.cell.energy import CellEnergy
@@ -96,7 +97,10 @@ def sensitivities(cell: PeriodicCell, state: Equilibrium) -> Sensitivities:
     energy, x, unit, r = answer.energy, answer.x, answer.energy.unit / cell.pattern.area, cell.pattern.radius
     rows = constraint_rows(cell.pattern, cell.sliding)
     forces = np.column_stack([energy.gradient(x)[1], answer.force_by_state])
-    multipliers = np.asarray(np.linalg.lstsq(rows.T, forces, rcond=1e-12)[0], np.float64)
+    size = np.sqrt(rows.multiply(rows).sum(axis=1))[:, None]
+    unit_rows = csr_array(rows / size)
+    inverse = np.linalg.pinv((unit_rows @ unit_rows.T).toarray(), rcond=1e-12, hermitian=True)
+    multipliers = inverse @ (unit_rows @ forces) / size
 
     here = explicit_part(energy, x)
     value = _flat(here)
