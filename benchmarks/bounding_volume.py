@@ -9,8 +9,8 @@ import argparse
 import time
 
 import numpy as np
+from imposed import imposed
 
-from yarnscale.fabric.imposed import imposed
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.spline_knit import SplineFabric, jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion

@@ -278,3 +278,36 @@ def test_resume_refuses_other_settings_and_folders_without_a_run(
     assert "or --overwrite or --resume" in capsys.readouterr().err
     # A run that is over stays as it is.
     assert _numbers(capsys, *short, "--out", str(out), "--resume")["steps"] == 1
+
+
+def test_a_scene_file_pulls_and_pushes_and_frames_hold_bodies_where_they_are(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    scene = tmp_path / "push.toml"
+    scene.write_text(
+        "gravity = [0, 0, 0]\n[schedule]\nduration = 0.0666\ntime_step = 0.0333\n"
+        '[[handles]]\nname = "left"\nbox = [[-1, -1], [-0.003, 1]]\n'
+        '[[handles]]\nname = "right"\nbox = [[0.003, -1], [1, 1]]\ndisplacement = [0.0005, 0, 0]\n'
+        "duration = 0.05\nease = false\n"
+        '[[obstacles]]\nshape = "sphere"\ncentre = [0, 0, 0.011]\nradius = 0.009\n'
+        "displacement = [0, 0, -0.001]\nduration = 0.0666\nease = false\n"
+    )
+    out = tmp_path / "run"
+    numbers = _numbers(capsys, "--as-drawn", "--scene", str(scene), "--out", str(out))
+    assert numbers["steps"] == 2 and numbers["unfulfilled"] == [] and numbers["passages"] == 0
+    frames = read_curve_frames(out)
+    tops = []
+    for number in frames.paths:
+        bodies = frames.bodies(number)
+        assert bodies is not None
+        tops.append(bodies[:, 2].max() - 0.02)
+    np.testing.assert_allclose(tops, [0.0, -0.0005, -0.001], atol=2e-6)
+    first, last = frames.points(0)[0], frames.points(2)[0]
+    assert np.ptp(last[:, 0]) - np.ptp(first[:, 0]) == pytest.approx(0.0005, abs=5e-5)
+    assert last[:, 2].min() < first[:, 2].min() - 1e-4, "the ball pushes the middle down"
+    for option, value in (("--damping", "2"), ("--duration", "1")):
+        refused = ("--scene", str(scene), option, value, "--out", str(tmp_path / "none"))
+        assert main([*SMALL, *refused]) == 2
+        assert f"{option}; expected it in the scene file" in capsys.readouterr().err
+    assert main([*SMALL, "--scene", "no.toml", "--out", str(tmp_path / "none")]) == 2
+    assert "a scene file or hang, stretch, drape" in capsys.readouterr().err

@@ -7,8 +7,6 @@ import itertools
 import numpy as np
 import pytest
 
-from yarnscale.errors import InputError
-from yarnscale.fabric.imposed import DEFORMATIONS, imposed
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.spline_knit import SplineFabric, jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
@@ -41,23 +39,26 @@ def test_frames_come_at_their_times_and_energy_is_only_lost(fabric: SplineFabric
     assert all(later < earlier + 1e-12 for earlier, later in itertools.pairwise(totals))
 
 
-@pytest.mark.parametrize("kind", list(DEFORMATIONS))
-def test_fine_volumes_take_the_imposed_shape(fabric: SplineFabric, kind: str) -> None:
-    """Fourth order in the patches where the shape is curved; exact where it is not."""
+def test_fine_volumes_take_a_rolled_shape(fabric: SplineFabric) -> None:
+    """Fourth order in the width of patches."""
+
+    def rolled(points: np.ndarray) -> np.ndarray:
+        angle, size = 30.0 * points[:, 0], 1.0 / 30.0 - points[:, 2]
+        return np.stack([size * np.sin(angle), points[:, 1], 1.0 / 30.0 - size * np.cos(angle)], axis=1)
+
     rest, errors = fabric.control.reshape(-1, 3), []
     for count in (5, 7, 11):
         volume = BoundingVolume.around(rest, (count, count))
-        width = volume.x_knots[-4] - volume.x_knots[3]
-        points = volume.weights(rest) @ imposed(volume, kind, 1.0)  # type: ignore[arg-type]
-        errors.append(np.abs(points - DEFORMATIONS[kind](rest, 1.0, width)).max())
-    assert errors[2] < 2e-7
-    assert errors[1] < 1e-14 or errors[1] / errors[2] > 12
+        errors.append(np.abs(volume.weights(rest) @ volume.interpolated(rolled) - rolled(rest)).max())
+    assert errors[2] < 2e-7 and errors[1] / errors[2] > 12
 
 
 def test_traction_extends_fibres_as_much_as_they_lie_along_it(fabric: SplineFabric) -> None:
     volume = BoundingVolume.around(fabric.control, (5, 5))
     rest = fabric.control.reshape(-1, 3)
-    largest, mean = fibre_extension(fabric, volume.weights(rest) @ imposed(volume, "traction", 0.1))
+    largest, mean = fibre_extension(
+        fabric, volume.weights(rest) @ volume.interpolated(lambda points: points * [1.1, 1.0, 1.0])
+    )
     assert 0 < mean < largest <= 0.1 + 1e-9
     assert fibre_extension(fabric, rest) == pytest.approx((0.0, 0.0), abs=1e-14)
 
@@ -71,11 +72,3 @@ def test_penetration_is_the_missing_share_of_the_diameter(fabric: SplineFabric) 
     squeezed = rest * [1.0, 1.0, 0.5]
     expected = 1.0 - 0.5 * closest / (2 * fabric.radius)
     assert penetration(fabric, squeezed) == pytest.approx(expected, abs=0.02)
-
-
-def test_refuses_impossible_deformations(fabric: SplineFabric) -> None:
-    volume = BoundingVolume.around(fabric.control, (5, 5))
-    with pytest.raises(InputError, match="imposed deformation"):
-        imposed(volume, "origami", 1.0)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="amount"):
-        imposed(volume, "shear", float("nan"))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cli.fabric_options import IN_SCENE_FILES, SCENES
 from yarnscale.cli.fabric_run import FabricRun
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
@@ -22,9 +23,10 @@ from yarnscale.fabric.direct_static import eased
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.sheet_scene import SheetScene, drape, hang, stretch
+from yarnscale.fabric.sheet_scene import PlannedScene, SheetScene, drape, hang, stretch
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.curve_frames import CurveSet
+from yarnscale.files.fabric_scene import read_fabric_scene
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
 from yarnscale.motion.run import Run
@@ -115,10 +117,12 @@ def simulate_direct(
     pattern = pattern_of(options.pattern, options.radius)
     yarn = yarn_for(options.pattern, pattern, options.material)
     yarn.say()
-    about = None
+    about, file = None, scene_file(options)
     if not options.count:
         mesh = None if options.on is None else options.on.read_text(errors="replace")
-        about = FabricRun(options, results, FabricMotion, pattern=pattern, yarn=yarn.materials, mesh=mesh)
+        about = FabricRun(
+            options, results, FabricMotion, pattern=pattern, yarn=yarn.materials, mesh=mesh, file=file
+        )
     sheet, material, borders = sheet_at_rest(options, pattern, yarn.materials)
     counts: dict[str, object] = {
         "vertices": sheet.vertex_count,
@@ -131,8 +135,11 @@ def simulate_direct(
         counts["reduced_unknowns"] = 6 * options.volume[0] * options.volume[1]
     if about is None:
         return counts, None
+    if file is not None:
+        sheet = file.laid(sheet)
+        options.may_give_way |= file.may_give_way
     energy = FabricEnergy(sheet, material, springs=borders)
-    scene, dynamics = _moving(options, energy)
+    scene, dynamics = _moving(options, energy, file)
     # A colour for every yarn of the sheet, in a knitted piece for every kind of yarn.
     colour = sheet.yarn_material if options.border == "knitted" else None
     curves = CurveSet(sheet.offsets, sheet.yarn_radii, closed=sheet.closed, yarn=colour)
@@ -142,6 +149,7 @@ def simulate_direct(
         curves,
         lambda state: energy.positions(state.x) * sheet.radius,
         obstacles=scene.obstacles,
+        schedule=None if file is None else file.schedule,
     )
     dynamics.take_up(run.state)
     x, passed = run.state.x, dynamics.count
@@ -158,11 +166,29 @@ def simulate_direct(
     return numbers, run
 
 
-def _moving(options: argparse.Namespace, energy: FabricEnergy) -> tuple[SheetScene, FabricDynamics]:
-    scene = _scene(options, energy.sheet)
+def scene_file(options: argparse.Namespace) -> PlannedScene | None:
+    """The scene file asked for, if any; what it says cannot be said by options too."""
+    if options.scene in SCENES:
+        return None
+    if not Path(options.scene).is_file():
+        expected = "a scene file or " + ", ".join(SCENES)
+        raise InputError("--scene", expected=expected, found=repr(options.scene))
+    for name, usual in IN_SCENE_FILES.items():
+        if getattr(options, name) != usual:
+            raise InputError(
+                f"--{name.replace('_', '-')}", expected="it in the scene file", found=getattr(options, name)
+            )
+    return read_fabric_scene(options.scene)
+
+
+def _moving(
+    options: argparse.Namespace, energy: FabricEnergy, file: PlannedScene | None
+) -> tuple[SheetScene, FabricDynamics]:
+    scene = _scene(options, energy.sheet) if file is None else file.of(energy.sheet)
+    damping = options.damping if file is None else file.damping
     coefficient = USUAL_FRICTION if options.friction is None else options.friction
     settings = MotionSettings(
-        scene.gravity, options.damping, YarnFriction(coefficient) if coefficient else None,
+        scene.gravity, damping, YarnFriction(coefficient) if coefficient else None,
         method="explicit" if options.explicit else "implicit",
     )  # fmt: skip
     parts = (

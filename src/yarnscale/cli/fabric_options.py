@@ -14,6 +14,12 @@ BORDERS = ("glued", "knitted")
 FORMATS = ("obj", "gltf", "usd", "bcc", "mp4", "png")
 
 
+IN_SCENE_FILES = {
+    "amount": 0.2, "direction": "course", "ball_friction": 0.0, "duration": 3.0, "time_step": 1 / 240, "damping": 1.0,
+}  # fmt: skip
+"""Options that a scene file takes the place of, and what they are unless given."""
+
+
 def _volume(text: str) -> tuple[int, int]:
     parts = text.split(",")
     if len(parts) != 3 or not all(part.strip().isdigit() for part in parts) or int(parts[2]) != 2:
@@ -67,9 +73,10 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--scene",
-        choices=SCENES,
         default="hang",
-        help="hang: held along the last row; not of splines: stretch between two grips, drape over a ball (hang)",
+        metavar="hang|stretch|drape|FILE.toml",
+        help="hang: held along the last row; not of splines: stretch between two grips, drape over a ball, or a scene "
+        "file with handles and obstacles that may move (yarnscale help scene) (hang)",
     )
     command.add_argument(
         "--on", type=Path, metavar="MESH.obj",

@@ -64,17 +64,18 @@ class FabricRun(Generic[State]):
         points: Callable[[State], Floats],
         *,
         obstacles: Sequence[Obstacle] = (),
+        schedule: Schedule | None = None,
     ) -> Run[State]:
-        """Run to the end; points: those of the curves at a state (n, 3) [m]."""
+        """Run to the end; points: of the curves at a state (n, 3) [m]; schedule: instead of that of the options."""
         options, kept = self._options, 0 if self._place is None else self._place.frames
-        schedule = Schedule(options.duration, options.time_step, to_rest=False, frame_interval=FRAME)
+        usual = Schedule(options.duration, options.time_step, to_rest=False, frame_interval=FRAME)
         with self._results:
             folder, began = (
                 CurveFolder(options.out, curves, obstacles=obstacles, keep=kept),
                 time.perf_counter(),
             )
             run = simulate(
-                body, start, schedule,
+                body, start, schedule or usual,
                 on_frame=lambda number, state: folder.write(number, points(state), state.time),
                 on_step=ProgressLine("fabric").show_step,
                 on_checkpoint=self._checkpoints.write, resume=self._place,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.motion.obstacles import Obstacle, Sphere
+from yarnscale.motion.rigid import STILL, Motion
+from yarnscale.motion.schedule import Schedule
 
 Array = NDArray[np.float64]
 
@@ -51,12 +53,87 @@ class SheetScene:
         return 0.5 * float(forces[self.pulled].sum() - forces[~self.pulled].sum())
 
 
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """Vertices of a fabric that are held and moved together.
+
+    bounds: of a box of the fabric as it is laid, from its middle (2, 2) [m]; or of a box of space (2, 3) [m]; or a
+    point of the fabric (2,) [m] whose nearest vertex is held.
+    """
+
+    name: str
+    bounds: Array
+    motion: Motion = STILL
+
+    def nodes(self, sheet: YarnSheet, middle: Array) -> NDArray[np.int64]:
+        """The vertices (k,). Raises InputError where there are none."""
+        places = sheet.vertices if self.bounds.shape == (2, 3) else (sheet.vertices - middle)[:, :2]
+        if self.bounds.ndim == 1:
+            return np.array([np.argmin(np.linalg.norm(places - self.bounds, axis=1))])
+        low, high = self.bounds
+        found = np.flatnonzero(((places >= low - 1e-9) & (places <= high + 1e-9)).all(axis=1))
+        if not len(found):
+            ends = " to ".join(
+                str(tuple(float(f"{v:.3g}") for v in end)) for end in (places.min(0), places.max(0))
+            )
+            raise InputError(
+                f"handle '{self.name}'", expected="vertices in its region", found=f"all from {ends} m"
+            )
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedScene:
+    """A scene for whatever sheet: gravity [m/s²], grips, obstacles and friction on these, schedule, damping [1/s].
+
+    position: where the middle of the sheet starts [m]. may_give_way: whether grips may be kept from their motion.
+    """
+
+    schedule: Schedule
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    grips: tuple[Grip, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
+    friction: float = 0.0
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    damping: float = 1.0
+    may_give_way: bool = False
+
+    def laid(self, sheet: YarnSheet) -> YarnSheet:
+        """The sheet with its middle in place."""
+        return sheet.moved(sheet.vertices + np.array(self.position) - _middle(sheet))
+
+    def of(self, sheet: YarnSheet) -> SheetScene:
+        """The scene of a sheet that is laid. Raises InputError where grips hold nothing, or the same vertex."""
+        held = {f"handle '{g.name}'": (g.nodes(sheet, np.array(self.position)), g.motion) for g in self.grips}
+        holds = _held(sheet, held)
+        if len(np.unique(holds(0.0).nodes)) < len(holds(0.0).nodes):
+            raise InputError("handles", expected="different vertices each", found="vertices that two hold")
+        return SheetScene(self.gravity, holds, self.obstacles, self.friction)
+
+
+def _held(
+    sheet: YarnSheet, grips: Mapping[str, tuple[NDArray[np.int64], Motion]]
+) -> Callable[[float], Holds]:
+    """What grips with these vertices (k,) and motions hold at a time [s]."""
+    chosen = [nodes for nodes, _ in grips.values()]
+    nodes = np.concatenate([*chosen, np.empty(0, np.int64)])
+    owner = np.repeat(np.arange(len(chosen)), [len(held) for held in chosen])
+    masks = {name: owner == number for number, name in enumerate(grips)}
+
+    def holds(time: float) -> Holds:
+        places = [motion.place(sheet.vertices[held], time) for held, motion in grips.values()]
+        return Holds(nodes, np.concatenate([*places, np.empty((0, 3))]), grips=masks)
+
+    return holds
+
+
+def _middle(sheet: YarnSheet) -> Array:
+    return 0.5 * (sheet.vertices.min(axis=0) + sheet.vertices.max(axis=0))
+
+
 def hang(sheet: YarnSheet) -> SheetScene:
     """Held along its last row, under gravity down the wales."""
-    top = _border(sheet, 1, last=True)
-    targets = sheet.vertices[top]
-    grips = {"held row": np.ones(len(top), bool)}
-    return SheetScene((0.0, -9.81, 0.0), lambda time: Holds(top, targets, grips=grips))
+    return SheetScene((0.0, -9.81, 0.0), _held(sheet, {"held row": (_border(sheet, 1, last=True), STILL)}))
 
 
 def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: float = 1.0) -> SheetScene:
@@ -82,16 +159,13 @@ def pulled_apart(
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> SheetScene:
     """Two grips, each with its vertices, go so far [m] down and up an axis in so long [s], and then stand still."""
-    nodes, second = np.concatenate(grips), np.repeat([False, True], [len(grip) for grip in grips])
-    places = sheet.vertices[nodes]
-
-    def holds(time: float) -> Holds:
-        share = min(1.0, max(0.0, time / duration))
-        targets = places.copy()
-        targets[:, axis] += way * share * np.where(second, 1.0, -1.0)
-        return Holds(nodes, targets, grips={"first grip": ~second, "second grip": second})
-
-    return SheetScene(gravity, holds, pulled=second, axis=axis)
+    way_up = tuple(way * float(k == axis) for k in range(3))
+    held = {
+        name: (nodes, Motion(tuple(sign * w for w in way_up), 0.0, duration, ease=False))  # type: ignore[arg-type]
+        for name, nodes, sign in zip(("first grip", "second grip"), grips, (-1.0, 1.0), strict=True)
+    }
+    second = np.repeat([False, True], [len(grip) for grip in grips])
+    return SheetScene(gravity, _held(sheet, held), pulled=second, axis=axis)
 
 
 def drape(
@@ -108,7 +182,7 @@ def drape(
     """
     low, high = sheet.vertices.min(axis=0), sheet.vertices.max(axis=0)
     ball = 0.2 * float(min(high[0] - low[0], high[1] - low[1])) if radius is None else radius
-    middle = 0.5 * (low + high)
+    middle = _middle(sheet)
     top = float(low[2] - 1.5 * sheet.radius)
     centre = (float(middle[0]) + aside[0], float(middle[1]) + aside[1], top - ball)
     return SheetScene((0.0, 0.0, -9.81), lambda time: Holds.none(), (Sphere(centre, ball),), friction)

@@ -22,6 +22,8 @@ SMALLEST, LARGEST = 1e-12, 1e12
 """Sizes of numbers other than 0, in SI units or degrees; what lies outside is a slip."""
 MOTION = ("displacement", "start", "duration", "rotation", "pivot", "ease")
 """Keys of a motion."""
+REGION = {"box": (2, 2), "vertex": (2,), "region": (2, 3)}
+"""Keys of what a handle holds, and the shapes of their numbers."""
 
 
 class Section(Fields):
@@ -45,6 +47,16 @@ class Section(Fields):
     def beside(self, name: str) -> Path:
         """A file named in the scene, which lies beside it."""
         return Path(self.path).parent / name
+
+    def region(self) -> NDArray[np.float64]:
+        """Ends of a box of the fabric (2, 2) or of space (2, 3), low and high, or a point of the fabric (2,) [m]."""
+        given = [key for key in REGION if key in self.content]
+        if len(given) != 1:
+            raise self.fault(
+                "box", expected="one of 'box' or 'vertex' or 'region'", found=" and ".join(given) or "none"
+            )
+        found = self.numbers(given[0], shape=REGION[given[0]])
+        return np.sort(found, axis=0) if found.ndim == 2 else found
 
     def motion(self) -> Motion:
         """The keys ``MOTION`` as a motion; angles in degrees."""

@@ -13,7 +13,7 @@ from yarnscale.files.fields import toml_file
 from yarnscale.files.material_json import read_material
 from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
-from yarnscale.files.scene_section import MOTION, Section
+from yarnscale.files.scene_section import MOTION, REGION, Section
 from yarnscale.motion.obstacles import Obstacle, Plane
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
@@ -26,6 +26,8 @@ from yarnscale.shell.scenes.ready import READY, ready_scene
 from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.scenes.thickness import cloth_thickness, garment_thickness
 from yarnscale.shell.state import ClothState
+
+SOLVER = SolverOptions()
 
 
 def read_scene(path: str | os.PathLike[str]) -> Scene:
@@ -72,7 +74,7 @@ def _scene(root: Section) -> Scene:
     )  # fmt: skip
     cloth = root.changed(cloth, "gravity", "damping", "stiffness_damping", "air_drag")
     notices += root.build(lambda: [*check_cloth(cloth)])
-    schedule, options = _schedule(root.fields("schedule", optional=True))
+    schedule, options = _timing(root.fields("schedule", optional=True))
     return Scene(
         name, cloth, start, schedule, options, may_give_way=_may_give_way(root),
         notices=(sizes_of(cloth), *notices),
@@ -97,7 +99,7 @@ def _ready(root: Section, material: ElementMaterial) -> Scene:
     if "contact" in root.content:
         cloth = replace(cloth, contact=_contact(root.fields("contact"), cloth.contact or ContactSettings()))
     cloth = root.changed(cloth, "gravity", "damping", "air_drag")
-    schedule, options = _schedule(root.fields("schedule", optional=True), scene.schedule, scene.options)
+    schedule, options = _timing(root.fields("schedule", optional=True), scene.schedule, scene.options)
     return replace(scene, cloth=cloth, schedule=schedule, options=options)
 
 
@@ -116,23 +118,14 @@ def _facing(
 
 
 def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:
-    section.known("name", "box", "vertex", "region", *MOTION)
-    name = section.text_or("name", section.name)
-    given = [key for key in ("box", "vertex", "region") if key in section.content]
-    if len(given) != 1:
-        raise section.fault(
-            "box", expected="one of 'box' or 'vertex' or 'region'", found=" and ".join(given) or "none"
-        )
-    if "vertex" in section.content:
-        chosen = np.array([mesh.nearest_vertex(section.numbers("vertex", shape=(2,)))])
-    elif "box" in section.content:
-        low, high = np.sort(section.numbers("box", shape=(2, 2)), axis=0)
-        inside = ((mesh.panel >= low - 1e-9) & (mesh.panel <= high + 1e-9)).all(axis=1)
-        chosen = np.unique(mesh.point_vertices[inside])
+    section.known("name", *REGION, *MOTION)
+    name, bounds = section.text_or("name", section.name), section.region()
+    if bounds.ndim == 1:
+        chosen = np.array([mesh.nearest_vertex(bounds)])
     else:
-        low, high = np.sort(section.numbers("region", shape=(2, 3)), axis=0)
-        inside = ((start.positions >= low - 1e-9) & (start.positions <= high + 1e-9)).all(axis=1)
-        chosen = np.flatnonzero(inside)
+        places = mesh.panel if bounds.shape == (2, 2) else start.positions
+        inside = ((places >= bounds[0] - 1e-9) & (places <= bounds[1] + 1e-9)).all(axis=1)
+        chosen = np.unique(mesh.point_vertices[inside]) if bounds.shape == (2, 2) else np.flatnonzero(inside)
     motion = section.motion()
     return section.build(lambda: Handle(name, chosen, start.positions[chosen], motion))
 
@@ -142,10 +135,17 @@ def _contact(section: Section, usual: ContactSettings) -> ContactSettings:
     return section.known(*keys).changed(usual, *keys)
 
 
-def _schedule(
-    section: Section, usual: Schedule | None = None, options: SolverOptions | None = None
+def _timing(
+    section: Section, usual: Schedule | None = None, options: SolverOptions = SOLVER
 ) -> tuple[Schedule, SolverOptions]:
     """The schedule and how steps are solved; ``usual`` and ``options`` say what holds where the file is silent."""
+    solving = ("tolerance", "iterations", "integrator", "method")
+    plan = usual or section.build(lambda: Schedule(section.number("duration"), 0.02, to_rest=False))
+    return read_schedule(section, plan, solving), section.changed(options, *solving)
+
+
+def read_schedule(section: Section, usual: Schedule, others: tuple[str, ...] = ()) -> Schedule:
+    """The schedule; ``usual`` says what holds where the file is silent; others: keys that are no part of it."""
     timing = (
         "duration",
         "time_step",
@@ -156,9 +156,8 @@ def _schedule(
         "statics",
     )
     loads = {"first": "first_load", "smallest": "smallest_load", "largest": "largest_load"}
-    solving = ("tolerance", "iterations", "integrator", "method")
-    section.known(*timing, *loads.values(), *solving, "animation", "rough_iterations")
-    plan = usual or section.build(lambda: Schedule(section.number("duration"), 0.02, to_rest=False))
+    section.known(*timing, *loads.values(), *others, "animation", "rough_iterations")
+    plan = usual
     if section.flag_or("animation", False):
         other = [key for key in ("statics", "to_rest") if section.flag_or(key, False)]
         if other:
@@ -168,5 +167,4 @@ def _schedule(
     if "rough_iterations" in section.content:
         rough = section.integer("rough_iterations")
         plan = section.build(lambda plan=plan: replace(plan, rough_iterations=rough))
-    plan = section.changed(replace(plan, load_steps=steps), *timing)
-    return plan, section.changed(options or SolverOptions(), *solving)
+    return section.changed(replace(plan, load_steps=steps), *timing)

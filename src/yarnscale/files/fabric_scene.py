@@ -1,0 +1,42 @@
+"""Scenes of finite fabrics as TOML files, in the format of scenes of cloth (docs/reference/scene_format.md)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from yarnscale.fabric.sheet_scene import Grip, PlannedScene
+from yarnscale.files.fields import toml_file
+from yarnscale.files.scene_obstacles import read_obstacle
+from yarnscale.files.scene_section import MOTION, REGION, Section
+from yarnscale.files.scene_toml import read_schedule
+from yarnscale.motion.schedule import Schedule
+
+
+def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
+    """The scene of a TOML file. Raises InputError with file, line, field, expected and found."""
+    path = Path(path)
+    with toml_file(path) as table:
+        root = Section(table.content, path)
+        root.known("name", "may_give_way", "gravity", "damping", "fabric", "handles", "contact", "obstacles",
+                   "schedule")  # fmt: skip
+        fabric = root.fields("fabric", optional=True).known("position")
+        contact = root.fields("contact", optional=True).known("friction")
+        timing = root.fields("schedule")
+        usual = timing.build(
+            lambda: Schedule(timing.number("duration"), 1 / 240, to_rest=False, frame_interval=1 / 30)
+        )
+        plan = PlannedScene(
+            read_schedule(timing, usual),
+            root.vector_or("gravity", (0.0, 0.0, -9.81)),
+            tuple(_grip(item) for item in root.items("handles", optional=True)),
+            tuple(read_obstacle(item) for item in root.items("obstacles", optional=True)),
+            position=fabric.vector_or("position", (0.0, 0.0, 0.0)),
+        )
+        plan = contact.changed(plan, "friction")
+        return root.changed(plan, "damping", "may_give_way")
+
+
+def _grip(section: Section) -> Grip:
+    section.known("name", *REGION, *MOTION)
+    return Grip(section.text_or("name", section.name), section.region(), section.motion())
