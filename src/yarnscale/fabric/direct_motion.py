@@ -19,6 +19,7 @@ from yarnscale.fabric.direct_moves import PassageCount, no_cuts
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.fabric.yarn_friction import YarnFriction
+from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
@@ -31,8 +32,6 @@ _PATCH = 5.0
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-5, 1e-2
 """A step starts with the regularisation of the one before, within these bounds."""
 _SHIFT = ShiftRule(start=_LEAST_SHIFT, growth=10.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
-_GRAVITY = 9.81
-"""Of the forces and energies that tolerances are counted in, whatever the gravity of the scene [m/s²]."""
 OFF_PLACE = 1.0
 """Distance of what is held from its place, in yarn radii, from which a grip has left its motion."""
 _STABLE_SHARE = 0.6
@@ -64,7 +63,7 @@ class MotionSettings:
     fall; iterations: the most of Newton in a step. method: of steps; explicit ones are as long as is stable.
     """
 
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
     damping: float = 0.0
     friction: YarnFriction | None = None
     tolerance: float = 1e-3
@@ -100,7 +99,8 @@ class FabricDynamics(Body[FabricMotion]):
         spin = np.where(energy.spins() > 0, energy.spins(), 1.0) / energy.unit
         self.mass = np.concatenate([np.repeat(mass, 3), spin])
         self.load = gravity_load(energy, np.array(self.settings.gravity))
-        self.force_scale = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, _GRAVITY]))))
+        # Tolerances are counted in the weight on earth, whatever the gravity of the scene.
+        self.force_scale = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, GRAVITY]))))
         self._linear = ConstrainedSolver(None, None)
         self._patches = _patches(energy)
 
@@ -155,7 +155,7 @@ class FabricDynamics(Body[FabricMotion]):
 
     def fall_energy(self, duration: float) -> float:
         """Kinetic energy of the whole fabric after a free fall of so many seconds [E π r³]."""
-        speed = _GRAVITY * duration / self.energy.radius
+        speed = GRAVITY * duration / self.energy.radius
         return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
 
     def take_up(self, motion: FabricMotion) -> None:

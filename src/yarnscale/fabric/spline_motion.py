@@ -19,6 +19,7 @@ from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
 from yarnscale.numerics.factor import SymmetricPattern
@@ -28,7 +29,7 @@ from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
 
 Array = NDArray[np.float64]
 
-STANDARD_GRAVITY = (0.0, -9.81, 0.0)
+STANDARD_GRAVITY = (0.0, -GRAVITY, 0.0)
 """Down the wales [m/s²]: fabric hangs by its last row."""
 _MOST_DENSE = 300
 """Control points of a volume up to which Γ is multiplied as a dense matrix."""

@@ -16,7 +16,7 @@ from yarnscale.errors import InputError, located, notify
 from yarnscale.files.garment_units import Areas, Notice, check_ratio, scales
 from yarnscale.files.obj_surface import ObjSurface, read_obj
 from yarnscale.shell.garments.flips import turned_edges
-from yarnscale.shell.garments.polygons import FLAT, areas_of, flatness, in_own_plane, polygon_areas
+from yarnscale.shell.garments.polygons import FLAT, areas_of, extent, flatness, in_own_plane, polygon_areas
 from yarnscale.shell.garments.weld import Polygons, Weld, continuous, joined, weld
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.mesh_arrays import MeshError
@@ -68,18 +68,13 @@ def read_garment(
     with located(path):
         in_space, in_fabric = scales(areas, unit, scale, material_scale)
     cloth = replace(cloth, positions=in_space * cloth.positions, material=in_fabric * cloth.material)
-    sizes = f"fabric {_extent(cloth.material)}, in space {_extent(cloth.positions)}"
+    sizes = f"fabric {extent(cloth.material)}, in space {extent(cloth.positions)}"
     stated = scale is not None and material_scale is not None
     with located(path):
         check_ratio(areas, in_space, in_fabric, sizes, on_notice, stated=stated)
     cloth = _sewn(continuous(_one_vertex_each(cloth)), weld, world, on_notice)
     mesh = _mesh(cloth, world, source, on_notice)
     return mesh.with_grain(grain) if grain else mesh
-
-
-def _extent(points: Floats) -> str:
-    sizes = 100 * np.ptp(points, axis=0)
-    return " × ".join(f"{size:.4g}" if size < 1e4 else f"{size:.0f}" for size in sizes) + " cm"
 
 
 def _sewn(cloth: Polygons, wanted: bool | float | None, world: ObjSurface, on_notice: Notice) -> Polygons:

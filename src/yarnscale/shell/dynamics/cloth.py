@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.motion.rigid import STILL, Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
@@ -59,7 +60,7 @@ class Cloth:
     mesh: TriangleMesh
     material: ElementMaterial
     handles: tuple[Handle, ...] = ()
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
     contact: ContactSettings | None = None
     obstacles: tuple[Obstacle, ...] = ()
     damping: float = 0.0

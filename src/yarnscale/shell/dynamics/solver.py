@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Step
 from yarnscale.motion.obstacles import current_points, obstacle_name
 from yarnscale.numerics.kkt import ConstrainedSolver
@@ -25,7 +26,7 @@ from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosse
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.integrator import Integrator, StepRule, checked_integrator, step_rule
-from yarnscale.shell.dynamics.step import STANDARD_GRAVITY, PatternGrowth, Resistance, StepObjective
+from yarnscale.shell.dynamics.step import PatternGrowth, Resistance, StepObjective
 from yarnscale.shell.elastic.energy import ShellEnergy
 from yarnscale.shell.state import ClothState, Earlier
 
@@ -100,7 +101,7 @@ class ClothSolver(Body[ClothState]):
         guests = self.contact.guests if self.contact is not None else 0
         self.growth = PatternGrowth(self.energy.pattern.widened(3 * guests))
         self.linear = ConstrainedSolver(None, None)
-        strength = float(np.linalg.norm(cloth.gravity)) or STANDARD_GRAVITY
+        strength = float(np.linalg.norm(cloth.gravity)) or GRAVITY
         self.scale = float(np.linalg.norm(self.masses)) * strength
 
     def _step(

@@ -23,7 +23,6 @@ from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.shell.elastic.energy import Floats, Linearisation, ShellEnergy
 from yarnscale.shell.state import Attachment
 
-STANDARD_GRAVITY = 9.81
 ROUND_OFF = 1e-9
 """Share of the diagonal that is added to the positive model."""
 

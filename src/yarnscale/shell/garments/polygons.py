@@ -140,3 +140,9 @@ def _ears(points: Floats, face: int) -> Integers:
         found = "no area" if abs(turning) <= FLAT * size**2 else f"{count} corners"
         raise PolygonError(face, expected=_WHOLE, found=found)
     return best
+
+
+def extent(points: Floats) -> str:
+    """Size of points [m] along every axis, as text in centimetres."""
+    sizes = 100 * np.ptp(points, axis=0)
+    return " × ".join(f"{size:.4g}" if size < 1e4 else f"{size:.0f}" for size in sizes) + " cm"

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.obstacles import Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
+from yarnscale.shell.garments.polygons import extent
 from yarnscale.shell.mesh import TriangleMesh
 
-_GRAVITY = 9.81
 _COMMON_SIZE, _POSSIBLE_SIZE = (0.02, 5.0), (0.002, 20.0)
 """Largest extent of a cloth [m]: reported outside the first, refused outside the second unless its unit is stated."""
 _COMMON_DENSITY, _LARGEST_DENSITY = (0.01, 3.0), 50.0
@@ -36,7 +37,7 @@ def sizes_of(cloth: Cloth) -> str:
     mesh = cloth.mesh
     mass = float(mesh.areas.sum()) * cloth.material.density
     return (
-        f"fabric {_extent(mesh.panel)}, {1e4 * mesh.areas.sum():.4g} cm²; in space {_extent(mesh.assembled)}, "
+        f"fabric {extent(mesh.panel)}, {1e4 * mesh.areas.sum():.4g} cm²; in space {extent(mesh.assembled)}, "
         f"{1e4 * _area(mesh):.4g} cm²; {1e3 * mass:.4g} g"
     )
 
@@ -45,7 +46,7 @@ def check_size(mesh: TriangleMesh, density: float) -> Iterator[str]:
     """Sentences about unlikely sizes; InputError for a size that must be in another unit."""
     size = float(max(np.ptp(mesh.panel, axis=0).max(), np.ptp(mesh.assembled, axis=0).max()))
     low, high = _POSSIBLE_SIZE
-    found = f"{_extent(mesh.panel)} and {mesh.areas.sum() * density:.3g} kg"
+    found = f"{extent(mesh.panel)} and {mesh.areas.sum() * density:.3g} kg"
     fitting = " or ".join(
         u for u, m in (("cm", 0.01), ("mm", 0.001), ("inch", 0.0254)) if 0.05 < m * size < 5
     )
@@ -69,14 +70,14 @@ def check_cloth(cloth: Cloth) -> Iterator[str]:
     if not _COMMON_DENSITY[0] <= density <= _COMMON_DENSITY[1]:
         yield f"the density of the material is unusual: {density:g} kg/m² ({1e3 * density:g} g/m²)"
     yield from _thickness(cloth)
-    pull = float(np.linalg.norm(cloth.gravity)) / _GRAVITY
+    pull = float(np.linalg.norm(cloth.gravity)) / GRAVITY
     if pull > _MOST_GRAVITIES:
         raise InputError(
             "gravity", expected=f"at most {_MOST_GRAVITIES:g} times 9.81 m/s²", found=cloth.gravity
         )
     if pull > _MANY_GRAVITIES:
         yield f"gravity is {pull:.3g} times that of the earth"
-    weight = density * _GRAVITY * pull
+    weight = density * GRAVITY * pull
     if cloth.contact is not None and weight > 0 and cloth.contact.pressure > _PRESSING * weight:
         times = cloth.contact.pressure / weight
         yield f"contact presses with {cloth.contact.pressure:g} Pa, {times:.3g} times the weight of the cloth per area"
@@ -143,11 +144,6 @@ def _body(body: Obstacle, cloth: float) -> Iterator[str]:
 
 def _size(points: NDArray[np.float64]) -> float:
     return max(float(np.ptp(points, axis=0).max()), 1e-12)
-
-
-def _extent(points: NDArray[np.float64]) -> str:
-    sizes = 100 * np.ptp(points, axis=0)
-    return " × ".join(f"{size:.4g}" if size < 1e4 else f"{size:.0f}" for size in sizes) + " cm"
 
 
 def _area(mesh: TriangleMesh) -> float:

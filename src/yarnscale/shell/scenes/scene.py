@@ -252,8 +252,7 @@ def drape(
 ) -> Scene:
     """A square sheet that falls on a ball of ``radius`` [m] at the origin, for ``duration`` [s].
 
-    Measures: ``lowest`` and ``highest`` point [m], ``closest`` distance between surfaces [m], ``speed``, the
-    root mean square of velocities [m/s].
+    Measures: see ``measure_sheet``.
     """
     mesh = rectangle(SHEET, SHEET, spacing)
     settings = ContactSettings(cloth_thickness(material, mesh), self_contact=self_contact, friction=friction)
@@ -261,19 +260,21 @@ def drape(
     start = ClothState.flat(mesh, height=radius + settings.thickness)
     cloth = Cloth(mesh, material, contact=settings, obstacles=(ball,), damping=2.0)
 
-    def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
-        heights = state.positions[:, 2]
-        return {
-            "lowest": float(heights.min()),
-            "highest": float(heights.max()),
-            "closest": solver.closest(state),
-            "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
-        }
-
     schedule = Schedule(
         duration, time_step, to_rest=to_rest, frame_interval=frame_interval, rough_iterations=20
     )
-    return Scene("drape", cloth, start, schedule, measure=measure)
+    return Scene("drape", cloth, start, schedule, measure=measure_sheet)
+
+
+def measure_sheet(solver: ClothSolver, state: ClothState) -> dict[str, float]:
+    """``lowest`` and ``highest`` point, ``closest`` distance of surfaces [m], root mean square ``speed`` [m/s]."""
+    heights = state.positions[:, 2]
+    return {
+        "lowest": float(heights.min()),
+        "highest": float(heights.max()),
+        "closest": solver.closest(state),
+        "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
+    }
 
 
 def central_stretch(mesh: TriangleMesh, positions: Floats, half: float) -> Floats:

@@ -13,10 +13,10 @@ from yarnscale.motion.obstacles import MeshObstacle, Sphere
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
-from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
+from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene
+from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
 
@@ -133,17 +133,6 @@ def roomy_opening(thickness: float) -> float:
     at most half of the area, and friction blocks compressed cloth.
     """
     return max(0.025, math.sqrt(4.0 * SHEET * thickness))
-
-
-def measure_sheet(solver: ClothSolver, state: ClothState) -> dict[str, float]:
-    """``lowest`` and ``highest`` point, ``closest`` distance of surfaces [m], root mean square ``speed`` [m/s]."""
-    heights = state.positions[:, 2]
-    return {
-        "lowest": float(heights.min()),
-        "highest": float(heights.max()),
-        "closest": solver.closest(state),
-        "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
-    }
 
 
 def torus(
