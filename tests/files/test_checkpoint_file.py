@@ -94,6 +94,17 @@ def test_it_is_written_after_frames_and_now_and_then(tmp_path, monkeypatch) -> N
     assert steps_after(replace(checkpoint(3), steps=11, status=Status.CONVERGED)) == 11
 
 
+def test_a_resumed_run_writes_after_its_next_frame_and_not_before(tmp_path) -> None:
+    file_in(tmp_path).write(checkpoint())
+    path = file_in(tmp_path).path
+    file = CheckpointFile(path, ClothState, scene().settings, interval=math.inf)
+    place = file.read()
+    file.write(replace(place, steps=8, shown=False))
+    assert file_in(tmp_path).read().steps == 7
+    file.write(replace(place, steps=9, frames=3))
+    assert file_in(tmp_path).read().steps == 9
+
+
 def test_other_settings_are_refused_by_name(tmp_path) -> None:
     file_in(tmp_path).write(checkpoint())
     whole = scene()

@@ -75,7 +75,9 @@ class CheckpointFile(Generic[State]):
             self._check(settings)
             content["status"] = None if content["status"] is None else Status[content["status"]]
             content["unfulfilled"] = tuple(Unfulfilled(**entry) for entry in content["unfulfilled"])
-            return Run(_nested(self._kind, arrays, _STATE), **content)
+            run = Run(_nested(self._kind, arrays, _STATE), **content)
+            self._frames, self._written = run.frames, time.monotonic()
+            return run
         except (TypeError, ValueError, KeyError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise
