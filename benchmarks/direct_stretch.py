@@ -21,11 +21,12 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, safe_way
-from yarnscale.fabric.direct_static import Holds, Rest, stretched
+from yarnscale.fabric.direct_static import Holds, Rest, equilibrium
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
@@ -130,10 +131,17 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         )
 
     print(f"{width:g} m, {whole.vertex_count} vertices", flush=True)
-    stretched(
-        energy, start, holds, shares, ahead=ahead_of, tolerance=2e-4, max_iterations=300, on_rest=told, count=count,
-        friction=YarnFriction(friction) if friction else None,
-    )  # fmt: skip
+    x, before, solver = start, 0.0, ConstrainedSolver(None, None)
+    for share in shares:
+        solved = x
+        if ahead_of is not None:
+            x = safe_way(energy, x, ahead_of(x, before, float(share)), count)
+        energy.rub(solved, YarnFriction(friction) if friction else None)
+        rest = equilibrium(
+            energy, x, holds(float(share)), tolerance=2e-4, max_iterations=300, linear=solver, count=count
+        )
+        x, before = rest.x, float(share)
+        told(before, rest)
 
 
 if __name__ == "__main__":

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, safe_way
+from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.threads import on_one_thread
@@ -150,38 +149,3 @@ def eased(energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount
     )
     twist = rest.x[3 * energy.count :]
     return energy.sheet.moved(energy.positions(rest.x) * energy.radius, twist=twist)
-
-
-def stretched(
-    energy: FabricEnergy,
-    start: Array,
-    holds: Callable[[float], Holds],
-    shares: Array,
-    *,
-    ahead: Callable[[Array, float, float], Array] | None = None,
-    tolerance: float = 1e-5,
-    max_iterations: int = 300,
-    friction: YarnFriction | None = None,
-    count: PassageCount | None = None,
-    on_rest: Callable[[float, Rest], None] | None = None,
-) -> list[Rest]:
-    """Equilibria under holds that depend on a share, one from the other.
-
-    friction: slip counts from one equilibrium to the next. ahead(x, from, to): a guess of the next state; yarns that
-    would pass each other stop it.
-    """
-    solver, x, before, found = ConstrainedSolver(None, None), start, 0.0, []
-    for share in shares:
-        solved = x
-        if ahead is not None:
-            x = safe_way(energy, x, ahead(x, before, float(share)), count)
-        energy.rub(solved, friction)
-        rest = equilibrium(
-            energy, x, holds(float(share)), tolerance=tolerance, max_iterations=max_iterations, linear=solver,
-            count=count,
-        )  # fmt: skip
-        x, before = rest.x, float(share)
-        found.append(rest)
-        if on_rest is not None:
-            on_rest(before, rest)
-    return found
