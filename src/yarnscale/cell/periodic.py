@@ -157,19 +157,27 @@ class PeriodicCell:
         return self.relax_from(strain, seed)
 
     @on_one_thread
-    def relax_from(self, strain: ShellStrain, seed: tuple[ShellStrain, Array, Array] | None) -> Equilibrium:
-        """``relax`` from a state's strain, fluctuation (n, 3) [m] and twist (n,); None: from rest."""
+    def relax_from(
+        self, strain: ShellStrain, seed: tuple[ShellStrain, Array, Array] | None, *, nearby: bool = False
+    ) -> Equilibrium:
+        """``relax`` from a state's strain, fluctuation (n, 3) [m] and twist (n,); None: from rest.
+
+        nearby: one solve from the seed, which may fail; otherwise intermediate states and ways from rest are tried.
+        """
         began = time.perf_counter()
-        ways: list[Callable[[], _Reached | None]] = []
         rest, target = np.zeros(6), strain.vector
-        if seed is not None:
-            ways.append(lambda: self._from_seed(target, seed))
-        ways.append(lambda: self._continued(rest, target, None, LARGEST_HALVING))
-        if target.any():
-            ways.append(lambda: self._stepwise(target))
-        energy, solution = self._first_good(ways)
+        if nearby and seed is not None:
+            energy, solution = self._near_seed(target, seed)
+        else:
+            ways: list[Callable[[], _Reached | None]] = []
+            if seed is not None:
+                ways.append(lambda: self._from_seed(target, seed))
+            ways.append(lambda: self._continued(rest, target, None, LARGEST_HALVING))
+            if target.any():
+                ways.append(lambda: self._stepwise(target))
+            energy, solution = self._first_good(ways)
         if self.sliding:
-            solution = self._released(energy, solution, seed)
+            solution = self._released(energy, solution, seed, nearby)
         if self.starts > 1:
             solution = self._lowest(energy, solution)
         # No step of any way takes yarns through each other (``CellEnergy.bound``); this checks the whole.
@@ -189,6 +197,13 @@ class PeriodicCell:
         if best[1].status is Status.ITERATION_LIMIT:
             best = best[0], self._given_time(*best)
         return best
+
+    def _near_seed(self, target: Array, seed: tuple[ShellStrain, Array, Array]) -> _Reached:
+        """What one solve from a seed leads to; the seed itself where its yarns would be crossed under the target."""
+        energy = self.energy(ShellStrain.from_vector(target))
+        start = energy.start(seed[1] / self.pattern.radius, seed[2])
+        cell = replace(self, max_iterations=0) if crossed(energy, start) else self
+        return energy, cell._minimised(energy, start)
 
     def _from_seed(self, target: Array, seed: tuple[ShellStrain, Array, Array]) -> _Reached | None:
         """The way from a seed, at once or through intermediate states; None where it is another fabric."""
@@ -229,13 +244,17 @@ class PeriodicCell:
         )
 
     def _released(
-        self, energy: CellEnergy, solution: Solution, seed: tuple[ShellStrain, Array, Array] | None
+        self,
+        energy: CellEnergy,
+        solution: Solution,
+        seed: tuple[ShellStrain, Array, Array] | None,
+        nearby: bool,
     ) -> Solution:
         """The lower of an equilibrium and the one that yarns slide to from where they are held.
 
         Sliding yarns catch on each other's vertices; so the first way alone may end above the held equilibrium.
         """
-        held = replace(self, sliding=False).relax_from(energy.strain, seed)
+        held = replace(self, sliding=False).relax_from(energy.strain, seed, nearby=nearby)
         other = self._minimised(energy, energy.start(held.fluctuation / self.pattern.radius, held.twist))
         better = other.converged and (not solution.converged or other.value < solution.value)
         return replace(

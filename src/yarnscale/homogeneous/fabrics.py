@@ -73,7 +73,7 @@ class CellFabric:
         seed = None
         if start is not None and start.state is not None:
             seed = start.state.strain, start.state.fluctuation, start.state.twist
-        state = self.cell.relax_from(ShellStrain.from_vector(strain), seed)
+        state = self.cell.relax_from(ShellStrain.from_vector(strain), seed, nearby=True)
         return Response(strain, state.energy_density, state.stress, state.usable, state)
 
     def moduli(self, response: Response) -> Array:

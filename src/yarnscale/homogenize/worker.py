@@ -116,21 +116,24 @@ LEVEL_TOLERANCE, LEVEL_FLOOR = 0.25, 2e-4
 """Load that may be missing where the next level begins, as a part of its own or [N/m]: samples need not be round."""
 LEVEL_STEP = 0.24
 """Largest change of a scaled strain between the samples of a level."""
-BENT_ENOUGH = 0.25
-"""Curvature times yarn radius at which a ray ends."""
+BENT_ENOUGH, CRUSHED = 0.25, -0.55
+"""Curvature times yarn radius, and stretch, at which a ray ends: rolled up or crushed flat, solves fail often."""
 
 
 def sample_level(
     cell: PeriodicCell, loads: Loads, prescribed: Prescribed, start: LoadedStart | None, iterates: int
 ) -> tuple[tuple[list[dict[str, object]], bool], float]:
     """Equilibria between a start and loads, at most ``iterates``: their records, whether the ray ends there because
-    the fabric has no equilibrium beyond or is rolled up, and peak memory [MB].
+    the fabric has no equilibrium beyond, is rolled up or crushed, and peak memory [MB].
 
     Every step of the macroscopic Newton method is an equilibrium of the yarns, and so a sample.
     """
     found: list[dict[str, object]] = []
-    if start is not None and np.abs(start.strain.vector[3:]).max() * cell.pattern.radius > BENT_ENOUGH:
-        return (found, True), _peak_megabytes()
+    if start is not None:
+        strain = start.strain.vector
+        bent = np.abs(strain[3:]).max() * cell.pattern.radius > BENT_ENOUGH
+        if bent or min(strain[0], strain[2]) < CRUSHED:
+            return (found, True), _peak_megabytes()
 
     def keep(response: Response, moduli: Array) -> None:
         found.append(record(response.state) | {"strain": response.strain, "moduli": moduli})
