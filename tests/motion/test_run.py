@@ -39,9 +39,6 @@ class Pendulum(Body[Angle]):
         self.lengths.append(duration)
         return Step(Angle(value, speed, until), status, duration, 1, unrest=abs(value - ahead))
 
-    def keeps(self, step: Step[Angle]) -> bool:
-        return step.status is Status.CONVERGED
-
     def distances_from_places(self, state: Angle) -> dict[str, float]:
         return {"bob": abs(state.value)}
 

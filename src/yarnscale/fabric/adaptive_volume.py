@@ -69,10 +69,6 @@ class AdaptiveVolume(Body[YarnMotion]):
         self.take_up(state)
         return self.moving.step(state, duration, inertia=inertia, iterations=iterations, until=until)
 
-    def keeps(self, step: Step[YarnMotion]) -> bool:
-        """As the moving fabric."""
-        return self.moving.keeps(step)
-
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
         """As the moving fabric."""
         self.take_up(state)

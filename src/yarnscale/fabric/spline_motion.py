@@ -177,10 +177,6 @@ class SplineMotion(Body[YarnMotion]):
         away = self._held @ self.yarns(state).positions.ravel() - self._held_at
         return {"held row": float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))}
 
-    def keeps(self, step: Step[YarnMotion]) -> bool:
-        """Whether it converged to numbers."""
-        return step.status is Status.CONVERGED and bool(np.isfinite(step.state.positions).all())
-
     def longest_step(self, state: YarnMotion) -> float:
         """Of explicit steps [s]."""
         return math.inf if self.method == "implicit" else _STABLE_SHARE * self.stable_step(state)
@@ -205,11 +201,16 @@ class SplineMotion(Body[YarnMotion]):
     ) -> Step[YarnMotion]:
         self._aim_constraints(state)
         if self.method == "explicit":
-            return self._explicit(state, duration)
+            step = self._explicit(state, duration)
+            return replace(step, state=replace(step.state, time=until))
+        if not inertia and self.volume is None:  # contacts, linearised in every step, would not be met
+            raise InputError(
+                "steps without inertia", expected="spline yarns in a volume", found="all of them"
+            )
         begin = state if inertia else replace(state, velocities=np.zeros_like(state.velocities))
         step = self._implicit(begin, duration, self.iterations if iterations is None else iterations)
-        end = step.state if inertia else replace(step.state, velocities=begin.velocities)
-        return replace(step, state=replace(end, time=until))
+        velocities = step.state.velocities if inertia else begin.velocities
+        return replace(step, state=replace(step.state, velocities=velocities, time=until))
 
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
@@ -264,7 +265,8 @@ class SplineMotion(Body[YarnMotion]):
         velocity = (velocity + change) / (1.0 + self.damping * duration)
         positions = motion.positions + duration * velocity.reshape(-1, 3)
         status = Status.CONVERGED if np.isfinite(positions).all() else Status.INVALID
-        return Step(_moved(motion, positions, velocity.reshape(-1, 3), duration), status, duration)
+        moved = replace(motion, positions=positions, velocities=velocity.reshape(-1, 3))
+        return Step(moved, status, duration)
 
     def _implicit(self, motion: YarnMotion, duration: float, iterations: int) -> Step[YarnMotion]:
         # Yarns carried on straight would stretch where they turn, and are far stiffer so than in any other way.
@@ -276,7 +278,7 @@ class SplineMotion(Body[YarnMotion]):
         )  # fmt: skip
         positions = solution.x.reshape(-1, 3)
         velocities = (positions - motion.positions) / duration
-        new = _moved(motion, positions, velocities, duration)
+        new = replace(motion, positions=positions, velocities=velocities)
         away = self.yarns(new).positions.ravel() - centre
         unrest = float(np.linalg.norm(self._pulled(weight * self.times_mass(away)))) / self.force_scale
         return Step(
@@ -342,7 +344,3 @@ class SplineMotion(Body[YarnMotion]):
         assert self._mass_solve is not None and self._mass_model is not None
         if not self._mass_solve.factorise(self._mass_model, 0.0):
             raise ArithmeticError("the mass matrix is singular: the volume has patches without yarn")
-
-
-def _moved(motion: YarnMotion, positions: Array, velocities: Array, duration: float) -> YarnMotion:
-    return replace(motion, positions=positions, velocities=velocities, time=motion.time + duration)

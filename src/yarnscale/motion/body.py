@@ -84,9 +84,9 @@ class Body(ABC, Generic[State]):
     ) -> Step[State]:
         """``step`` with all of its arguments settled."""
 
-    @abstractmethod
     def keeps(self, step: Step[State]) -> bool:
         """Whether a step is good enough to go on from."""
+        return step.status is Status.CONVERGED
 
     @abstractmethod
     def distances_from_places(self, state: State) -> dict[str, float]:

@@ -1,0 +1,61 @@
+"""Equilibria and dynamics to rest of yarns and volumes, by the loop that runs cloth too."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.boundary import glue
+from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_motion import FabricDynamics, MotionSettings
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_scene import stretch
+from yarnscale.fabric.spline_knit import jersey
+from yarnscale.fabric.spline_motion import SplineMotion
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.fabric.yarn_friction import YarnFriction
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
+from yarnscale.yarn import library
+from yarnscale.yarn.material import YarnMaterial
+
+WOOL = YarnMaterial.preset("wool")
+
+
+def glued() -> tuple[FabricEnergy, MotionSettings]:
+    sheet = YarnSheet.of(library.build("plain"), 2, 2)
+    energy = FabricEnergy(sheet, WOOL, springs=glue(sheet, WOOL))
+    return energy, MotionSettings((0.0, 0.0, 0.0), 5.0, YarnFriction(0.1), tolerance=1e-3)
+
+
+@pytest.mark.parametrize("schedule", [Schedule(1.0, statics=True), Schedule(0.5, 1 / 60, max_rest_steps=60)])
+def test_rods_end_in_an_equilibrium_between_their_grips(schedule: Schedule) -> None:
+    """Grips pull with opposite forces, and steps without inertia from there on lead nowhere."""
+    energy, settings = glued()
+    scene = stretch(energy.sheet, amount=0.05, duration=schedule.duration)
+    dynamics = FabricDynamics(energy, settings, scene.holds)
+    run = simulate(dynamics, dynamics.start(), schedule)
+    assert run.converged and run.unfulfilled == () and not run.state.velocity.any()
+    dynamics.take_up(run.state)
+    forces = scene.holds(run.state.time).forces(energy, run.state.x)
+    pull = scene.force(energy, run.state.x, run.state.time)
+    assert pull > 0.0
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=2e-2 * pull)
+    still = dynamics.step(run.state, 1 / 60, inertia=False).state
+    gone = np.abs(energy.positions(still.x - run.state.x)).max() * energy.radius
+    assert gone < 0.02 * 9.81 / 60**2
+
+
+def test_a_volume_of_splines_comes_to_rest_and_stays_there() -> None:
+    fabric = jersey(3, 3, WOOL)
+    volume = BoundingVolume.around(fabric.control, (4, 4))
+    moving = SplineMotion(fabric, volume=volume, held=fabric.top, tolerance=1e-4)
+    run = simulate(moving, moving.start, Schedule(0.0, 1 / 60, max_rest_steps=60))
+    assert run.converged and run.unrest < 1e-2
+    assert moving.energies(run.state)["gravity"] < 0.0 == moving.energies(run.state)["kinetic"]
+    still = moving.step(run.state, 1 / 60).state
+    gone = np.abs(moving.yarns(still).positions - moving.yarns(run.state).positions).max()
+    assert gone < 0.02 * 9.81 / 60**2
+    with pytest.raises(InputError, match="in a volume"):
+        (full := SplineMotion(fabric, held=fabric.top)).step(full.start, 1 / 60, inertia=False)
