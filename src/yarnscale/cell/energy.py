@@ -95,7 +95,8 @@ class CellEnergy:
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
         self._large = n > LARGE
-        self.reuse = Reuse() if self._large else None
+        # Yarns of a weave slide across each other on long curved ways; knits, whose contacts change, need new factors.
+        self.reuse = Reuse() if self._large and pattern.woven else None
         self._rings = self._rings_within(SLACK)
         self.images = Images.of(pattern, self._rings)
         self.reference = self.placed(self.images)

@@ -305,12 +305,11 @@ class _Minimisation:
 
     def _further(self, x: Array, value: float, gradient: Array, moved: Array, reuse: Reuse) -> Array:
         """Where further steps with the present factor lead from ``moved``, the end of the step from x."""
-        pairs, least, gradient = SecantPairs(reuse.steps), 0.0, self._project(gradient)
-        for number in range(reuse.steps):
-            reached, force = self.objective.gradient(moved)
-            if number == 0:
-                least = reuse.worth * (value - reached)
-            if not value - reached >= least or not self._feasible(moved):
+        pairs, gradient = SecantPairs(reuse.steps), self._project(gradient)
+        reached, force = self.objective.gradient(moved)
+        least = reuse.worth * (value - reached)
+        for _ in range(reuse.steps if self._feasible(moved) else 0):
+            if not value - reached >= least:
                 break
             force = self._project(force)
             pairs.add(moved - x, force - gradient)
@@ -318,14 +317,14 @@ class _Minimisation:
             step = pairs.direction(gradient, lambda right: self.linear.step(right, None))
             fraction = 1.0 if self.bound is None else self.bound(x, step)
             wanted = 1e-4 * float(gradient @ step)
-            while (
-                fraction > _SHORTEST
-                and not self.objective.value(x + fraction * step) < value + fraction * wanted
-            ):
+            while fraction > _SHORTEST:
+                moved = x + fraction * step
+                reached, force = self.objective.gradient(moved)
+                if reached < value + fraction * wanted:
+                    break
                 fraction *= 0.4
-            if fraction <= _SHORTEST:
-                break
-            moved = x + fraction * step
+            else:
+                return x
         return moved
 
     def _gains_little(self, gradient: Array, model: QuadraticModel, step: Array) -> bool:
