@@ -42,7 +42,7 @@ def random_compact_material() -> CompactMaterial:
     rng, scale = np.random.default_rng(0), np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
     options = CompactOptions()
     arrays = Springs(
-        *(rng.normal(size=tuple(shape)) for shape in shapes_of(options.ramps, options.springs, 12))
+        *(rng.normal(size=tuple(shape)) for shape in shapes_of(options.steps, options.springs, 12))
     )
     positive = {n: np.abs(getattr(arrays, n)) for n in ("stiffnesses", "background", "wall_stiffnesses")}
     return CompactMaterial(0.0, scale, arrays._replace(**positive), density=0.2)

@@ -19,6 +19,11 @@ GRAVITY = 9.81
 """Acceleration of free fall [m/s²]."""
 
 
+def strain_units(radius: float) -> NDArray[np.float64]:
+    """Strains of like importance for fabric of a yarn radius [m], (6,): a half; a tenth of its curvature."""
+    return np.array([0.5] * 3 + [0.1 / radius] * 3)
+
+
 @checked
 @dataclass(frozen=True)
 class ShellStrain:

@@ -13,10 +13,10 @@ from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_o
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
 
-def compact_material(ramps: int, springs: int, walls: int, *, mirrored: bool = True) -> CompactMaterial:
+def compact_material(steps: int, springs: int, walls: int, *, mirrored: bool = True) -> CompactMaterial:
     """Random numbers of everything."""
     rng = np.random.default_rng(3)
-    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(ramps, springs, walls)))
+    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(steps, springs, walls)))
     positive = {
         name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")
     }
@@ -71,7 +71,7 @@ def test_an_orthotropic_material_comes_back(tmp_path):
 def test_the_file_is_plain_json_with_units(material):
     content = json.loads(material_text(material))
     assert content["format"] == "yarnscale-material"
-    assert content["version"] == 2
+    assert content["version"] == 3
     assert content["units"]["density"] == "kg/m^2"
 
 
@@ -100,7 +100,7 @@ def changed(material, change) -> str:
     [
         (lambda c: c.pop("format"), ["format", "yarnscale-material"]),
         (lambda c: c.update(format="other"), ["format", "other"]),
-        (lambda c: c.update(version=3), ["version", "found 3"]),
+        (lambda c: c.update(version=4), ["version", "found 4"]),
         (lambda c: c.update(kind="magic"), ["kind", "magic"]),
         (lambda c: c.update(kind=[1]), ["kind", "string"]),
         (lambda c: c["units"].update(density="g"), ["units.density", "kg/m^2"]),

@@ -10,9 +10,9 @@ from yarnscale.homogenize.compact_fit import (
     CompactOptions,
     StressErrors,
     fit_compact_material,
-    strain_units,
 )
 from yarnscale.homogenize.spring_jacobian import Directional, sizes_of, springs_of, unknowns_of
+from yarnscale.kinematics import strain_units
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
 
 RADIUS = 1e-3
@@ -25,11 +25,12 @@ def known(*, skewed: bool = False) -> CompactMaterial:
         [[3.0, 0, 1.2, 0, 0, 0], [0.8, 0, 3.0, 0, 0, 0], [-1.0, 0, -1.0, 0, 0, 0],
          [0, 2.0, 0, 0, 0.5, 0], [0, -2.0, 0, 0, -0.5, 0], [0.5, 0, 0, 1.5, 0, 0.5], [0, 0, 0.5, -1.0, 0, 1.5]]
     )  # fmt: skip
+    thresholds = np.array([-2.5, -2.0, -1.0, -0.5, -0.5, -0.3, -0.4])
     if skewed:
-        directions[0, 1] = 1.0
+        directions[2, 1], thresholds[2] = 1.0, 1.0
     none = np.zeros((0, 6)), np.zeros(0)
     springs = Springs(
-        *none, directions, np.zeros((7, 0)), np.array([-2.5, -2.0, -1.0, -0.5, -0.5, -0.3, -0.4]),
+        *none, directions, np.zeros((7, 0)), thresholds,
         np.array([5.0, 8.0, 0.3, 0.2, 0.2, 0.01, 0.02]), np.full(6, 0.005), *none, np.zeros(0),
     )  # fmt: skip
     return CompactMaterial(0.03, SCALE, springs, density=0.2, mirrored=not skewed)
@@ -47,7 +48,7 @@ def fitted(material: CompactMaterial, **options: object) -> CompactMaterial:
     z = states(200, 0)
     return fit_compact_material(
         z, material.energy_density(z), material.stress(z), material.moduli(z), density=0.2, radius=RADIUS,
-        options=CompactOptions(ramps=2, springs=14, starts=1, rounds=15, iterations=20, **options),  # type: ignore[arg-type]
+        options=CompactOptions(steps=2, springs=14, rounds=15, iterations=20, **options),  # type: ignore[arg-type]
     )  # fmt: skip
 
 
@@ -109,6 +110,26 @@ def test_mirror_images_count_only_where_the_fabric_is_one(found):
 def test_the_same_samples_and_seed_give_the_same_material(found):
     z = states(20, 9)
     np.testing.assert_allclose(fitted(known()).energy_density(z), found.energy_density(z), rtol=1e-6)
+
+
+def test_a_buckled_state_of_rest_does_not_make_a_fabric_skewed():
+    material, z = known(), states(200, 0)
+    moduli = material.moduli(z)
+    moduli[0, 0, 1] = moduli[0, 1, 0] = 0.5 * np.sqrt(moduli[0, 0, 0] * moduli[0, 1, 1])
+    few = CompactOptions(steps=1, springs=5, rounds=2, iterations=0)
+    found = fit_compact_material(
+        z, material.energy_density(z), material.stress(z), moduli, density=0.2, radius=RADIUS, options=few
+    )
+    assert found.mirrored
+
+
+@pytest.mark.parametrize(
+    "option",
+    [{"springs": 0}, {"steps": -1}, {"rounds": 1.5}, {"tolerance": 0.0}, {"modulus_weight": float("nan")}],
+)
+def test_options_out_of_range_are_refused(option):
+    with pytest.raises(InputError, match=next(iter(option))):
+        CompactOptions(**option)
 
 
 @pytest.mark.parametrize(

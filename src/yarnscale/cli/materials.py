@@ -18,7 +18,6 @@ from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.files.visited import visited_strains
-from yarnscale.homogenize.compact_fit import strain_units
 from yarnscale.homogenize.compact_problem import STRESS_FLOOR
 from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.homogenize import Homogenization
@@ -27,7 +26,7 @@ from yarnscale.homogenize.plan import StrainRange
 from yarnscale.homogenize.published_fit import PublishedOptions
 from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.kinematics import COMPONENTS, ShellStrain
+from yarnscale.kinematics import COMPONENTS, ShellStrain, strain_units
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.show.report import Picture, Section, Table, write_report

@@ -22,7 +22,7 @@ def write_c_source(path: str | Path, material: CompactMaterial) -> None:
 def c_source(material: CompactMaterial) -> str:
     """The C source: ``int yarnscale_energy(strain[6], *energy, gradient[6], hessian[36])``."""
     springs = material.springs
-    counts = {name: len(getattr(springs, name)) for name in ("ramps", "springs", "walls")}
+    counts = {name: len(getattr(springs, name)) for name in ("steps", "springs", "walls")}
     numbers = [f"enum {{ {', '.join(f'{name.upper()} = {count}' for name, count in counts.items())} }};\n"]
     numbers += [_array(name, array) for name, array in springs._asdict().items()]
     numbers.append(_array("inverse_scale", 1.0 / material.scale))
@@ -60,7 +60,7 @@ int yarnscale_energy(const double strain[6], double *energy, double gradient[6],
   if (!(strain[0] > -1.0 && strain[2] > -1.0 && fabs(strain[1]) < 1.0)) return 1;
   for (int i = 0; i < 6; ++i) if (!isfinite(strain[i])) return 1;
   for (int m = 0; m < IMAGES; ++m) {
-    double x[6], bent[RAMPS + 1], bent1[RAMPS + 1], bent2[RAMPS + 1], through[RAMPS + 1] = {0};
+    double x[6], bent[STEPS + 1], bent1[STEPS + 1], bent2[STEPS + 1], through[STEPS + 1] = {0};
     const double *sign = images + 6 * m, share = 1.0 / IMAGES;
     for (int i = 0; i < 6; ++i) x[i] = sign[i] * strain[i] * inverse_scale[i];
     for (int i = 0; i < 6; ++i) {
@@ -68,36 +68,37 @@ int yarnscale_energy(const double strain[6], double *energy, double gradient[6],
       first[i] += share * sign[i] * background[i] * x[i];
       second[7 * i] += share * background[i];
     }
-    for (int j = 0; j < RAMPS; ++j) {
-      double a = ramp_offsets[j];
-      for (int i = 0; i < 6; ++i) a += ramps[6 * j + i] * x[i];
-      const double root = sqrt(1.0 + a * a);
-      bent[j] = 0.5 * (a + root);
-      bent1[j] = bent[j] / root;
-      bent2[j] = 0.5 / (root * root * root);
+    for (int j = 0; j < STEPS; ++j) {
+      double a = step_offsets[j];
+      for (int i = 0; i < 6; ++i) a += steps[6 * j + i] * x[i];
+      const double inverse = 1.0 / sqrt(1.0 + a * a);
+      bent[j] = a * inverse;
+      bent1[j] = inverse * inverse * inverse;
+      bent2[j] = -3.0 * a * bent1[j] * inverse * inverse;
     }
     for (int k = 0; k < SPRINGS; ++k) {
       double u = spring_offsets[k], slope[6];
       for (int i = 0; i < 6; ++i) { slope[i] = springs[6 * k + i]; u += slope[i] * x[i]; }
-      for (int j = 0; j < RAMPS; ++j) {
-        const double w = bends[RAMPS * k + j];
+      for (int j = 0; j < STEPS; ++j) {
+        const double w = bends[STEPS * k + j];
         u += w * bent[j];
-        for (int i = 0; i < 6; ++i) slope[i] += w * bent1[j] * ramps[6 * j + i];
+        for (int i = 0; i < 6; ++i) slope[i] += w * bent1[j] * steps[6 * j + i];
       }
-      const double root = sqrt(1.0 + u * u), r = 0.5 * (u + root), r1 = r / root;
-      const double r2 = 0.5 / (root * root * root), e = share * stiffnesses[k];
-      const double e1 = 2.0 * e * r * r1, e2 = 2.0 * e * (r1 * r1 + r * r2);
-      psi += e * r * r;
-      for (int j = 0; j < RAMPS; ++j) through[j] += bends[RAMPS * k + j] * e1 * bent2[j];
+      const double inverse = 1.0 / sqrt(1.0 + u * u), r = 0.5 * (u + 1.0 / inverse), part = 1.0 / (1.0 + r);
+      const double s = r * part, r1 = r * inverse, by_r = s * s * (3.0 * part + s), tau = r * s * s, tau1 = by_r * r1;
+      const double tau2 = 6.0 * s * part * part * part * r1 * r1 + 0.5 * by_r * inverse * inverse * inverse;
+      const double e = share * stiffnesses[k], e1 = 2.0 * e * tau * tau1, e2 = 2.0 * e * (tau1 * tau1 + tau * tau2);
+      psi += e * tau * tau;
+      for (int j = 0; j < STEPS; ++j) through[j] += bends[STEPS * k + j] * e1 * bent2[j];
       for (int i = 0; i < 6; ++i) {
         first[i] += sign[i] * e1 * slope[i];
         for (int l = 0; l < 6; ++l) second[6 * i + l] += sign[i] * sign[l] * e2 * slope[i] * slope[l];
       }
     }
-    for (int j = 0; j < RAMPS; ++j)
+    for (int j = 0; j < STEPS; ++j)
       for (int i = 0; i < 6; ++i)
         for (int l = 0; l < 6; ++l)
-          second[6 * i + l] += sign[i] * sign[l] * through[j] * ramps[6 * j + i] * ramps[6 * j + l];
+          second[6 * i + l] += sign[i] * sign[l] * through[j] * steps[6 * j + i] * steps[6 * j + l];
     for (int k = 0; k < WALLS; ++k) {
       const double *h = walls + 6 * k, f = share * wall_stiffnesses[k];
       double u = -wall_offsets[k];

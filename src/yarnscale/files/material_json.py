@@ -25,8 +25,8 @@ from yarnscale.shell.materials.spline_material import SplineMaterial
 Array = NDArray[np.float64]
 
 FORMAT = "yarnscale-material"
-VERSION = 2
-"""Orthotropic materials of version 1 are the same and are read."""
+VERSION = 3
+"""Orthotropic materials of older versions are the same and are read."""
 
 COMPACT_UNITS = {"terms": "J/m^2", "scale, samples": "1, 1, 1, 1/m, 1/m, 1/m", "density": "kg/m^2"}
 """Another set of units in a file is refused, not converted."""
@@ -48,10 +48,10 @@ def read_material(path: str | Path) -> CompactMaterial | OrthotropicMaterial | S
         raise fields.fault("format", expected=f"'{FORMAT}', or a HYLC JSON file", found=found)
     version = fields.integer("version")
     kind = fields.text("kind")
-    if version < VERSION and kind == "spline":
+    if version < VERSION and kind in ("spline", "compact"):
         expected = f"{VERSION}, which this release reads: run yarnscale homogenize again"
         raise fields.fault("version", expected=expected, found=version)
-    if version not in (1, VERSION):
+    if not 1 <= version <= VERSION:
         raise fields.fault("version", expected=f"{VERSION}, the one this release reads", found=version)
     if kind == "compact":
         return _read_compact(fields)
@@ -129,7 +129,7 @@ def _short(array: Array, *, digits: int = 17) -> object:
 def _read_compact(fields: Fields) -> CompactMaterial:
     _check_units(fields, COMPACT_UNITS)
     terms, trusted = fields.fields("terms"), fields.fields("trusted")
-    counts = [len(terms.numbers(f"{name}_offsets")) for name in ("ramp", "spring", "wall")]
+    counts = [len(terms.numbers(f"{name}_offsets")) for name in ("step", "spring", "wall")]
     shapes = shapes_of(*counts)._asdict()
     springs = Springs(**{name: _matrix(terms, name, shape) for name, shape in shapes.items()})
     found = trusted.get("samples")

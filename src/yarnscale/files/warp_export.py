@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
-from yarnscale.shell.materials.compact import MIRROR, CompactMaterial
+from yarnscale.shell.materials.compact import CompactMaterial
 
 Array = NDArray[np.float64]
 
@@ -23,23 +23,24 @@ def warp_source(material: CompactMaterial) -> str:
     """The source of ``yarnscale_energy(strain, numbers)``, a ``wp.func`` of float64, and of its ``NUMBERS``."""
     springs = material.springs
     name = re.sub(r"[^\w .,()+-]", "_", str(material.provenance.get("pattern", "")))[:80]
-    images = [np.ones(6), MIRROR] if material.mirrored else [np.ones(6)]
-    arrays = {"inverse_scale": 1.0 / material.scale, "images": np.array(images), **springs._asdict()}
+    arrays = {"inverse_scale": 1.0 / material.scale, **springs._asdict()}
     places, first = {}, 0
     for key, array in arrays.items():
         places[key] = first
         first += array.size
     flat = np.concatenate([array.ravel() for array in arrays.values()])
     rows = [", ".join(repr(float(v)) for v in flat[k : k + 6]) for k in range(0, len(flat), 6)]
+    image, mirror = "yarnscale_image({}, numbers)", "vec6(x[0], -x[1], x[2], x[3], -x[4], x[5])"
     counts = {
-        "IMAGES": len(images), "RAMPS": len(springs.ramps), "SPRINGS": len(springs.springs),
-        "WALLS": len(springs.walls),
+        "STEPS": len(springs.steps), "SPRINGS": len(springs.springs), "WALLS": len(springs.walls),
+        "CONSTANT": repr(float(material.constant)),
+        "IMAGES": f"wp.float64(0.5) * ({image.format('x')} + {image.format(mirror)})"
+        if material.mirrored
+        else image.format("x"),
     }  # fmt: skip
-    body = _BODY.replace("CONSTANT", repr(float(material.constant)))
-    for key, place in places.items():
-        body = body.replace(f"<{key}>", str(place))
-    for key, count in counts.items():
-        body = body.replace(f"<{key}>", str(count))
+    body = _BODY
+    for key, value in (*places.items(), *counts.items()):
+        body = body.replace(f"<{key}>", str(value))
     head = _HEAD.replace("<name>", f": {name}" if name else "").replace(
         "<density>", f"{material.density:.9g}"
     )
@@ -63,36 +64,46 @@ vec6 = wp.types.vector(length=6, dtype=wp.float64)
 _BODY = """
 
 @wp.func
-def yarnscale_ramp(u: wp.float64):
-    return wp.float64(0.5) * (u + wp.sqrt(wp.float64(1.0) + u * u))
+def yarnscale_six(numbers: wp.array(dtype=wp.float64), k: int):
+    return vec6(numbers[k], numbers[k + 1], numbers[k + 2], numbers[k + 3], numbers[k + 4], numbers[k + 5])
+
+
+@wp.func
+def yarnscale_tightness(x: vec6, numbers: wp.array(dtype=wp.float64), k: int):
+    u = numbers[<spring_offsets> + k] + wp.dot(x, yarnscale_six(numbers, <springs> + 6 * k))
+    for j in range(<STEPS>):
+        a = numbers[<step_offsets> + j] + wp.dot(x, yarnscale_six(numbers, <steps> + 6 * j))
+        u += numbers[<bends> + <STEPS> * k + j] * a / wp.sqrt(wp.float64(1.0) + a * a)
+    return u
+
+
+@wp.func
+def yarnscale_spring(u: wp.float64):
+    r = wp.float64(0.5) * (u + wp.sqrt(wp.float64(1.0) + u * u))
+    share = r / (wp.float64(1.0) + r)
+    return r * r * share * share * share * share
+
+
+@wp.func
+def yarnscale_wall(u: wp.float64):
+    positive = wp.max(u, wp.float64(0.0))
+    return positive * positive * positive
+
+
+@wp.func
+def yarnscale_image(x: vec6, numbers: wp.array(dtype=wp.float64)):
+    psi = wp.float64(0.0)
+    for k in range(<SPRINGS>):
+        psi += numbers[<stiffnesses> + k] * yarnscale_spring(yarnscale_tightness(x, numbers, k))
+    for k in range(<WALLS>):
+        u = wp.dot(x, yarnscale_six(numbers, <walls> + 6 * k)) - numbers[<wall_offsets> + k]
+        psi += numbers[<wall_stiffnesses> + k] * yarnscale_wall(u)
+    return psi
 
 
 @wp.func
 def yarnscale_energy(strain: vec6, numbers: wp.array(dtype=wp.float64)):
-    psi = wp.float64(0.0)
-    for m in range(<IMAGES>):
-        for i in range(6):
-            x = strain[i] * numbers[<inverse_scale> + i]
-            psi += wp.float64(0.5) * numbers[<background> + i] * x * x
-        for k in range(<SPRINGS>):
-            u = numbers[<spring_offsets> + k]
-            for i in range(6):
-                x = strain[i] * numbers[<inverse_scale> + i] * numbers[<images> + 6 * m + i]
-                u += numbers[<springs> + 6 * k + i] * x
-            for j in range(<RAMPS>):
-                a = numbers[<ramp_offsets> + j]
-                for i in range(6):
-                    x = strain[i] * numbers[<inverse_scale> + i] * numbers[<images> + 6 * m + i]
-                    a += numbers[<ramps> + 6 * j + i] * x
-                u += numbers[<bends> + <RAMPS> * k + j] * yarnscale_ramp(a)
-            r = yarnscale_ramp(u)
-            psi += numbers[<stiffnesses> + k] * r * r
-        for k in range(<WALLS>):
-            u = -numbers[<wall_offsets> + k]
-            for i in range(6):
-                x = strain[i] * numbers[<inverse_scale> + i] * numbers[<images> + 6 * m + i]
-                u += numbers[<walls> + 6 * k + i] * x
-            u = wp.max(u, wp.float64(0.0))
-            psi += numbers[<wall_stiffnesses> + k] * u * u * u
-    return wp.float64(CONSTANT) + psi / wp.float64(<IMAGES>)
+    x = wp.cw_mul(strain, yarnscale_six(numbers, <inverse_scale>))
+    soft = wp.float64(0.5) * yarnscale_six(numbers, <background>)
+    return wp.float64(<CONSTANT>) + wp.dot(soft, wp.cw_mul(x, x)) + <IMAGES>
 """

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.kinematics import ShellStrain
+from yarnscale.kinematics import ShellStrain, strain_units
 from yarnscale.shell.materials.material import ShellMaterial
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class CellFabric:
     @property
     def strain_scale(self) -> Array:
         """A half in-plane; a tenth of the yarn's curvature in bending [1/m]."""
-        return np.array([0.5] * 3 + [0.1 / self.cell.pattern.radius] * 3)
+        return strain_units(self.cell.pattern.radius)
 
     def response(self, strain: Array, start: Response | None = None) -> Response:
         """Relax the yarns under a strain (6,)."""

@@ -2,7 +2,7 @@
 
 Strains are in units, so that all stresses are energies by a strain of the size of the fabric's. A start is chosen among
 many springs by their stiffnesses (``compact_start``), then all numbers are refined together (``compact_problem``). Some
-states are held back: they judge the starts, and the result.
+states are held back and judge the result.
 """
 
 from __future__ import annotations
@@ -22,22 +22,16 @@ from yarnscale.homogenize.compact_problem import (
     StressErrors,
 )
 from yarnscale.homogenize.compact_start import start_of
+from yarnscale.kinematics import strain_units
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
 
-__all__ = ["CompactOptions", "StressErrors", "fit_compact_material", "strain_units"]
+__all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
 Array = NDArray[np.float64]
 
-STRETCH_UNIT, BEND_UNIT = 0.5, 0.1
-"""Strains that count as one: of stretch and shear; of curvature times the yarn radius."""
 _LAST = 5
 """Iterations with all states, those that were held back among them."""
-
-
-def strain_units(radius: float) -> Array:
-    """Strains that count as one, for a yarn radius [m], (6,)."""
-    return np.array([STRETCH_UNIT] * 3 + [BEND_UNIT / radius] * 3)
 
 
 @on_one_thread
@@ -65,17 +59,17 @@ def fit_compact_material(
     held = rng.permutation(len(data.energies)) < min(100, len(data.energies) // 10)
     held[data.rest] = False
     train, test = Problem(data.chosen(~held), mirrored, options), data.chosen(held)
-    starts = [start_of(train, rng) for _ in range(max(1, options.starts))]
-    unknowns = min(starts, key=lambda start: train.errors(start, test).mean)
-    unknowns = train.search(unknowns, STRESS_FLOOR, options.iterations)
+    start = start_of(train, rng)
+    unknowns = train.search(start, STRESS_FLOOR, options.iterations)
     unseen = train.errors(unknowns, test)
     springs, constant = Problem(data, mirrored, options).searched(unknowns, STRESS_FLOOR, _LAST)
+    springs = _filled(springs, options.springs)
     samples, spacing = _representative(data.x, mirrored)
     record = {
         "states": len(data.energies),
         "options": asdict(options),
         "held_back": unseen._asdict(),
-        "starts": [train.errors(start, test)._asdict() for start in starts],
+        "start": train.errors(start, test)._asdict(),
     }
     return CompactMaterial(
         constant, scale, _walled(springs, data, mirrored), density=density, mirrored=mirrored,
@@ -84,16 +78,19 @@ def fit_compact_material(
 
 
 def _is_symmetric(data: Samples) -> bool:
-    """Whether the undeformed fabric looks like its own mirror image: no stress and no modulus mixes both kinds."""
-    odd = MIRROR < 0
-    modulus = data.moduli[data.rest]
-    if not np.isfinite(modulus).all():
+    """Whether the fabric looks like its own mirror image.
+
+    The stresses of s_a and II12 vanish then where these strains do. Half of the states near there decide: single ones
+    may have buckled to one side.
+    """
+    odd, known = MIRROR < 0, np.isfinite(data.moduli).all(axis=(1, 2))
+    near = known & (np.abs(data.x[:, odd]).max(axis=1) < 0.03)
+    if not near.any():
         return True
-    mixed, own = (
-        modulus[odd][:, ~odd],
-        np.sqrt(np.abs(np.outer(np.diag(modulus)[odd], np.diag(modulus)[~odd]))),
-    )
-    return bool(np.max(np.abs(mixed) / (np.abs(own) + STRESS_FLOOR)) < 0.05)
+    back = np.einsum("nij,nj->ni", data.moduli[near][:, odd][:, :, odd], data.x[near][:, odd])
+    stresses = data.stresses[near]
+    left = np.linalg.norm(stresses[:, odd] - back, axis=1)
+    return bool(np.median(left / (np.linalg.norm(stresses, axis=1) + STRESS_FLOOR)) < 0.05)
 
 
 def _representative(x: Array, mirrored: bool, *, count: int = 200) -> tuple[Array, float]:
@@ -111,13 +108,22 @@ def _representative(x: Array, mirrored: bool, *, count: int = 200) -> tuple[Arra
     return x[chosen], float(max(distance.max(), np.percentile(nearest, 95)))
 
 
-def _walled(springs: Springs, data: Samples, mirrored: bool, *, count: int = 12) -> Springs:
+def _filled(springs: Springs, count: int) -> Springs:
+    """The network with springs of no stiffness up to a number, so that all materials share their compiled kernels."""
+    none = Springs(*(np.zeros((count, *part.shape[1:])) for part in springs))
+    own = ("springs", "bends", "spring_offsets", "stiffnesses")
+    return springs._replace(
+        **{n: np.concatenate([getattr(springs, n), getattr(none, n)])[:count] for n in own}
+    )
+
+
+def _walled(springs: Springs, data: Samples, mirrored: bool) -> Springs:
     """The network with walls around all samples: outside, no state is softer than at the border.
 
     Walls stand along both directions of every strain, where the samples end.
     """
     x = np.concatenate([data.x, data.x * MIRROR]) if mirrored else data.x
-    directions = np.concatenate([np.eye(6), -np.eye(6)])[:count]
+    directions = np.concatenate([np.eye(6), -np.eye(6)])
     offsets = (x @ directions.T).max(axis=0)
     size = np.median(np.abs(np.linalg.norm(data.stresses, axis=1)))
     return springs._replace(

@@ -1,9 +1,10 @@
 """Where the search for a compact energy starts: springs chosen from many, by their stiffnesses alone.
 
-With directions and thresholds fixed, the energy is linear in the stiffnesses, and they must not be negative: least
-squares with that condition finds the best of all, and leaves most springs without stiffness. Those that keep some stay;
-others are drawn again, half of them near the ones that stayed, and all compete anew. A round takes a tenth of a second,
-needs no derivative by directions, and does not get stuck where one spring is needed far from all others.
+With directions, bends and thresholds fixed, the energy is linear in the stiffnesses, and they must not be negative:
+least squares with that condition finds the best of all, and leaves most springs without stiffness. Those that keep some
+stay; others are drawn again, most of them near the ones that stayed, and all compete anew. A round takes some
+hundredths of a second, needs no derivative by directions, and does not get stuck where one spring is needed far from
+all others.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from yarnscale.homogenize.compact_problem import STRESS_FLOOR, Problem
-from yarnscale.homogenize.spring_jacobian import unknowns_of
+from yarnscale.homogenize.compact_problem import STRESS_FLOOR, Problem, coarse
+from yarnscale.homogenize.spring_jacobian import step, unknowns_of
 from yarnscale.shell.materials.compact import Springs
 
 Array = NDArray[np.float64]
@@ -24,83 +25,106 @@ _FRESH, _VARIED = 70, 200
 """Springs drawn at random, and near those that stayed, in a round."""
 _LEAST_GAIN, _LARGEST_GAIN = 0.5, 15.0
 """Range of |Q|: a spring tightens within a strain of about one over it."""
+_LEAST_TOP = 0.0
+"""Every spring is at least this tight, u, at some state: the tail of a stiffer one would be a wall close outside."""
 
 
 def start_of(problem: Problem, rng: np.random.Generator) -> Array:
-    """Unknowns of springs that were chosen in rounds; ramps stand at random and bend little."""
+    """Unknowns of springs that were chosen in rounds; steps stand at random."""
     options, x = problem.options, problem.data.x
-    directions, offsets = _drawn(x, _FRESH + _VARIED, rng)
-    floor, spread = _FIRST_FLOOR, 0.5
-    stiffnesses, tail = np.zeros(0), np.zeros(7)
-    for _ in range(options.rounds):
-        kept, stiffnesses, tail = _chosen(problem, directions, offsets, floor)
-        directions, offsets = directions[kept], offsets[kept]
-        best = directions, offsets
-        others = [_varied(x, *best, spread, rng), _drawn(x, _FRESH, rng)]
-        directions = np.concatenate([directions, *(one[0] for one in others)])
-        offsets = np.concatenate([offsets, *(one[1] for one in others)])
-        floor, spread = max(STRESS_FLOOR, _LOWERED * floor), 0.95 * spread
-    stiff = stiffnesses > 0
-    directions, offsets, stiffnesses = best[0][stiff], best[1][stiff], stiffnesses[stiff]
-    ramps = rng.normal(size=(options.ramps, 6))
-    ramps *= rng.uniform(1.0, 4.0, (options.ramps, 1)) / np.linalg.norm(ramps, axis=1, keepdims=True)
-    thresholds = -np.einsum("ki,ki->k", ramps, x[rng.integers(len(x), size=options.ramps)])
-    network = Springs(
-        ramps, thresholds, directions, np.zeros((len(offsets), options.ramps)), offsets,
-        stiffnesses, np.maximum(tail[:6], 1e-6), np.zeros((0, 6)), np.zeros(0), np.zeros(0),
-    )  # fmt: skip
-    return unknowns_of(network, float(problem.energies.min()) + tail[6])
+    steps = rng.normal(size=(options.steps, 6))
+    steps *= rng.uniform(1.0, 4.0, (options.steps, 1)) / np.linalg.norm(steps, axis=1, keepdims=True)
+    thresholds = -np.einsum("ki,ki->k", steps, x[rng.integers(len(x), size=options.steps)])
+    none = np.zeros((0, 6)), np.zeros(0)
+    springs = Springs(
+        steps,
+        thresholds,
+        none[0],
+        np.zeros((0, options.steps)),
+        none[1],
+        none[1],
+        np.zeros(6),
+        *none,
+        none[1],
+    )
+    springs = _joined(springs, _drawn(x, options.steps, _FRESH + _VARIED, rng), x)
+    floor, spread, constant = _FIRST_FLOOR, 0.5, 0.0
+    for turn in range(options.rounds):
+        if turn:
+            varied, drawn = _varied(x, springs, spread, rng), _drawn(x, options.steps, _FRESH, rng)
+            springs = _joined(springs, np.concatenate([varied, drawn]), x)
+            floor, spread = max(STRESS_FLOOR, _LOWERED * floor), 0.95 * spread
+        springs, constant = _selected(problem, springs, floor)
+    return unknowns_of(springs, constant)
 
 
-def _drawn(x: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Directions (count, 6), some of few strains only, and offsets with thresholds near states."""
+def _inputs(springs: Springs, x: Array) -> Array:
+    """What springs read of states, (n, 6 + steps)."""
+    return np.column_stack([x, step(x @ springs.steps.T + springs.step_offsets)[0]])
+
+
+def _joined(springs: Springs, rows: Array, x: Array) -> Springs:
+    """With further springs, rows (Q, W, q)."""
+    top = (_inputs(springs, x) @ rows[:, :-1].T + rows[:, -1]).max(axis=0)
+    return springs._replace(
+        springs=np.concatenate([springs.springs, rows[:, :6]]),
+        bends=np.concatenate([springs.bends, rows[:, 6:-1]]),
+        spring_offsets=np.append(springs.spring_offsets, rows[:, -1] + np.maximum(0.0, _LEAST_TOP - top)),
+        stiffnesses=np.append(springs.stiffnesses, np.ones(len(rows))),
+    )
+
+
+def _drawn(x: Array, steps: int, count: int, rng: np.random.Generator) -> Array:
+    """Straight springs with thresholds near states, some of few strains only, (count, 6 + steps + 1)."""
     directions = rng.normal(size=(count, 6))
     directions *= rng.uniform(size=directions.shape) < rng.choice([0.3, 0.5, 1.0], size=(count, 1))
     gains = np.exp(rng.uniform(np.log(_LEAST_GAIN), np.log(_LARGEST_GAIN), (count, 1)))
     directions *= gains / np.linalg.norm(directions + 1e-6, axis=1, keepdims=True)
     states = x[rng.integers(len(x), size=count)]
-    return directions, rng.normal(size=count) - np.einsum("ki,ki->k", directions, states)
+    offsets = rng.normal(size=count) - np.einsum("ki,ki->k", directions, states)
+    return np.column_stack([directions, np.zeros((count, steps)), offsets])
 
 
-def _varied(
-    x: Array, directions: Array, offsets: Array, spread: float, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Springs like these: turned about one of the states, stretched and shifted."""
-    pick, states = rng.integers(len(offsets), size=_VARIED), x[rng.integers(len(x), size=_VARIED)]
-    directions, offsets = directions[pick], offsets[pick]
+def _varied(x: Array, springs: Springs, spread: float, rng: np.random.Generator) -> Array:
+    """Springs like these: turned about one of the states, bent, stretched and shifted, (count, 6 + steps + 1)."""
+    pick = rng.integers(len(springs.springs), size=_VARIED)
+    inputs = _inputs(springs, x[rng.integers(len(x), size=_VARIED)])
+    rows = np.column_stack([springs.springs, springs.bends])[pick]
     amount = spread * np.exp(1.2 * rng.normal(size=(_VARIED, 1)))
-    there = np.einsum("ki,ki->k", directions, states) + offsets
-    turn = rng.normal(size=directions.shape) * (rng.uniform(size=directions.shape) < 0.5)
+    there = np.einsum("ki,ki->k", rows, inputs) + springs.spring_offsets[pick]
+    turn = rng.normal(size=rows.shape) * (rng.uniform(size=rows.shape) < 0.5)
+    turn[:, 6:] *= 0.5 * (rng.uniform(size=(_VARIED, 1)) < 0.7)
     gain = np.exp(np.clip(amount * rng.normal(size=(_VARIED, 1)), -2, 2))
-    directions = (directions + amount * np.linalg.norm(directions, axis=1, keepdims=True) * turn) * gain
+    rows = (rows + amount * np.linalg.norm(rows[:, :6], axis=1, keepdims=True) * turn) * gain
     there = there * gain[:, 0] + 2 * amount[:, 0] * rng.normal(size=_VARIED)
-    return directions, there - np.einsum("ki,ki->k", directions, states)
+    return np.column_stack([rows, there - np.einsum("ki,ki->k", rows, inputs)])
 
 
-def _chosen(
-    problem: Problem, directions: Array, offsets: Array, floor: float
-) -> tuple[NDArray[np.int64], Array, Array]:
-    """Springs that stay stiff, at most as many as asked; their stiffnesses; those of the background, and c."""
-    weights = problem.weights(floor)
-    columns = np.concatenate(
-        [problem.states.by_stiffness(directions, offsets), problem.states.by_background()]
-    )
-    target = problem.target.copy()
-    target[0] -= problem.energies.min()
-    rows = (columns * weights).reshape(len(columns), -1)
-    matrix, right = rows @ rows.T, rows @ (weights * target).ravel()
+def _selected(problem: Problem, springs: Springs, floor: float) -> tuple[Springs, float]:
+    """The stiffest, at most as many as asked, with the best stiffnesses and background; the constant."""
+    weights, target, least = problem.weights(floor), problem.target.copy(), float(problem.energies.min())
+    target[0] -= least
+    columns = [problem.coarse.by_stiffness(coarse(springs)), problem.coarse.by_background()]
+    rows = (np.concatenate(columns) * weights.astype(np.float32)).reshape(-1, weights.size)
+    right = (rows @ (weights * target).ravel().astype(np.float32)).astype(np.float64)
+    matrix = (rows @ rows.T).astype(np.float64)
     size = np.sqrt(np.diag(matrix)) + 1e-300
     matrix, right = matrix / size / size[:, None], right / size
-    matrix[np.diag_indices(len(matrix))] += 1e-9
-    count = len(offsets)
+    matrix[np.diag_indices(len(matrix))] += 1e-5
+    count = len(springs.springs)
 
-    def stiffest(chosen: NDArray[np.int64]) -> Array:
-        lower = np.linalg.cholesky(matrix[np.ix_(chosen, chosen)])
-        return nnls(lower.T, np.linalg.solve(lower, right[chosen]), maxiter=30 * len(chosen))[0]
+    def stiffest(mine: NDArray[np.int64]) -> Array:
+        lower = np.linalg.cholesky(matrix[np.ix_(mine, mine)])
+        return nnls(lower.T, np.linalg.solve(lower, right[mine]), maxiter=30 * len(mine))[0]
 
     found = stiffest(np.arange(len(matrix)))[:count]
-    kept = np.flatnonzero(found > 0)
-    kept = kept[np.argsort(found[kept])[-problem.options.springs :]]
-    chosen = np.concatenate([kept, np.arange(count, len(matrix))])
-    values = stiffest(chosen) / size[chosen]
-    return kept, values[: len(kept)], values[len(kept) :]
+    kept = np.argsort(found)[-problem.options.springs :]
+    mine = np.concatenate([kept[found[kept] > 0], np.arange(count, len(matrix))])
+    values = stiffest(mine) / size[mine]
+    stiff = values[:-7] > 0
+    kept, stiffnesses, background = mine[:-7][stiff], values[:-7][stiff], np.maximum(values[-7:-1], 1e-6)
+    network = springs._replace(
+        springs=springs.springs[kept], bends=springs.bends[kept], spring_offsets=springs.spring_offsets[kept],
+        stiffnesses=stiffnesses, background=background,
+    )  # fmt: skip
+    return network, least + float(values[-1])

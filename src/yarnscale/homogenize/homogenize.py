@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
-from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_compact_material, strain_units
+from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_compact_material
 from yarnscale.homogenize.load_samples import UNSEEN_SHARE, sample_loads
 from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
 from yarnscale.homogenize.published_fit import (
@@ -26,6 +26,7 @@ from yarnscale.homogenize.rays import SOLVES
 from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
+from yarnscale.kinematics import strain_units
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial

@@ -20,7 +20,7 @@ from scipy.stats import qmc
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
-from yarnscale.kinematics import COMPONENTS, GRAVITY
+from yarnscale.kinematics import COMPONENTS, GRAVITY, strain_units
 
 Array = NDArray[np.float64]
 
@@ -220,7 +220,7 @@ def _rolling(straight: str) -> Ray:
 
 def _stress(direction: Array, sizes: Array, radius: float) -> Ray:
     """Loads of all six strains; moments count by the work they do over a tenth of the yarn's curvature."""
-    along = direction / np.linalg.norm(direction) * np.array([1.0] * 3 + [5.0 * radius] * 3)
+    along = direction / np.linalg.norm(direction) * 0.5 / strain_units(radius)
     return Ray("stress", tuple((_loads(size * along), Prescribed()) for size in sizes))
 
 

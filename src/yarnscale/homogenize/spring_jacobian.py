@@ -3,7 +3,7 @@
 What is fitted of a state are its energy, its slopes along six directions and its second derivatives along them. Along
 a direction v, value, slope and second derivative go through the layers of ``shell.materials.compact`` together:
 
-    a, a' = P v                      →  h = ρ(a), h' = ρ' a', h'' = ρ'' a'²
+    a, a' = P v                      →  h = σ(a), h' = σ' a', h'' = σ'' a'²
     u, u' = Q v + W h', u'' = W h''  →  ψ, ψ' u', ψ'' u'² + ψ' u''
 
 and their derivatives by the numbers follow in reverse. States are the last axis of all arrays, so that loops run along
@@ -23,9 +23,9 @@ OUTPUTS = 13
 """Per state: energy, six slopes, six second derivatives."""
 
 
-def sizes_of(ramps: int, springs: int) -> list[int]:
+def sizes_of(steps: int, springs: int) -> list[int]:
     """Lengths of the parts of a vector of unknowns: P, p, Q, W, q, log e, log d, c."""
-    shapes = shapes_of(ramps, springs, 0)[:7]
+    shapes = shapes_of(steps, springs, 0)[:7]
     return [int(np.prod(shape)) for shape in shapes] + [1]
 
 
@@ -35,10 +35,10 @@ def unknowns_of(springs: Springs, constant: float) -> Array:
     return np.concatenate([np.ravel(part) for part in parts])
 
 
-def springs_of(unknowns: Array, ramps: int, springs: int) -> tuple[Springs, float]:
+def springs_of(unknowns: Array, steps: int, springs: int) -> tuple[Springs, float]:
     """The network without walls, and its constant."""
-    parts = np.split(unknowns, np.cumsum(sizes_of(ramps, springs))[:-1])
-    shapes = shapes_of(ramps, springs, 0)
+    parts = np.split(unknowns, np.cumsum(sizes_of(steps, springs))[:-1])
+    shapes = shapes_of(steps, springs, 0)
     first, offsets, directions, bends, thresholds, stiffnesses, background = (
         part.reshape(tuple(shape)) for part, shape in zip(parts[:7], shapes[:7], strict=True)
     )
@@ -52,11 +52,11 @@ def springs_of(unknowns: Array, ramps: int, springs: int) -> tuple[Springs, floa
 class Directional:
     """Energies, slopes and second derivatives at states x (6, n) along six directions each (6, directions 6, n).
 
-    mirrored: the mean of both mirror images.
+    mirrored: the mean of both mirror images. Numbers are of the precision of x and of the springs.
     """
 
     def __init__(self, x: Array, directions: Array, *, mirrored: bool) -> None:
-        signs = (np.ones(6), MIRROR) if mirrored else (np.ones(6),)
+        signs = [sign.astype(x.dtype) for sign in ((np.ones(6), MIRROR) if mirrored else (np.ones(6),))]
         self.images = [(x * sign[:, None], directions * sign[:, None, None]) for sign in signs]
 
     def part(self, states: slice) -> Directional:
@@ -70,19 +70,15 @@ class Directional:
         layers = np.mean([_Pass(x, v, springs).outputs().sum(axis=0) for x, v in self.images], axis=0)
         return layers + np.tensordot(np.append(springs.background, constant), self.by_background(), 1)
 
-    def by_stiffness(self, directions: Array, offsets: Array) -> Array:
-        """Outputs of springs (S, 6), (S,) of unit stiffness without ramps, (S, 13, n)."""
-        none = np.zeros((0, 6)), np.zeros(0)
-        count = len(offsets)
-        alone = Springs(
-            *none, directions, np.zeros((count, 0)), offsets, np.ones(count), np.zeros(6), *none, np.zeros(0)
-        )
+    def by_stiffness(self, springs: Springs) -> Array:
+        """Outputs of the springs if their stiffness were one, (S, 13, n)."""
+        alone = springs._replace(stiffnesses=np.ones_like(springs.stiffnesses))
         return np.mean([_Pass(x, v, alone).outputs() for x, v in self.images], axis=0)
 
     def by_background(self) -> Array:
         """Outputs of the background's unit stiffnesses and of a constant, (7, 13, n)."""
         x, v = self.images[0]
-        result = np.zeros((7, OUTPUTS, x.shape[1]))
+        result = np.zeros((7, OUTPUTS, x.shape[1]), x.dtype)
         result[:6, 0], result[6, 0] = 0.5 * x * x, 1.0
         result[:6, 1:7], result[:6, 7:] = v * x[:, None], v * v
         return result
@@ -101,10 +97,10 @@ class _Pass:
 
     def __init__(self, x: Array, v: Array, springs: Springs) -> None:
         self.x, self.v, self.springs = x, v, springs
-        self.rho = _ramp(springs.ramps @ x + springs.ramp_offsets[:, None])
-        self.a1 = np.tensordot(springs.ramps, v, 1)
-        self.h1, self.h2 = self.rho[1][:, None] * self.a1, self.rho[2][:, None] * self.a1**2
-        u = springs.springs @ x + springs.spring_offsets[:, None] + springs.bends @ self.rho[0]
+        self.sigma = step(springs.steps @ x + springs.step_offsets[:, None])
+        self.a1 = np.tensordot(springs.steps, v, 1)
+        self.h1, self.h2 = self.sigma[1][:, None] * self.a1, self.sigma[2][:, None] * self.a1**2
+        u = springs.springs @ x + springs.spring_offsets[:, None] + springs.bends @ self.sigma[0]
         self.psi = [springs.stiffnesses[:, None] * part for part in _spring(u)]
         self.u1 = np.tensordot(springs.springs, v, 1) + np.tensordot(springs.bends, self.h1, 1)
         self.u2 = np.tensordot(springs.bends, self.h2, 1)
@@ -118,17 +114,17 @@ class _Pass:
         """By P, p, Q, W, q, log e: (..., 13, n)."""
         bends = self.springs.bends.T
         psi1, psi2, psi3 = (part[:, None] for part in self.psi[1:])
-        rho, rho1, rho2, rho3 = (part[:, None] for part in self.rho)
+        sigma, sigma1, sigma2, sigma3 = (part[:, None] for part in self.sigma)
         # Adjoints of u, of u' (slopes and second derivatives) and of u'' (second derivatives).
         by_u = np.concatenate([psi1, psi2 * self.u1, psi3 * self.u1**2 + psi2 * self.u2], axis=1)
         by_u1 = np.concatenate([np.repeat(psi1, 6, axis=1), 2 * psi2 * self.u1], axis=1)
         by_h, by_h1, by_h2 = (np.tensordot(bends, part, 1) for part in (by_u, by_u1, psi1))
-        by_a, by_a1 = by_h * rho1, by_h1 * rho1
-        by_a[:, 1:] += by_h1 * rho2 * np.tile(self.a1, (1, 2, 1))
-        by_a[:, 7:] += by_h2 * rho3 * self.a1**2
-        by_a1[:, 6:] += 2 * by_h2 * rho2 * self.a1
+        by_a, by_a1 = by_h * sigma1, by_h1 * sigma1
+        by_a[:, 1:] += by_h1 * sigma2 * np.tile(self.a1, (1, 2, 1))
+        by_a[:, 7:] += by_h2 * sigma3 * self.a1**2
+        by_a1[:, 6:] += 2 * by_h2 * sigma2 * self.a1
         x, v, h1 = self.x[:, None], np.tile(self.v, (1, 2, 1)), np.tile(self.h1, (1, 2, 1))
-        through = _outer(by_u, rho, by_u1, h1)
+        through = _outer(by_u, sigma, by_u1, h1)
         through[:, :, 7:] += psi1[:, None] * self.h2
         parts = (
             _outer(by_a, x, by_a1, v), by_a, _outer(by_u, x, by_u1, v), through, by_u, self.outputs(),
@@ -143,15 +139,22 @@ def _outer(by_value: Array, value: Array, by_slope: Array, slope: Array) -> Arra
     return result
 
 
-def _ramp(u: Array) -> list[Array]:
-    """ρ(u) and three derivatives."""
-    root = np.sqrt(1.0 + u * u)
-    # Without cancellation for u far below zero.
-    value = np.where(u > 0, 0.5 * (u + root), 0.5 / (root - np.minimum(u, 0.0)))
-    return [value, value / root, 0.5 / root**3, -1.5 * u / root**5]
+def step(u: Array) -> list[Array]:
+    """σ(u) and three derivatives."""
+    inverse = 1.0 / np.sqrt(1.0 + u * u)
+    cube = inverse**3
+    fifth = cube * inverse * inverse
+    return [u * inverse, cube, -3.0 * u * fifth, (12.0 * u * u - 3.0) * fifth * inverse * inverse]
 
 
 def _spring(u: Array) -> list[Array]:
-    """ρ(u)² and three derivatives."""
-    a, b, c, d = _ramp(u)
-    return [a * a, 2 * a * b, 2 * (b * b + a * c), 2 * (3 * b * c + a * d)]
+    """τ(u)² and three derivatives."""
+    root = np.sqrt(1.0 + u * u)
+    # ρ without cancellation for u far below zero.
+    rho = np.where(u > 0, 0.5 * (u + root), 0.5 / (root - np.minimum(u, 0.0)))
+    b, c, d = rho / root, 0.5 / root**3, -1.5 * u / root**5
+    part = 1.0 / (1.0 + rho)
+    share = rho * part
+    f1, f2, f3 = share**2 * (3 * part + share), 6 * share * part**3, 6 * (part - 3 * share) * part**4
+    r, r1, r2, r3 = rho * share**2, f1 * b, f2 * b * b + f1 * c, f3 * b**3 + 3 * f2 * b * c + f1 * d
+    return [r * r, 2 * r * r1, 2 * (r1 * r1 + r * r2), 2 * (3 * r1 * r2 + r * r3)]

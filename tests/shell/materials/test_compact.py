@@ -13,9 +13,9 @@ from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs, 
 SCALE = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
 
 
-def material(*, ramps: int = 3, springs: int = 5, walls: int = 2, mirrored: bool = True) -> CompactMaterial:
+def material(*, steps: int = 3, springs: int = 5, walls: int = 2, mirrored: bool = True) -> CompactMaterial:
     rng = np.random.default_rng(7)
-    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(ramps, springs, walls)))
+    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(steps, springs, walls)))
     positive = {n: np.abs(getattr(arrays, n)) for n in ("stiffnesses", "background", "wall_stiffnesses")}
     return CompactMaterial(0.2, SCALE, arrays._replace(**positive), density=0.2, mirrored=mirrored)
 
@@ -28,15 +28,17 @@ def by_numpy(material: CompactMaterial, strains: np.ndarray) -> np.ndarray:
     """The equations of the module's text."""
     s = material.springs
 
-    def ramp(u):
-        return 0.5 * (u + np.sqrt(1 + u * u))
+    def spring(u):
+        rho = 0.5 * (u + np.sqrt(1 + u * u))
+        return (rho**3 / (1 + rho) ** 2) ** 2
 
     total = 0.0
     for sign in (np.ones(6), MIRROR) if material.mirrored else (np.ones(6),):
         x = strains / SCALE * sign
-        u = s.spring_offsets + x @ s.springs.T + ramp(s.ramp_offsets + x @ s.ramps.T) @ s.bends.T
+        a = s.step_offsets + x @ s.steps.T
+        u = s.spring_offsets + x @ s.springs.T + a / np.sqrt(1 + a * a) @ s.bends.T
         walls = np.maximum(x @ s.walls.T - s.wall_offsets, 0) ** 3 @ s.wall_stiffnesses
-        total = total + 0.5 * x**2 @ s.background + ramp(u) ** 2 @ s.stiffnesses + walls
+        total = total + 0.5 * x**2 @ s.background + spring(u) @ s.stiffnesses + walls
     return material.constant + total / (2 if material.mirrored else 1)
 
 
@@ -78,7 +80,7 @@ def test_energy_is_bounded_below_and_grows_without_end():
 
 
 def test_second_derivatives_are_continuous():
-    ours = material(ramps=0, springs=1, walls=2)
+    ours = material(steps=0, springs=1, walls=2)
     wall, offset = ours.springs.walls[0], ours.springs.wall_offsets[0]
     there = SCALE * wall * offset / (wall @ wall) * 0.999999
     step = 1e-7 * SCALE * wall

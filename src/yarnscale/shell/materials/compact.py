@@ -2,14 +2,17 @@
 
 With x the six strains (s_x, s_a, s_y, II11, II12, II22) over fixed scales,
 
-    a_j = p_j + P_j·x                      ramps bend the coordinates of the strain space: a fabric that is pulled
-    u_k = q_k + Q_k·x + Σ_j W_kj ρ(a_j)    contracts along a curved valley of low energy
-    ψ   = c + ½ Σ_i d_i x_i² + Σ_k e_k ρ(u_k)²,    ρ(u) = ½ (u + √(1 + u²)),    d, e ≥ 0
+    a_j = p_j + P_j·x                      steps bend the coordinates of the strain space: a fabric that is pulled
+    u_k = q_k + Q_k·x + Σ_j W_kj σ(a_j)    contracts along a curved valley of low energy
+    ψ   = c + ½ Σ_i d_i x_i² + Σ_k e_k τ(u_k)²,    d, e ≥ 0
 
-Every spring is slack for u ≪ 0 and quadratic for u ≫ 0, as a yarn is before and after it is straight. ψ is smooth,
-not below c anywhere, and grows at least like ½ d·x². Fabrics that are their own mirror image under (s_a, II12) →
-−(s_a, II12) get the mean of both images. Walls where the samples end keep states outside from being
-softer than those at the border: they add f_k max(0, h_k·x − t_k)³ with f ≥ 0.
+    σ(a) = a/√(1 + a²),    τ(u) = ρ³/(1 + ρ)²,    ρ(u) = ½ (u + √(1 + u²))
+
+Every spring is slack for u ≪ 0 and quadratic for u ≫ 0, as a yarn is before and after it is straight; the slack side
+falls like u⁻⁶, so that stiff springs leave soft states alone. ψ is smooth, not below c anywhere, and grows at least
+like ½ d·x². Fabrics that are their own mirror image under (s_a, II12) → −(s_a, II12) get the mean of both images. Walls
+where the samples end keep states outside from being softer than those at the border: they add f_k max(0, h_k·x − t_k)³
+with f ≥ 0.
 
 Only additions, products, divisions and square roots occur, which processors do for many elements at once.
 """
@@ -43,12 +46,12 @@ MIRROR = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 class Springs(NamedTuple):
     """The numbers of the energy, by the names of the module's text; all are dimensionless but energies [J/m²].
 
-    ramps P (R, 6), ramp_offsets p (R,), springs Q (S, 6), bends W (S, R), spring_offsets q (S,), stiffnesses e (S,),
+    steps P (R, 6), step_offsets p (R,), springs Q (S, 6), bends W (S, R), spring_offsets q (S,), stiffnesses e (S,),
     background d (6,), walls h (B, 6), wall_offsets t (B,), wall_stiffnesses f (B,).
     """
 
-    ramps: Array
-    ramp_offsets: Array
+    steps: Array
+    step_offsets: Array
     springs: Array
     bends: Array
     spring_offsets: Array
@@ -59,10 +62,10 @@ class Springs(NamedTuple):
     wall_stiffnesses: Array
 
 
-def shapes_of(ramps: int, springs: int, walls: int) -> Springs:
+def shapes_of(steps: int, springs: int, walls: int) -> Springs:
     """Shapes of the arrays in place of the arrays."""
     return Springs(
-        *((ramps, 6), (ramps,), (springs, 6), (springs, ramps), (springs,), (springs,), (6,)),
+        *((steps, 6), (steps,), (springs, 6), (springs, steps), (springs,), (springs,), (6,)),
         *((walls, 6), (walls,), (walls,)),
     )  # type: ignore[arg-type]
 
@@ -89,7 +92,7 @@ class CompactMaterial(ShellMaterial):
     def __post_init__(self) -> None:
         given = Springs(*(np.array(array, dtype=np.float64) for array in self.springs))
         object.__setattr__(self, "springs", given)
-        counts = len(given.ramp_offsets), len(given.spring_offsets), len(given.wall_offsets)
+        counts = len(given.step_offsets), len(given.spring_offsets), len(given.wall_offsets)
         for name, array, shape in zip(Springs._fields, given, shapes_of(*counts), strict=True):
             if array.shape != tuple(shape) or not np.all(np.isfinite(array)):
                 raise InputError(name, expected=f"finite numbers of shape {tuple(shape)}", found=array.shape)
@@ -123,8 +126,8 @@ class CompactMaterial(ShellMaterial):
         return self.constants
 
     def kernels(self) -> MaterialKernels:
-        ramps, springs, walls = (len(getattr(self.springs, n)) for n in ("ramps", "springs", "walls"))
-        return _kernels(ramps, springs, walls, bool(self.mirrored))
+        steps, springs, walls = (len(getattr(self.springs, n)) for n in ("steps", "springs", "walls"))
+        return _kernels(steps, springs, walls, bool(self.mirrored))
 
     def outside(self, strains: ArrayLike) -> Array:
         """How far states (..., 6) lie outside the sampled ones: 0 within, 1 another ``spacing`` away."""
@@ -138,17 +141,24 @@ class CompactMaterial(ShellMaterial):
         return np.maximum(distance / self.spacing - 1.0, 0.0).reshape(strains.shape[:-1])
 
 
-def ramp(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """ρ(u) and its two derivatives."""
-    root = ca.sqrt(1 + u * u)
-    value, inverse = 0.5 * (u + root), 1 / root
-    return value, value * inverse, 0.5 * inverse * inverse * inverse
+def step(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """σ(u) and its two derivatives."""
+    inverse = 1 / ca.sqrt(1 + u * u)
+    cube = inverse * inverse * inverse
+    return u * inverse, cube, -3 * u * cube * inverse * inverse
 
 
 def spring(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """ρ(u)² and its two derivatives."""
-    value, first, second = ramp(u)
-    return value * value, 2 * value * first, 2 * (first * first + value * second)
+    """τ(u)² and its two derivatives."""
+    root = ca.sqrt(1 + u * u)
+    rho, inverse = 0.5 * (u + root), 1 / root
+    part = 1 / (1 + rho)
+    share, first = rho * part, rho * inverse
+    by_rho = share * share * (3 * part + share)
+    twice_by_rho = 6 * share * part * part * part
+    value, slope = rho * share * share, by_rho * first
+    bend = twice_by_rho * first * first + 0.5 * by_rho * inverse * inverse * inverse
+    return value * value, 2 * value * slope, 2 * (slope * slope + value * bend)
 
 
 def wall(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -182,14 +192,14 @@ def compact_energy(
 
 def _image(x: ca.SX, c: _Numbers) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Energy of the springs and walls at x, gradient and second derivative."""
-    bent, bent_1, bent_2 = ramp(c.ramp_offsets + c.ramps @ x)
+    bent, bent_1, bent_2 = step(c.step_offsets + c.steps @ x)
     psi, psi_1, psi_2 = spring(c.spring_offsets + c.springs @ x + c.bends @ bent)
     psi_1, psi_2 = c.stiffnesses * psi_1, c.stiffnesses * psi_2
-    # du/dx, and Σ_k ψ'_k W_kj for the curvature of the ramps.
-    slope = c.springs + (c.bends * ca.repmat(bent_1.T, c.bends.size1(), 1)) @ c.ramps
+    # du/dx, and Σ_k ψ'_k W_kj for the curvature of the steps.
+    slope = c.springs + (c.bends * ca.repmat(bent_1.T, c.bends.size1(), 1)) @ c.steps
     curved = (c.bends.T @ psi_1) * bent_2
     energy, gradient = ca.dot(c.stiffnesses, psi), slope.T @ psi_1
-    hessian = slope.T @ (ca.repmat(psi_2, 1, 6) * slope) + c.ramps.T @ (ca.repmat(curved, 1, 6) * c.ramps)
+    hessian = slope.T @ (ca.repmat(psi_2, 1, 6) * slope) + c.steps.T @ (ca.repmat(curved, 1, 6) * c.steps)
     out, out_1, out_2 = wall(c.walls @ x - c.wall_offsets)
     energy += ca.dot(c.wall_stiffnesses, out)
     gradient += c.walls.T @ (c.wall_stiffnesses * out_1)
@@ -199,8 +209,8 @@ def _image(x: ca.SX, c: _Numbers) -> tuple[ca.SX, ca.SX, ca.SX]:
 class _Numbers(NamedTuple):
     constant: ca.SX
     inverse_scale: ca.SX
-    ramps: ca.SX
-    ramp_offsets: ca.SX
+    steps: ca.SX
+    step_offsets: ca.SX
     springs: ca.SX
     bends: ca.SX
     spring_offsets: ca.SX
@@ -223,11 +233,11 @@ def _unpacked(numbers: ca.SX, shapes: Springs) -> _Numbers:
 
 
 @cache
-def _kernels(ramps: int, springs: int, walls: int, mirrored: bool) -> MaterialKernels:
-    shapes = shapes_of(ramps, springs, walls)
+def _kernels(steps: int, springs: int, walls: int, mirrored: bool) -> MaterialKernels:
+    shapes = shapes_of(steps, springs, walls)
     count = 7 + sum(int(np.prod(shape)) for shape in shapes)
 
     def energy(forms: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         return compact_energy(strains_of_forms(forms), numbers, shapes, mirrored=mirrored)
 
-    return compile_material(energy, count, f"compact_{ramps}_{springs}", shared=True)
+    return compile_material(energy, count, f"compact_{steps}_{springs}", shared=True)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.kinematics import COMPONENTS
+from yarnscale.kinematics import COMPONENTS, strain_units
 from yarnscale.numerics.kernel import LANES, Kernel, compile_kernel
 
 Array = NDArray[np.float64]
@@ -83,8 +83,8 @@ class ShellMaterial(ABC):
 
     @property
     def strain_scale(self) -> Array:
-        """Scale of the strains (6,): 0.5 in-plane, 100/m of bending if the yarn is unknown."""
-        return np.array([0.5] * 3 + [100.0] * 3)
+        """Scale of the strains (6,): that of yarn of 1 mm if the yarn is unknown."""
+        return strain_units(1e-3)
 
     @abstractmethod
     def parameters(self, forms: Array) -> Array:
