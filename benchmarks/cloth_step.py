@@ -78,8 +78,8 @@ def scenes(material: ShellMaterial) -> None:
     print(f"{'scene':24}{'steps':>7}{'iterations':>12}{'seconds':>9}  ended")
     for scene in (stretch(material), stretch(material, direction="wale"), drape(material)):
         result = run_scene(scene)
-        cost = f"{result.steps:7}{result.newton_iterations:12}{result.seconds:9.1f}"
-        print(f"{scene.name:24}{cost}  {result.status.value}", flush=True)
+        cost = f"{result.run.steps:7}{result.run.newton_iterations:12}{result.seconds:9.1f}"
+        print(f"{scene.name:24}{cost}  {result.run.outcome}", flush=True)
 
 
 class Stopwatch:
@@ -147,7 +147,7 @@ def stretching(
     begin, begin_cpu = time.perf_counter(), time.process_time()
     with watch.running("the rest: line search, recursion, sums"):
         for _ in range(steps):
-            result = solver.advance(state, duration / steps, rough=rough)
+            result = solver.advance(state, duration / steps, iterations=rough, unfinished=rough is not None)
             state, iterations = result.state, iterations + result.iterations
             worst = max(worst, result.residual)
     wall, cpu = time.perf_counter() - begin, time.process_time() - begin_cpu

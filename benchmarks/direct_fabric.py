@@ -89,7 +89,7 @@ def cloth_seconds(name: str, options: argparse.Namespace) -> float:
     for duration in (1e-3, options.frames * FRAME):  # the first time kernels are compiled
         schedule = Schedule(duration, FRAME, to_rest=False)
         result = cloth_scene.run_scene(replace(made, schedule=schedule))
-    return result.seconds / (result.simulated_seconds / FRAME)
+    return result.seconds / ((result.state.time - made.start.time) / FRAME)
 
 
 def parts(energy: FabricEnergy) -> tuple[float, float, float]:

@@ -107,7 +107,7 @@ def main() -> None:
             print(
                 f"{spacing:6.2f}{mesh.vertex_count:9}{1e3 * elastic:12.4g}{1e3 * total:10.4g}{low:8.2f}{high:8.2f}"
                 f"{stretches[0]:8.4f}{stretches[1]:8.4f}{bends[0]:10.1f}{bends[1]:10.1f}{spent:9.1f}"
-                f"  {result.status.value}",
+                f"  {result.run.outcome}",
                 flush=True,
             )
 

@@ -87,7 +87,7 @@ def run(scene: Scene) -> list[ClothState]:
     result = simulate(solver, scene.start, scene.schedule, on_step=on_step, on_frame=on_frame)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(
-        f"{result.status.value}; {len(states)} frames, {crossings} with crossings; a frame takes "
+        f"{result.outcome}; {len(states)} frames, {crossings} with crossings; a frame takes "
         f"{np.mean(seconds):.1f} s (median {np.median(seconds):.1f}, longest {max(seconds):.1f}); "
         f"{np.mean(iterations):.1f} Newton iterations a step, {result.loose_steps} of {result.steps} steps loose; "
         f"peak memory {memory:.0f} MB"

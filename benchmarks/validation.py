@@ -228,7 +228,7 @@ def by_cloth(asked: Scenario, folder: Path, options: argparse.Namespace) -> Run:
     return Run(
         cloth.mesh.vertex_count, run.steps, options.cloth_step, seconds, np.array([s.time for s in states]),
         np.array([pull(s) for s in states]), np.array([surface.at(s.positions) for s in states]),
-        run.state.positions, cloth.mesh.triangles, run.faults.get("intersections"),
+        run.state.positions, cloth.mesh.triangles, run.faults.get("intersections", 0),
     )  # fmt: skip
 
 
