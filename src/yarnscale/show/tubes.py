@@ -45,6 +45,7 @@ def yarn_picture(
         light(plotter)
         # Ends are flat, with an edge.
         tubes = tube_mesh(curves, radius).compute_normals(cell_normals=False, split_vertices=True)
+        assert isinstance(tubes, pv.PolyData)
         add_tubes(plotter, tubes, radius)
         if surface is not None:
             _add_surface(plotter, surface)
