@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
 from yarnscale.homogenize.compact_problem import (
+    FIT_FLOOR,
     STRESS_FLOOR,
     CompactOptions,
     Problem,
@@ -23,13 +24,15 @@ from yarnscale.homogenize.compact_problem import (
 )
 from yarnscale.homogenize.compact_start import start_of
 from yarnscale.kinematics import strain_units
-from yarnscale.numerics.threads import on_one_thread
+from yarnscale.numerics.threads import on_one_thread, run_parts
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
 
 __all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
 Array = NDArray[np.float64]
 
+_RACE = 20
+"""Iterations after which the better of several starts goes on: some are caught early."""
 _LAST = 5
 """Iterations with all states, those that were held back among them."""
 
@@ -59,10 +62,12 @@ def fit_compact_material(
     held = rng.permutation(len(data.energies)) < min(100, len(data.energies) // 10)
     held[data.rest] = False
     train, test = Problem(data.chosen(~held), mirrored, options), data.chosen(held)
-    start = start_of(train, rng)
-    unknowns = train.search(start, STRESS_FLOOR, options.iterations)
+    starts = run_parts(lambda own: start_of(train, own), rng.spawn(options.starts))
+    raced = [train.search(start, FIT_FLOOR, _RACE) for start in starts] if len(starts) > 1 else starts
+    start = min(raced, key=lambda unknowns: train.loss(unknowns, FIT_FLOOR))
+    unknowns = train.search(start, FIT_FLOOR, options.iterations)
     unseen = train.errors(unknowns, test)
-    springs, constant = Problem(data, mirrored, options).searched(unknowns, STRESS_FLOOR, _LAST)
+    springs, constant = Problem(data, mirrored, options).searched(unknowns, FIT_FLOOR, _LAST)
     springs = _filled(springs, options.springs)
     samples, spacing = _representative(data.x, mirrored)
     record = {

@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 
 STRESS_FLOOR = 0.02
 """Stress [N/m], by strains in units, below which errors stop being relative: the weight of a centimetre of fabric."""
+FIT_FLOOR = 0.25 * STRESS_FLOOR
+"""The same for the fit, which has to meet the strain under that load, too."""
+_LEAST_ALLOWED = 0.1
+"""Allowed error of stress along the softest directions, as a part of that along stiff ones."""
 FEWEST_STATES = 10
 _HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 100, 2.0
 _SINGLE: Any = np.float32
@@ -36,27 +40,30 @@ _LATEST, _LEAST_GAIN = 6, 2e-3
 class CompactOptions:
     """How to fit.
 
-    steps, springs: units of the first and most units of the second layer. rounds: of the choice of springs. iterations:
-    of the refinement. tolerance: relative error of stress and energy that counts as one. modulus_weight: of a relative
-    error of a modulus beside one of stress. symmetric: whether the fabric is its own mirror image, None to tell from
-    the samples. seed: of the choice. Raises InputError for values out of range.
+    steps, springs: units of the first and most units of the second layer. rounds: of the choice of springs. starts:
+    choices that compete. iterations: of the refinement. tolerance: relative error of stress and energy that counts as
+    one. strain_tolerance: error of the strain, in units, that counts as one along soft directions. modulus_weight: of a
+    relative error of a modulus beside one of stress. symmetric: whether the fabric is its own mirror image, None to
+    tell from the samples. seed: of the choice. Raises InputError for values out of range.
     """
 
     steps: int = 16
     springs: int = 40
     rounds: int = 75
-    iterations: int = 40
+    starts: int = 2
+    iterations: int = 60
     tolerance: float = 0.03
+    strain_tolerance: float = 0.01
     modulus_weight: float = 0.3
     symmetric: bool | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
-        least = {"steps": 0, "springs": 1, "rounds": 1, "iterations": 0, "seed": 0}
+        least = {"steps": 0, "springs": 1, "rounds": 1, "starts": 1, "iterations": 0, "seed": 0}
         for name, lowest in least.items():
             if not isinstance(found := getattr(self, name), int | np.integer) or found < lowest:
                 raise InputError(name, expected=f"a whole number from {lowest} on", found=found)
-        for name in ("tolerance", "modulus_weight"):
+        for name in ("tolerance", "strain_tolerance", "modulus_weight"):
             if not (np.isfinite(found := getattr(self, name)) and found > 0):
                 raise InputError(name, expected="a positive number", found=found)
 
@@ -169,17 +176,19 @@ class Problem:
         modulus_floor = np.where(self.at_rest, 0.3 / at_rest * floor, 10.0 * allowed)
         modulus = options.modulus_weight * self.known / (self.sizes + modulus_floor)
         modulus = np.where(self.at_rest, at_rest, 1.0) * modulus
-        weights = np.concatenate([1.0 / (added + floor)[None], np.tile(1.0 / allowed, (6, 1)), modulus])
-        return weights / options.tolerance
+        # Where fabric is soft, a small error of the stress is a large one of the strain.
+        strained = options.strain_tolerance / options.tolerance * self.sizes
+        slopes = np.where(self.known, np.clip(strained, _LEAST_ALLOWED * allowed, allowed), allowed)
+        return np.concatenate([1.0 / (added + floor)[None], 1.0 / slopes, modulus]) / options.tolerance
 
     def search(self, unknowns: Array, floor: float, iterations: int) -> Array:
         """Levenberg–Marquardt at one floor."""
         weights, damping = self.weights(floor, at_rest=_AT_REST), 1e-2
         value, residuals = self._loss(unknowns, weights)
-        gains = [1.0] * _LATEST
+        gains, single = [1.0] * _LATEST, True
         for _ in range(iterations):
-            matrix, gradient = self._normal(unknowns, weights, residuals)
-            diagonal = np.diag(matrix).copy()
+            matrix, gradient = self._normal(unknowns, weights, residuals, single=single)
+            diagonal, trial, found = np.diag(matrix).copy(), np.inf, residuals
             for _ in range(10):
                 damped = matrix.copy()
                 damped[np.diag_indices(len(damped))] += damping * (diagonal + _LEAST_DIAGONAL)
@@ -188,14 +197,20 @@ class Problem:
                 if trial < value:
                     break
                 damping *= 4.0
-            else:
-                return unknowns
-            gains.append(1.0 - trial / value)
-            unknowns, value, residuals = unknowns - step, trial, found
-            damping = max(damping / 4.0, 1e-6)
-            if sum(gains[-_LATEST:]) < _LATEST * _LEAST_GAIN:
-                break
+            if trial < value:
+                gains.append(1.0 - trial / value)
+                unknowns, value, residuals = unknowns - step, trial, found
+                damping = max(damping / 4.0, 1e-6)
+            if not trial < np.inf or sum(gains[-_LATEST:]) < _LATEST * _LEAST_GAIN or damping > 1e3:
+                if not single:
+                    break
+                # What single precision cannot improve, double may.
+                gains, single, damping = [1.0] * _LATEST, False, 1e-2
         return unknowns
+
+    def loss(self, unknowns: Array, floor: float) -> float:
+        """What ``search`` lowers."""
+        return self._loss(unknowns, self.weights(floor, at_rest=_AT_REST))[0]
 
     def searched(self, unknowns: Array, floor: float, iterations: int) -> tuple[Springs, float]:
         """The network after a search."""
@@ -211,17 +226,21 @@ class Problem:
         huber = (near * (2 * size - near)).sum()
         return float(huber + _SMALL * unknowns @ unknowns), residuals
 
-    def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> tuple[Array, Array]:
-        """Matrix and right side of the Gauss–Newton step in single precision, states in parts side by side."""
-        springs = coarse(self.network(unknowns)[0])
+    def _normal(
+        self, unknowns: Array, weights: Array, residuals: Array, *, single: bool
+    ) -> tuple[Array, Array]:
+        """Matrix and right side of the Gauss–Newton step, states in parts side by side; single: in single precision."""
+        springs, states, kind = self.network(unknowns)[0], self.states, np.float64
+        if single:
+            springs, states, kind = coarse(springs), self.coarse, _SINGLE
         factors = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
-        scaled, right = ((factors * part).astype(_SINGLE) for part in (weights, residuals))
+        scaled, right = ((factors * part).astype(kind) for part in (weights, residuals))
         places = [slice(k, k + _AT_ONCE) for k in range(0, self.x.shape[1], _AT_ONCE)]
 
         def part(mine: list[slice]) -> tuple[Array, Array]:
-            matrix, gradient = np.zeros((len(unknowns),) * 2, _SINGLE), np.zeros(len(unknowns))
+            matrix, gradient = np.zeros((len(unknowns),) * 2, kind), np.zeros(len(unknowns))
             for place in mine:
-                rows = self.coarse.part(place).jacobian(springs)
+                rows = states.part(place).jacobian(springs)
                 rows *= scaled[:, place]
                 rows = rows.reshape(len(unknowns), -1)
                 matrix += rows @ rows.T

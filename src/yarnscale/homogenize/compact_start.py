@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from yarnscale.homogenize.compact_problem import STRESS_FLOOR, Problem, coarse
+from yarnscale.homogenize.compact_problem import FIT_FLOOR, Problem, coarse
 from yarnscale.homogenize.spring_jacobian import step, unknowns_of
 from yarnscale.shell.materials.compact import Springs
 
@@ -53,7 +53,7 @@ def start_of(problem: Problem, rng: np.random.Generator) -> Array:
         if turn:
             varied, drawn = _varied(x, springs, spread, rng), _drawn(x, options.steps, _FRESH, rng)
             springs = _joined(springs, np.concatenate([varied, drawn]), x)
-            floor, spread = max(STRESS_FLOOR, _LOWERED * floor), 0.95 * spread
+            floor, spread = max(FIT_FLOOR, _LOWERED * floor), 0.95 * spread
         springs, constant = _selected(problem, springs, floor)
     return unknowns_of(springs, constant)
 
@@ -100,17 +100,21 @@ def _varied(x: Array, springs: Springs, spread: float, rng: np.random.Generator)
     return np.column_stack([rows, there - np.einsum("ki,ki->k", rows, inputs)])
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _selected(problem: Problem, springs: Springs, floor: float) -> tuple[Springs, float]:
     """The stiffest, at most as many as asked, with the best stiffnesses and background; the constant."""
     weights, target, least = problem.weights(floor), problem.target.copy(), float(problem.energies.min())
     target[0] -= least
     columns = [problem.coarse.by_stiffness(coarse(springs)), problem.coarse.by_background()]
     rows = (np.concatenate(columns) * weights.astype(np.float32)).reshape(-1, weights.size)
+    # Rows of very stiff springs would overflow in single precision when multiplied.
+    most = np.maximum(np.abs(rows).max(axis=1), np.float32(1e-30))
+    rows /= most[:, None]
     right = (rows @ (weights * target).ravel().astype(np.float32)).astype(np.float64)
     matrix = (rows @ rows.T).astype(np.float64)
     size = np.sqrt(np.diag(matrix)) + 1e-300
-    matrix, right = matrix / size / size[:, None], right / size
-    matrix[np.diag_indices(len(matrix))] += 1e-5
+    matrix, right, size = matrix / size / size[:, None], right / size, size * most
+    matrix[np.diag_indices(len(matrix))] += 1e-4
     count = len(springs.springs)
 
     def stiffest(mine: NDArray[np.int64]) -> Array:
