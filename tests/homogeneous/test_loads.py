@@ -156,3 +156,10 @@ def test_a_start_without_moduli_is_gone_on_from():
     found = equilibrium_under(Remembering(), Loads.components(s_x=0.1), start=start)
     assert found.converged
     assert found.strain[0] == pytest.approx(0.1 * SCALE[0] ** 2, rel=1e-3)
+
+
+def test_prescribed_strains_that_are_no_numbers_are_refused() -> None:
+    with pytest.raises(InputError, match="finite"):
+        Prescribed.curvature(0.0, np.nan)
+    with pytest.raises(InputError, match="matrix"):
+        Prescribed(np.eye(6), np.zeros(2))

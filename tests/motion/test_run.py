@@ -128,3 +128,13 @@ def test_what_is_no_step_is_refused() -> None:
     for how in ({"inertia": False}, {"duration": math.inf}):
         with pytest.raises(InputError, match="implicit"):
             body.step(Angle(1.0, 0.0), **({"duration": 0.1} | how))
+
+
+@pytest.mark.parametrize("kind", ["to_rest", "statics"])
+def test_what_explicit_steps_cannot_do_is_refused_before_the_first(kind: str) -> None:
+    body = Pendulum()
+    body.method = "explicit"
+    schedule = Schedule(1.0, 0.1, to_rest=kind == "to_rest", statics=kind == "statics")
+    with pytest.raises(InputError, match="implicit"):
+        simulate(body, Angle(1.0, 0.0), schedule)
+    assert not body.lengths

@@ -52,3 +52,10 @@ def test_points_out_of_reach_of_a_mesh_are_far_from_it() -> None:
     _, mesh, _ = bodies()
     distance, normal = surface_of(mesh, reach=0.1).at(np.array([[5.0, 0.0, 0.0]]), 0.0)
     assert distance == 0.1 and np.linalg.norm(normal) == 1.0
+
+
+def test_no_points_are_no_fault() -> None:
+    for body in bodies():
+        surface = surface_of(body, reach=0.2)
+        assert len(surface.at(np.zeros((0, 3)), 0.5)[0]) == 0
+        assert surface.carried(np.zeros((0, 3)), 0.0, 0.5).shape == (0, 3)

@@ -29,6 +29,7 @@ from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain, strain_units
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.spline_patches import PLANES
 from yarnscale.show.report import Picture, Section, Table, write_report
 
 PATTERN = "pattern.json"
@@ -190,7 +191,7 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
     if (outcome.samples.kinds == "tension").any():
         draw_curves(outcome.material, outcome.samples, folder)
         pictures = [Picture(folder / name, text, wide=True) for name, text in PICTURES.items()]
-    if isinstance(outcome.material, SplineMaterial) and outcome.material.planes:
+    if isinstance(outcome.material, SplineMaterial) and set(PLANES[:3]) & set(outcome.material.planes):
         draw_terms(outcome.material, outcome.samples, folder / TERMS)
         pictures = [Picture(folder / TERMS, "Terms of two in-plane strains (HYLC20 Fig. 13).", wide=True)]
     return [

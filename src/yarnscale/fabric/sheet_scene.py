@@ -98,6 +98,11 @@ class PlannedScene:
     damping: float = 1.0
     may_give_way: bool = False
 
+    def __post_init__(self) -> None:
+        for name in ("friction", "damping"):
+            if not (math.isfinite(value := getattr(self, name)) and value >= 0):
+                raise InputError(name, expected="zero or a positive number", found=value)
+
     def laid(self, sheet: YarnSheet) -> YarnSheet:
         """The sheet with its middle in place."""
         return sheet.moved(sheet.vertices + np.array(self.position) - _middle(sheet))

@@ -102,6 +102,14 @@ class Prescribed:
     matrix: Array = field(default_factory=lambda: np.zeros((0, 6)))
     values: Array = field(default_factory=lambda: np.zeros(0))
 
+    def __post_init__(self) -> None:
+        if self.matrix.shape != (len(self.values), 6):
+            raise InputError(
+                "prescribed strains", expected=f"a matrix ({len(self.values)}, 6)", found=self.matrix.shape
+            )
+        if not (np.isfinite(self.matrix).all() and np.isfinite(self.values).all()):
+            raise InputError("prescribed strains", expected="finite numbers", found=self.values.tolist())
+
     @classmethod
     def components(cls, **values: float) -> Prescribed:
         """Strains by their names, at given values."""

@@ -63,9 +63,10 @@ def fit_compact_material(
     held[data.rest] = False
     train, test = Problem(data.chosen(~held), mirrored, options), data.chosen(held)
     starts = run_parts(lambda own: start_of(train, own), rng.spawn(options.starts))
-    raced = [train.search(start, FIT_FLOOR, _RACE) for start in starts] if len(starts) > 1 else starts
+    race = min(_RACE, options.iterations) if len(starts) > 1 else 0
+    raced = [train.search(start, FIT_FLOOR, race) for start in starts]
     start = min(raced, key=lambda unknowns: train.loss(unknowns, FIT_FLOOR))
-    unknowns = train.search(start, FIT_FLOOR, options.iterations)
+    unknowns = train.search(start, FIT_FLOOR, options.iterations - race)
     unseen = train.errors(unknowns, test)
     springs, constant = Problem(data, mirrored, options).searched(unknowns, FIT_FLOOR, _LAST)
     springs = _filled(springs, options.springs)
@@ -88,11 +89,14 @@ def _is_symmetric(data: Samples) -> bool:
     The stresses of s_a and II12 vanish then where these strains do. Half of the states near there decide: single ones
     may have buckled to one side.
     """
-    odd, known = MIRROR < 0, np.isfinite(data.moduli).all(axis=(1, 2))
-    near = known & (np.abs(data.x[:, odd]).max(axis=1) < 0.03)
+    odd = MIRROR < 0
+    known = np.asarray(np.isfinite(data.moduli).all(axis=(1, 2)))
+    away = np.abs(data.x[:, odd]).max(axis=1)
+    near = np.asarray(away < np.where(known, 0.03, 1e-9))
     if not near.any():
         return True
-    back = np.einsum("nij,nj->ni", data.moduli[near][:, odd][:, :, odd], data.x[near][:, odd])
+    moduli = np.where(known[near, None, None], data.moduli[near], 0.0)[:, odd][:, :, odd]
+    back = np.einsum("nij,nj->ni", moduli, data.x[near][:, odd])
     stresses = data.stresses[near]
     left = np.linalg.norm(stresses[:, odd] - back, axis=1)
     return bool(np.median(left / (np.linalg.norm(stresses, axis=1) + STRESS_FLOOR)) < 0.05)

@@ -51,7 +51,7 @@ class CompactOptions:
     springs: int = 40
     rounds: int = 75
     starts: int = 2
-    iterations: int = 60
+    iterations: int = 80
     tolerance: float = 0.03
     strain_tolerance: float = 0.01
     modulus_weight: float = 0.3

@@ -106,15 +106,19 @@ def homogenize(
     if form == "compact":
         if range is not None:
             raise InputError("range of strains", expected="the form hylc2020 with it; loads set the range")
+        if not isinstance(options, CompactOptions | None):
+            raise InputError("options of the fit", expected="CompactOptions", found=options)
         found = sample_loads(
             cell, folder, solves=solves, limit=limit, visited=visited, workers=workers, dask=dask,
             resume=resume, progress=progress,
         )  # fmt: skip
         samples, unseen, summary = found.samples, found.unseen, found.summary
-        assert options is None or isinstance(options, CompactOptions)
         material: CompactMaterial | SplineMaterial = fit(found.store, options=options)
     else:
-        assert options is None or isinstance(options, PublishedOptions)
+        if limit is not None or visited is not None:
+            raise InputError("loads", expected="the form compact with them; a range of strains is sampled")
+        if not isinstance(options, PublishedOptions | None):
+            raise InputError("options of the fit", expected="PublishedOptions", found=options)
         stores, summary = _strain_stores(
             cell, folder, range or StrainRange(), solves, workers, dask, resume, progress
         )

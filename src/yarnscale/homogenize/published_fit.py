@@ -224,7 +224,7 @@ def _knots(samples: Array, axis: int, most: int, options: PublishedOptions) -> A
 
 
 def _resampled(states: _States, places: Array, smoothing: float) -> Array:
-    """Moving least squares: value, slopes and second derivatives (upper triangle) at places (m, d), (m, 1 + d + …).
+    """Moving least squares: value, slopes and coefficients of the products at places (m, d), (m, 1 + d + …).
 
     At each place a quadratic polynomial meets energies and slopes of the states around it, weighted by a Gaussian whose
     width follows the distance of the states there.

@@ -46,6 +46,9 @@ def equilibrium(
             spent += result.iterations
             if result.status is Status.CONVERGED:
                 break
+    else:
+        result = body.step(state, math.inf, until=target)
+        spent += result.iterations
     return replace(result, iterations=spent), True
 
 

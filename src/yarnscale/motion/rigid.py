@@ -59,6 +59,8 @@ class Motion:
         """Part of the motion that is done at a time, in [0, 1]."""
         if time >= self.end:
             return 1.0
+        if time <= self.start:
+            return 0.0
         share = max(time - self.start, 0.0) / self.duration
         return share * share * (3.0 - 2.0 * share) if self.ease else share
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic
 
 from yarnscale.checked import checked
+from yarnscale.errors import InputError
 from yarnscale.motion.body import Body, State, Step
 from yarnscale.motion.quasi_static import follow_load
 from yarnscale.motion.schedule import Schedule
@@ -123,13 +124,17 @@ class _Runner(Generic[State]):
         schedule, state = self.schedule, self.now.state
         if self.now.status is not None:
             return self._finish(self.now.status)
+        if (schedule.to_rest or schedule.statics) and self.body.method == "explicit":
+            raise InputError("steps without inertia", expected="the implicit method", found=self.body.method)
         if self.now.steps == self.now.frames == 0:
             self.body.check_start(state)
             self._put(next_frame=state.time)
             self._frame()
             self._checkpoint()
         if schedule.statics:
-            left, loads = self.end - self.now.state.time, schedule.load_steps
+            left, loads = self._remaining(), schedule.load_steps
+            if left == 0.0:
+                return self._finish(Status.CONVERGED)
             path = follow_load(self.body, self.now.state, left, loads=loads, on_equilibrium=self._reached)
             return self._finish(path[1])
         self.longest = self._longest()
@@ -218,7 +223,7 @@ class _Runner(Generic[State]):
             passed = max(1, math.ceil((time - now.next_frame) / interval + 1e-9))
             self._put(next_frame=now.next_frame + interval * passed)
             if self._remaining() > 0.0:
-                self._put(state=self.body.renewed(self.now.state, self.schedule.time_step))
+                self._put(state=self.body.renewed(self.now.state, self._longest()))
                 self.longest = self._longest()
 
     def _checkpoint(self) -> None:

@@ -80,7 +80,7 @@ class _Triangles:
         self._place(time)
         near = self._tree.query_ball_point(points, self._reach + self._widest)
         counts = np.array([len(found) for found in near], np.int64)
-        which = np.concatenate([np.array(found, np.int64) for found in near])
+        which = np.concatenate([np.empty(0, np.int64), *(np.array(found, np.int64) for found in near)])
         owner = np.repeat(np.arange(len(points)), counts)
         closest = _closest(points[owner], self._corner[which])
         gap = np.linalg.norm(points[owner] - closest, axis=1)

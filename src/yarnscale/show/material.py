@@ -111,11 +111,13 @@ def _bending(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: fl
     for side in (-1.0, 1.0):
         state: LoadedState | None = None
         for value in np.linspace(0.0, np.abs(curvature[bent]).max(initial=0.0), 20):
-            state = equilibrium_under(
+            found = equilibrium_under(
                 fabric, Loads(), prescribed=Prescribed.bent(angle, side * float(value)), start=state
             )
-            line.append((side * float(value), float(state.stress[3 + place])))
-    x, y = np.array(sorted(line)).T
+            if found.converged:
+                state = found
+                line.append((side * float(value), float(found.stress[3 + place])))
+    x, y = np.array(sorted(line)).reshape(-1, 2).T
     _line_and_dots(axes, (x, 1e3 * y), (curvature[bent], 1e3 * states.stresses[bent, 3 + place]))
     axes.set_xlabel("curvature [1/m]")
     axes.set_ylabel("moment [mN]")
