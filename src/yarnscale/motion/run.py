@@ -132,8 +132,8 @@ class _Runner(Generic[State]):
             self._frame()
             self._checkpoint()
         if schedule.statics:
-            left, loads = self._remaining(), schedule.load_steps
-            if left == 0.0:
+            left, loads = self.end - self.now.state.time, schedule.load_steps
+            if not self._remaining():
                 return self._finish(Status.CONVERGED)
             path = follow_load(self.body, self.now.state, left, loads=loads, on_equilibrium=self._reached)
             return self._finish(path[1])
