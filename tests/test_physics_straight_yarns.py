@@ -7,7 +7,7 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.curves import PeriodicCurve
+from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -30,7 +30,7 @@ def parallel_yarns(axis: int, *, vertices: int = 8, yarns: int = 1, height: floa
         points[:, 1 - axis] = SPACING * k + 1e-4
         points[:, 2] = height
         curves.append(PeriodicCurve(points, (1, 0) if axis == 0 else (0, 1)))
-    return YarnPattern.from_curves(curves, period, RADIUS)
+    return pattern_from_curves(curves, period, RADIUS)
 
 
 def cell(axis: int, **options) -> PeriodicCell:  # type: ignore[no-untyped-def]

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+    from yarnscale.cell.equilibrium import Equilibrium
+    from yarnscale.cell.periodic import PeriodicCell
     from yarnscale.cell.rest import RestShape, settled
     from yarnscale.detail.fluctuations import FluctuationTable
     from yarnscale.detail.yarns import YarnDetail
@@ -54,7 +55,7 @@ _HOME = {
     "COMPONENTS": "kinematics",
     "Cloth": "shell.dynamics.cloth",
     "ContactRule": "yarn.material",
-    "Equilibrium": "cell.periodic",
+    "Equilibrium": "cell.equilibrium",
     "FluctuationTable": "detail.fluctuations",
     "FabricShell": "estimate.fabric_shell",
     "FabricTests": "laboratory.programme",

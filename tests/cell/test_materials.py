@@ -11,7 +11,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.curves import PeriodicCurve
+from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
@@ -33,7 +33,7 @@ def straight(*kinds: int) -> YarnPattern:
         points[:, 0], points[:, 1] = RADIUS * np.arange(count), SPACING * k + 1e-4
         curves.append(PeriodicCurve(points, (1, 0)))
     period = np.array([count * RADIUS, SPACING * len(kinds)])
-    return replace(YarnPattern.from_curves(curves, period, RADIUS), yarn_material=np.array(kinds))
+    return replace(pattern_from_curves(curves, period, RADIUS), yarn_material=np.array(kinds))
 
 
 def plated() -> YarnPattern:

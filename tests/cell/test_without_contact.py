@@ -6,14 +6,13 @@ import numpy as np
 
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.curves import PeriodicCurve
+from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.material import YarnMaterial
-from yarnscale.yarn.pattern import YarnPattern
 
 
 def test_a_cell_without_pairs_has_energy_gradient_and_stress() -> None:
     points = np.column_stack([np.arange(6.0), np.zeros(6), np.zeros(6)]) * 1e-3
-    lone = YarnPattern.from_curves([PeriodicCurve(points, (1, 0))], [6e-3, 20e-3], 1e-3)
+    lone = pattern_from_curves([PeriodicCurve(points, (1, 0))], [6e-3, 20e-3], 1e-3)
     energy = CellEnergy(lone, YarnMaterial.preset("wool"), ShellStrain(0.1))
     x = energy.start()
     value, gradient, model = energy.quadratic(x)

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn import library
-from yarnscale.yarn.curves import PeriodicCurve
+from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps, safe_fraction, segment_gap
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -49,7 +49,7 @@ def random_pattern(seed: int) -> YarnPattern:
         count = int(rng.integers(3, 9))
         line = np.arange(count)[:, None] / count * np.array([*(np.array(shifts[k]) * period), 0.0])
         curves.append(PeriodicCurve(line + rng.uniform(-1.5, 1.5, (count, 3)), shifts[k]))
-    return YarnPattern.from_curves(curves, period, 0.3)
+    return pattern_from_curves(curves, period, 0.3)
 
 
 def brute(
@@ -145,7 +145,7 @@ def test_neighbours_are_left_out_across_the_border_of_the_period() -> None:
     """A straight yarn of four vertices: only its copies more than three edges away are pairs."""
     period = np.array([4.0, 10.0])
     curve = PeriodicCurve(np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)]), (1, 0))
-    pattern = YarnPattern.from_curves([curve], period, 0.3)
+    pattern = pattern_from_curves([curve], period, 0.3)
     for neighbours in (1, 2, 3, 5):
         pairs = found_pairs(pattern, pattern.vertices, 6.5, neighbours, True)
         apart = np.array([j + 4 * a - i for i, j, a, _ in pairs])

@@ -10,7 +10,7 @@ import pytest
 
 from yarnscale.errors import InputError, InputNotice
 from yarnscale.yarn import library
-from yarnscale.yarn.curves import PeriodicCurve
+from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.proportions import check_proportions
 
@@ -19,7 +19,7 @@ def straight(spacing: float, *, radius: float = 5e-4) -> YarnPattern:
     """One straight yarn along x in a period of 8 mm × ``spacing``."""
     x = np.arange(8) * 1e-3
     points = np.column_stack([x, np.zeros(8), np.zeros(8)])
-    return YarnPattern.from_curves(
+    return pattern_from_curves(
         [PeriodicCurve(points, (1, 0))], period=(8e-3, spacing), radius=radius, name="straight"
     )
 

@@ -1,5 +1,6 @@
 """One periodic cell of yarn under a macroscopic state."""
 
-from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.periodic import PeriodicCell
 
 __all__ = ["Equilibrium", "PeriodicCell"]

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
+from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
 from yarnscale.cell.topology import crossed, jump_is_safe, linked_differently, safe_move
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
-from yarnscale.kinematics import COMPONENTS, ShellStrain
+from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Solution, Status, Watch, minimise
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
@@ -35,56 +36,6 @@ PATIENCE = 4
 
 
 _Reached = tuple[CellEnergy, Solution]
-
-
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
-    """A relaxed cell.
-
-    positions: vertices of the primary tile (n, 3) [m]; a flat cell's copy in tile (a, b) is moved by S (a px, b py).
-    twist: (n,) [rad]. fluctuation: co-rotated û (n, 3) [m]. energy_density: Ψ per reference area [J/m²].
-    energy_parts: its terms [J/m²]. stress: ∂Ψ/∂(s_x, s_a, s_y) [J/m²], ∂Ψ/∂(II11, II12, II22) [J/m].
-    residual: force norm over the summed norms of the terms. contacts: pairs of segments that touch.
-    min_distance_over_diameter: closest approach of two yarns' centre lines; inf where nothing is near.
-    crossed: whether yarns passed through each other since the rest shape: a state of another fabric, not to be used.
-    """
-
-    strain: ShellStrain
-    positions: Array
-    twist: Array
-    fluctuation: Array
-    energy_density: float
-    energy_parts: dict[str, float]
-    stress: Array
-    status: Status
-    residual: float
-    iterations: int
-    factorisations: int
-    seconds: float
-    contacts: int
-    min_distance_over_diameter: float
-    crossed: bool = False
-
-    def __repr__(self) -> str:
-        stress = ", ".join(f"{s:.4g}" for s in self.stress)
-        state = ", ".join(f"{c}={v:.4g}" for c, v in zip(COMPONENTS, astuple(self.strain), strict=True) if v)
-        found = f"{self.outcome} at {state or 'no strain'}: {self.energy_density:.4g} J/m²"
-        return f"Equilibrium({found}, stress [{stress}])"
-
-    @property
-    def converged(self) -> bool:
-        """Whether the cell is at rest, at a minimum."""
-        return self.status is Status.CONVERGED
-
-    @property
-    def usable(self) -> bool:
-        """Whether the cell is at rest and still the fabric that it was: no yarns have crossed."""
-        return self.converged and not self.crossed
-
-    @property
-    def outcome(self) -> str:
-        """``crossed``, or the name of the status in lower case."""
-        return "crossed" if self.crossed else self.status.name.lower()
 
 
 @checked
@@ -394,9 +345,9 @@ class PeriodicCell:
 
         One solve per component with one factorisation. Units follow ``stress``; holds at every equilibrium.
         """
-        return response(self, state).moduli
+        return response(self.energy(state.strain), state, self.backend).moduli
 
     @checked
     def sensitivities(self, state: Equilibrium) -> Sensitivities:
         """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium."""
-        return sensitivities(self, state)
+        return sensitivities(self.energy(state.strain), state, self.backend)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_outcome import (
     RATIO_LIMIT,
     Progress,

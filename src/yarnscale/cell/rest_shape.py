@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.periodic import Equilibrium
+from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern

@@ -9,7 +9,6 @@ because rest lengths weigh the constraints.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,11 @@ from scipy.sparse import csr_array
 
 from yarnscale.cell.constraints import constraint_rows, vertex_tangents
 from yarnscale.cell.energy import CellEnergy
+from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.parameters import ExplicitPart, explicit_part
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.threads import on_one_thread
-
-if TYPE_CHECKING:
-    from yarnscale.cell.periodic import Equilibrium, PeriodicCell
 
 Array = NDArray[np.float64]
 
@@ -59,43 +56,43 @@ class Response:
     moduli: d²Ψ/dz² (6, 6). Lengths are in radii and energies in E π r³ but for the moduli.
     """
 
-    energy: CellEnergy
     x: Array
     by_state: Array
     force_by_state: Array
     moduli: Array
 
 
-def response(cell: PeriodicCell, state: Equilibrium) -> Response:
+def response(energy: CellEnergy, state: Equilibrium, backend: str | None = None) -> Response:
     """One solve per component with one factorisation; holds at flat, bent and doubly curved states.
 
+    energy: of which the state is an equilibrium. backend: of the factorisation (``numerics.factor``).
     The explicit parts W,zz and W,xz are one-sided differences of exact gradients at fixed x.
     """
-    energy = cell.energy(state.strain)
-    x = energy.start(state.fluctuation / cell.pattern.radius, state.twist)
+    x = energy.start(state.fluctuation / energy.pattern.radius, state.twist)
     _, gradient, model = energy.quadratic(x)
     stress = energy.stress(x)
     mixed, explicit = np.empty((len(x), 6)), np.empty((6, 6))
-    for k, step in enumerate(_SMALL_STEP / _STEP * _steps(cell)):
-        moved = _moved(cell, state, k, step)
+    for k, step in enumerate(_SMALL_STEP / _STEP * _steps(energy)):
+        moved = _moved(energy, k, step)
         mixed[:, k] = (moved.gradient(x)[1] - gradient) / step
         explicit[k] = (moved.stress(x) - stress) / step
-    by_state = -ConstrainedInverse(model, energy.constraints, backend=cell.backend).apply(mixed)
+    by_state = -ConstrainedInverse(model, energy.constraints, backend=backend).apply(mixed)
     exact = model.values(0.0)
     carried = mixed + np.column_stack([model.pattern.multiply(exact, column) for column in by_state.T])
-    moduli = explicit + energy.unit / cell.pattern.area * mixed.T @ by_state
-    return Response(energy, x, by_state, carried, 0.5 * (moduli + moduli.T))
+    moduli = explicit + energy.unit / energy.pattern.area * mixed.T @ by_state
+    return Response(x, by_state, carried, 0.5 * (moduli + moduli.T))
 
 
 @on_one_thread
-def sensitivities(cell: PeriodicCell, state: Equilibrium) -> Sensitivities:
-    """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium.
+def sensitivities(energy: CellEnergy, state: Equilibrium, backend: str | None = None) -> Sensitivities:
+    """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium of an energy.
 
+    backend: of the factorisation.
     The pattern's vertices, reference frames and integrated rest curvatures and twists are held.
     """
-    answer = response(cell, state)
-    energy, x, unit, r = answer.energy, answer.x, answer.energy.unit / cell.pattern.area, cell.pattern.radius
-    rows = constraint_rows(cell.pattern, cell.sliding)
+    answer, pattern = response(energy, state, backend), energy.pattern
+    x, unit, r = answer.x, energy.unit / pattern.area, pattern.radius
+    rows = constraint_rows(pattern, energy.sliding)
     forces = np.column_stack([energy.gradient(x)[1], answer.force_by_state])
     size = np.sqrt(rows.multiply(rows).sum(axis=1))[:, None]
     unit_rows = csr_array(rows / size)
@@ -105,16 +102,16 @@ def sensitivities(cell: PeriodicCell, state: Equilibrium) -> Sensitivities:
     here = explicit_part(energy, x)
     value = _flat(here)
     lengths = slice(len(value) - energy.count, None)
-    value[lengths] -= _constraint_work(cell, multipliers[:, 0], x)
+    value[lengths] -= _constraint_work(energy, multipliers[:, 0], x)
     stress = np.empty((6, len(value)))
-    for k, step in enumerate(_steps(cell)):
+    for k, step in enumerate(_steps(energy)):
         ahead, behind = (
-            _flat(explicit_part(_moved(cell, state, k, s * step), x + s * step * answer.by_state[:, k]))
+            _flat(explicit_part(_moved(energy, k, s * step), x + s * step * answer.by_state[:, k]))
             for s in (1.0, -1.0)
         )
         stress[k] = (ahead - behind) / (2 * step)
-        stress[k, lengths] -= _constraint_work(cell, multipliers[:, 1 + k], x)
-        stress[k, lengths] -= _constraint_work(cell, multipliers[:, 0], answer.by_state[:, k])
+        stress[k, lengths] -= _constraint_work(energy, multipliers[:, 1 + k], x)
+        stress[k, lengths] -= _constraint_work(energy, multipliers[:, 0], answer.by_state[:, k])
     value, stress = value * unit, stress * unit
     energy_of, energy_shared = _named(here, value)
     stress_of, stress_shared = _named(here, stress.T)
@@ -151,20 +148,20 @@ def _together(own: tuple[dict[str, Array], ...], shared: dict[str, Array]) -> di
     return total
 
 
-def _steps(cell: PeriodicCell) -> Array:
-    return _STEP * np.array([1.0] * 3 + [1.0 / cell.pattern.radius] * 3)
+def _steps(energy: CellEnergy) -> Array:
+    return _STEP * np.array([1.0] * 3 + [1.0 / energy.pattern.radius] * 3)
 
 
-def _moved(cell: PeriodicCell, state: Equilibrium, component: int, step: float) -> CellEnergy:
+def _moved(energy: CellEnergy, component: int, step: float) -> CellEnergy:
     """The energy a step away in one component; a step from a flat state may bend it both ways."""
-    vector = state.strain.vector.copy()
+    vector = energy.strain.vector.copy()
     vector[component] += step
-    return CellEnergy(cell.pattern, cell.material, ShellStrain.from_vector(vector), cell.sliding, True)
+    return CellEnergy(energy.pattern, energy.material, ShellStrain.from_vector(vector), energy.sliding, True)
 
 
-def _constraint_work(cell: PeriodicCell, multipliers: Array, x: Array) -> Array:
+def _constraint_work(energy: CellEnergy, multipliers: Array, x: Array) -> Array:
     """λᵀ C,l x for each rest length l [r], (n,); C as ``constraint_rows`` gives it."""
-    pattern, n = cell.pattern, len(cell.pattern.edges)
+    pattern, n = energy.pattern, len(energy.pattern.edges)
     moves, twist = x[: 3 * n].reshape(n, 3), x[3 * n :]
     tangents = vertex_tangents(pattern)
     at_vertex, at_edge = moves @ multipliers[:3], np.zeros(n)
@@ -172,7 +169,7 @@ def _constraint_work(cell: PeriodicCell, multipliers: Array, x: Array) -> Array:
     for yarn in pattern.yarns:
         at_edge[yarn] = multipliers[row] * twist[yarn]
         row += 1
-        if not cell.sliding:
+        if not energy.sliding:
             at_vertex[yarn] += multipliers[row] * (tangents * moves).sum(axis=1)[yarn]
             row += 1
     # A vertex weighs half of its two edges.

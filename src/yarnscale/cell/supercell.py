@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 

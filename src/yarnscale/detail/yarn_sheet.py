@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from yarnscale.cell.periodic import Equilibrium
+from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.tiling import YarnLayout
 from yarnscale.detail.yarns import YarnDetail

@@ -13,7 +13,8 @@ from threading import Thread
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.fabrics import CellFabric, Response
 from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
 from yarnscale.kinematics import ShellStrain

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from yarnscale.cell.periodic import Equilibrium, PeriodicCell
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
 from yarnscale.estimate.uniform_data import UniformCurve
 from yarnscale.estimate.yarn_estimate import FabricEstimate

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,9 +19,6 @@ from yarnscale.yarn.pattern_fields import (
     material_array,
     radius_array,
 )
-
-if TYPE_CHECKING:
-    from yarnscale.yarn.curves import PeriodicCurve
 
 DIRECTOR_TOLERANCE = 1e-3
 """Largest deviation of a reference director from unit length and from a right angle with its edge."""
@@ -326,31 +321,6 @@ class YarnPattern:
             period=self.period * factor,
             radius=self.radius * factor,
             yarn_radius=None if self.yarn_radius is None else self.yarn_radius * factor,
-        )
-
-    @classmethod
-    def from_curves(
-        cls,
-        curves: Sequence[PeriodicCurve],
-        period: Sequence[float] | np.ndarray,
-        radius: float,
-        *,
-        name: str = "pattern",
-        rest_length_scale: float = 1.0,
-        rest_shape: str = "straight",
-        yarn_material: Sequence[int] | np.ndarray | None = None,
-    ) -> YarnPattern:
-        """A pattern from sampled centre lines; see `curves.pattern_from_curves`."""
-        from yarnscale.yarn.curves import pattern_from_curves
-
-        return pattern_from_curves(
-            curves,
-            period,
-            radius,
-            name=name,
-            rest_length_scale=rest_length_scale,
-            rest_shape=rest_shape,
-            yarn_material=yarn_material,
         )
 
     def content_hash(self) -> str:

@@ -1,0 +1,63 @@
+"""A relaxed cell: where its yarns lie, its energy and stress, and how it was reached."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.kinematics import COMPONENTS, ShellStrain
+from yarnscale.numerics.newton import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A relaxed cell.
+
+    positions: vertices of the primary tile (n, 3) [m]; a flat cell's copy in tile (a, b) is moved by S (a px, b py).
+    twist: (n,) [rad]. fluctuation: co-rotated û (n, 3) [m]. energy_density: Ψ per reference area [J/m²].
+    energy_parts: its terms [J/m²]. stress: ∂Ψ/∂(s_x, s_a, s_y) [J/m²], ∂Ψ/∂(II11, II12, II22) [J/m].
+    residual: force norm over the summed norms of the terms. contacts: pairs of segments that touch.
+    min_distance_over_diameter: closest approach of two yarns' centre lines; inf where nothing is near.
+    crossed: whether yarns passed through each other since the rest shape: a state of another fabric, not to be used.
+    """
+
+    strain: ShellStrain
+    positions: Array
+    twist: Array
+    fluctuation: Array
+    energy_density: float
+    energy_parts: dict[str, float]
+    stress: Array
+    status: Status
+    residual: float
+    iterations: int
+    factorisations: int
+    seconds: float
+    contacts: int
+    min_distance_over_diameter: float
+    crossed: bool = False
+
+    def __repr__(self) -> str:
+        stress = ", ".join(f"{s:.4g}" for s in self.stress)
+        state = ", ".join(f"{c}={v:.4g}" for c, v in zip(COMPONENTS, astuple(self.strain), strict=True) if v)
+        found = f"{self.outcome} at {state or 'no strain'}: {self.energy_density:.4g} J/m²"
+        return f"Equilibrium({found}, stress [{stress}])"
+
+    @property
+    def converged(self) -> bool:
+        """Whether the cell is at rest, at a minimum."""
+        return self.status is Status.CONVERGED
+
+    @property
+    def usable(self) -> bool:
+        """Whether the cell is at rest and still the fabric that it was: no yarns have crossed."""
+        return self.converged and not self.crossed
+
+    @property
+    def outcome(self) -> str:
+        """``crossed``, or the name of the status in lower case."""
+        return "crossed" if self.crossed else self.status.name.lower()
