@@ -7,8 +7,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, report, say, writable_folder
 from yarnscale.cli.yarn_choice import yarn_for
@@ -18,7 +16,7 @@ from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.files.visited import visited_strains
-from yarnscale.homogenize.compact_problem import STRESS_FLOOR
+from yarnscale.homogenize.compact_problem import STRESS_FLOOR, stress_errors
 from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
@@ -181,10 +179,8 @@ def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:
     for name, states in (("fitted states", outcome.samples), ("unseen states", outcome.unseen)):
         if len(states.energies) == 0:
             continue
-        norms = np.linalg.norm(states.stresses * scale, axis=1)
-        fitted = outcome.material.stress(states.strains)
-        errors = np.linalg.norm((fitted - states.stresses) * scale, axis=1)
-        groups[name], shares[name] = (norms, errors), errors / (norms + STRESS_FLOOR)
+        norms, shares[name] = stress_errors(outcome.material.stress(states.strains), states.stresses, scale)
+        groups[name] = norms, shares[name] * (norms + STRESS_FLOOR)
     stress_scatter(folder / "stress.png", groups, floor=STRESS_FLOOR)
     error_histogram(folder / "errors.png", shares, label="error of the stress over its size [%]")
     pictures = []

@@ -14,6 +14,7 @@ from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
+from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.obstacles import Obstacle, Sphere
 from yarnscale.motion.rigid import STILL, Motion
 from yarnscale.motion.schedule import Schedule
@@ -90,7 +91,7 @@ class PlannedScene:
     """
 
     schedule: Schedule
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
     grips: tuple[Grip, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     friction: float = 0.0
@@ -138,7 +139,7 @@ def _middle(sheet: YarnSheet) -> Array:
 
 def hang(sheet: YarnSheet) -> SheetScene:
     """Held along its last row, under gravity down the wales."""
-    return SheetScene((0.0, -9.81, 0.0), _held(sheet, {"held row": (_border(sheet, 1, last=True), STILL)}))
+    return SheetScene((0.0, -GRAVITY, 0.0), _held(sheet, {"held row": (_border(sheet, 1, last=True), STILL)}))
 
 
 def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: float = 1.0) -> SheetScene:
@@ -190,7 +191,7 @@ def drape(
     middle = _middle(sheet)
     top = float(low[2] - 1.5 * sheet.radius)
     centre = (float(middle[0]) + aside[0], float(middle[1]) + aside[1], top - ball)
-    return SheetScene((0.0, 0.0, -9.81), lambda time: Holds.none(), (Sphere(centre, ball),), friction)
+    return SheetScene((0.0, 0.0, -GRAVITY), lambda time: Holds.none(), (Sphere(centre, ball),), friction)
 
 
 def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from yarnscale.files.fields import toml_file
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, REGION, Section
 from yarnscale.files.scene_toml import read_schedule
+from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.schedule import Schedule
 
 
@@ -28,7 +29,7 @@ def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
         )
         plan = PlannedScene(
             read_schedule(timing, usual),
-            root.vector_or("gravity", (0.0, 0.0, -9.81)),
+            root.vector_or("gravity", (0.0, 0.0, -GRAVITY)),
             tuple(_grip(item) for item in root.items("handles", optional=True)),
             tuple(read_obstacle(item) for item in root.items("obstacles", optional=True)),
             position=fabric.vector_or("position", (0.0, 0.0, 0.0)),

@@ -68,6 +68,12 @@ class CompactOptions:
                 raise InputError(name, expected="a positive number", found=found)
 
 
+def stress_errors(fitted: Array, stresses: Array, scale: Array) -> tuple[Array, Array]:
+    """Norms of stresses (n, 6) by strains in units of ``scale``, and errors over them plus ``STRESS_FLOOR``, (n,) each."""
+    norms = np.linalg.norm(stresses * scale, axis=1)
+    return norms, np.linalg.norm((fitted - stresses) * scale, axis=1) / (norms + STRESS_FLOOR)
+
+
 class StressErrors(NamedTuple):
     """Errors of the stress of some states, over the norm of their own stress plus ``STRESS_FLOOR``."""
 
@@ -82,8 +88,7 @@ class StressErrors(NamedTuple):
         """Of stresses (n, 6) by strains in units of ``scale``."""
         if len(stresses) == 0:
             return cls(0, np.nan, np.nan, np.nan)
-        error = np.linalg.norm((fitted - stresses) * scale, axis=1)
-        error /= np.linalg.norm(stresses * scale, axis=1) + STRESS_FLOOR
+        error = stress_errors(fitted, stresses, scale)[1]
         return cls(
             len(stresses), float(np.median(error)), float(np.percentile(error, 95)), float(error.mean())
         )
