@@ -88,7 +88,9 @@ def add_loads(command: argparse.ArgumentParser) -> None:
     """How many states, along loads up to which."""
     solves = "equilibria to sample (600; form hylc2020: 400)"
     command.add_argument("--solves", type=positive_integer, metavar="N", help=solves)
-    command.add_argument("--limit", type=float, metavar="N/M", help="largest load in N/m (50)")
+    command.add_argument(
+        "--limit", type=float, metavar="N/M", help="largest load in N/m (50, less for soft yarn)"
+    )
 
 
 def add_overwrite(command: argparse.ArgumentParser) -> None:

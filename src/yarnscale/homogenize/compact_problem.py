@@ -40,7 +40,7 @@ _LATEST, _LEAST_GAIN = 6, 2e-3
 class CompactOptions:
     """How to fit.
 
-    steps, springs: units of the first and most units of the second layer. rounds: of the choice of springs. starts:
+    steps, springs: their number, of springs the largest. rounds: of the choice of springs. starts:
     choices that compete. iterations: of the refinement. tolerance: relative error of stress and energy that counts as
     one. strain_tolerance: error of the strain, in units, that counts as one along soft directions. modulus_weight: of a
     relative error of a modulus beside one of stress. symmetric: whether the fabric is its own mirror image, None to
@@ -69,7 +69,7 @@ class CompactOptions:
 
 
 def stress_errors(fitted: Array, stresses: Array, scale: Array) -> tuple[Array, Array]:
-    """Norms of stresses (n, 6) by strains in units of ``scale``, and errors over them plus ``STRESS_FLOOR``, (n,) each."""
+    """Norms of stresses (n, 6) by strains in units of ``scale``; errors over these plus ``STRESS_FLOOR``; (n,) each."""
     norms = np.linalg.norm(stresses * scale, axis=1)
     return norms, np.linalg.norm((fitted - stresses) * scale, axis=1) / (norms + STRESS_FLOOR)
 
