@@ -114,7 +114,7 @@ def solve(
 
 
 LEVEL_TOLERANCE, LEVEL_FLOOR = 0.25, 2e-4
-"""Load that may be missing where the next level begins, as a part of its own or [N/m]: samples need not be at round loads."""
+"""Load that may be missing where the next level begins, as a share of its own or [N/m]."""
 LEVEL_STEP = 0.24
 """Largest change of a scaled strain between the samples of a level."""
 BENT_ENOUGH, CRUSHED = 0.25, -0.55
