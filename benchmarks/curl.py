@@ -18,6 +18,7 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
+from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount
@@ -33,7 +34,6 @@ from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.state import ClothState
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 FABRICS = Path(__file__).resolve().parents[1] / "tests" / "fabrics"

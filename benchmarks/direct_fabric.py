@@ -25,6 +25,7 @@ from typing import TypeVar
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
+from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
@@ -38,7 +39,6 @@ from yarnscale.motion.schedule import Schedule
 from yarnscale.numerics.factor import factorisation
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.scenes import scene as cloth_scene
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 PATTERNS = ("stockinette", "cartridge-belt-rib", "honeycomb", "basket-2x2", "satin-5")

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import root, root_scalar
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, safe_way
@@ -27,7 +28,6 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 

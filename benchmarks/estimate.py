@@ -17,6 +17,7 @@ from one_yarn import SharedEvaluations, with_one_yarn
 from scipy.stats import qmc
 from swarm import published_search
 
+from yarnscale.drawing.library import build
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.fabric_shell import fit_shell
 from yarnscale.estimate.gauss_newton import jacobian
@@ -31,7 +32,6 @@ from yarnscale.estimate.yarn_rest import RestRule
 from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.homogenize.executors import local_workers
-from yarnscale.yarn.library import build
 
 KNITS = {
     "Stockinette": ("stockinette", 11.28e-3),

@@ -29,6 +29,7 @@ from validation_shapes import MiddleSurface, difference, shape_of
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
+from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
@@ -49,7 +50,6 @@ from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.scenes.scene import BAR_TRAVEL, SHEET, bar_duration, bar_points, stretch
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 Array = NDArray[np.float64]

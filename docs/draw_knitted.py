@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from yarnscale.drawing import library
+from yarnscale.drawing.knit import knit
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_static import eased
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.show.curves import Curve
 from yarnscale.show.tubes import yarn_picture
-from yarnscale.yarn import library
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import YarnMaterial
 
 PICTURES = Path(__file__).resolve().parent / "pictures"

@@ -6,7 +6,7 @@ periods follow (HYLC20 §5.1) takes the in-plane stress away; what is left bends
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import rest_stress_ratio, settled
-from yarnscale.yarn import library
+from yarnscale.drawing import library
 from yarnscale.yarn.material import YarnMaterial
 
 wool = YarnMaterial.preset("wool")

@@ -10,8 +10,8 @@ import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import settled
+from yarnscale.drawing import library
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 

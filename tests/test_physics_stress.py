@@ -7,9 +7,9 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.energy import CellEnergy
+from yarnscale.drawing import library
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.numerics.newton import Solution, minimise
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 MATERIAL = YarnMaterial.preset("hylc2020-stockinette")

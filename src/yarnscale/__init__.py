@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from yarnscale.cell.rest import RestShape, settled
     from yarnscale.detail.fluctuations import FluctuationTable
     from yarnscale.detail.yarns import YarnDetail
+    from yarnscale.drawing import library as patterns
+    from yarnscale.drawing.knit import knit
+    from yarnscale.drawing.weave import weave
     from yarnscale.errors import InputError
     from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
     from yarnscale.estimate.measurements import SwatchMeasurements
@@ -45,11 +48,8 @@ if TYPE_CHECKING:
     from yarnscale.shell.materials.spline_material import SplineMaterial
     from yarnscale.shell.mesh import TriangleMesh
     from yarnscale.shell.scenes.scene import Scene, run_scene
-    from yarnscale.yarn import library as patterns
-    from yarnscale.yarn.knit import knit
     from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
     from yarnscale.yarn.pattern import YarnPattern
-    from yarnscale.yarn.weave import weave
 
 _HOME = {
     "COMPONENTS": "kinematics",
@@ -88,8 +88,8 @@ _HOME = {
     "fit_spline_material": "homogenize.published_fit",
     "fit_shell": "estimate.fabric_shell",
     "homogenize_cell": "homogenize.homogenize:homogenize",
-    "knit": "yarn.knit",
-    "patterns": "yarn.library:",
+    "knit": "drawing.knit",
+    "patterns": "drawing.library:",
     "read_grid": "files.grid_toml",
     "read_material": "files.material_json",
     "read_measurements": "files.measurements",
@@ -102,7 +102,7 @@ _HOME = {
     "scenes": "shell.scenes:",
     "settled": "cell.rest",
     "simulate": "motion.run",
-    "weave": "yarn.weave",
+    "weave": "drawing.weave",
     "write_material": "files.material_json",
     "write_pattern": "files.patterns",
     "write_yarn_material": "files.material_toml:write_material",

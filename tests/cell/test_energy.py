@@ -9,8 +9,8 @@ import pytest
 
 from yarnscale.cell.constraints import vertex_tangents
 from yarnscale.cell.energy import CellEnergy
+from yarnscale.drawing import library
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 

@@ -10,9 +10,9 @@ import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.sensitivity import Sensitivities
+from yarnscale.drawing import library
+from yarnscale.drawing.knit import knit
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 
 RADIUS = 1e-3

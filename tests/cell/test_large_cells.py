@@ -8,9 +8,9 @@ import pytest
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell import energy as cell_energy
 from yarnscale.cell.constraints import constraint_rows
+from yarnscale.drawing import library
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.null_space import ChainConstraints
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 MATERIAL = YarnMaterial.preset("hylc2020-stockinette")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.yarn import library
+from yarnscale.drawing import library
 from yarnscale.yarn.material import YarnMaterial
 
 

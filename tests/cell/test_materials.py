@@ -9,10 +9,10 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.energy import CellEnergy
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.knit import knit
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import PatternStiffness

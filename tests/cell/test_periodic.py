@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 MATERIAL = YarnMaterial.preset("hylc2020-stockinette")

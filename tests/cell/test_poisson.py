@@ -12,9 +12,9 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import Grid, PoissonMidsurface, cell_midsurface
+from yarnscale.drawing import library
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 PERIOD = np.array([1.0, 1.2])

@@ -17,9 +17,9 @@ from yarnscale.cell.rest import (
     settled,
     shrunk_to_rest,
 )
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")

@@ -10,8 +10,8 @@ import pytest
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.parameters import PARAMETERS
 from yarnscale.cell.sensitivity import Sensitivities
+from yarnscale.drawing import library
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 MATERIAL = YarnMaterial.preset("hylc2020-stockinette")

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.weave import weave
 from yarnscale.errors import InputError
 from yarnscale.files.patterns import read_pattern, write_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.weave import weave
 
 WOOL = YarnMaterial.preset("wool")
 RADII = np.array([1e-3, 4e-4])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 CELL = PeriodicCell(library.build("stockinette"), YarnMaterial.preset("hylc2020-stockinette"))

@@ -6,9 +6,9 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import study, supercell, tiled
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 CELL = PeriodicCell(library.build("stockinette"), YarnMaterial.preset("hylc2020-stockinette"))

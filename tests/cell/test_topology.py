@@ -20,10 +20,10 @@ from yarnscale.cell.topology import (
     linked_differently,
     safe_move,
 )
+from yarnscale.drawing import library
 from yarnscale.homogenize.worker import CODE_OF, record
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import minimise
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.segment_cuts import pair_cuts
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from yarnscale.cell.energy import CellEnergy
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.material import YarnMaterial
 
 

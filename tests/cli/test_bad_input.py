@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from yarnscale.drawing import library
 from yarnscale.files.patterns import write_pattern
-from yarnscale.yarn import library
 
 
 @pytest.fixture(scope="module")

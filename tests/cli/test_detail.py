@@ -14,6 +14,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cli.detail import curve_set
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.yarns import YarnDetail
+from yarnscale.drawing import library
 from yarnscale.files.animation import read_animation
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.patterns import write_pattern
@@ -23,7 +24,6 @@ from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, solve
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 RECORD = dict.fromkeys(

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from yarnscale.drawing import library
 from yarnscale.files.patterns import read_pattern
-from yarnscale.yarn import library
 
 SMALL = (
     "--form",

@@ -14,6 +14,7 @@ import pytest
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
 from yarnscale.cli.yarn_choice import same_yarns, yarn_for
+from yarnscale.drawing import library
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import write_material
 from yarnscale.files.material_toml import write_material as write_yarn
@@ -25,7 +26,6 @@ from yarnscale.homogenize.worker import CODE_OF
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 KNIT, WEAVE = "kind = knit\nrows:\nkp\npk\n", "kind = weave\nrows:\nx.\n.x\n"

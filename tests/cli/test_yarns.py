@@ -13,9 +13,9 @@ from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.rest import rest_stress_ratio
 from yarnscale.cli import main, yarns
 from yarnscale.cli.console import ProgressLine
+from yarnscale.drawing import library
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.detail.fluctuations import FluctuationTable
+from yarnscale.drawing import library
 from yarnscale.homogenize.plan import StrainGrid, bends_twice
 from yarnscale.homogenize.sample import create_store
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, solve
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 # Out of order, as a user may write them.

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from yarnscale.detail.tiling import SHORTEST, YarnLayout
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.yarn import library
 from yarnscale.yarn.pattern import YarnPattern
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.detail.yarn_sheet import sheet_on_mesh
+from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 

@@ -7,10 +7,10 @@ import pytest
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_shape import set_as_drawn
+from yarnscale.drawing.library import build
 from yarnscale.estimate.yarn_model import yarn_model
 from yarnscale.estimate.yarn_rest import RestRule, at_rest, drawn_in
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.library import build
 
 VALUES = np.array([20.0, 0.1, 1e-8, 3.4e-4, 60.0, 0.74, 0.05, 0.5])
 

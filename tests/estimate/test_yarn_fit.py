@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from yarnscale.drawing.library import build
 from yarnscale.errors import InputError
 from yarnscale.estimate.evaluations import Evaluations, Residuals
 from yarnscale.estimate.gauss_newton import Descent, gauss_newton, jacobian
@@ -15,7 +16,6 @@ from yarnscale.estimate.scattered import race, sobol_starts
 from yarnscale.estimate.uniform_data import UniformBend, UniformCurve, UniformData
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, usual_starts, work_ahead
 from yarnscale.estimate.yarn_model import yarn_model
-from yarnscale.yarn.library import build
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from yarnscale.drawing.library import build
 from yarnscale.errors import InputError
 from yarnscale.estimate.yarn_model import drawn_length, estimated_radius, reshaped, yarn_model
-from yarnscale.yarn.library import build
 
 
 @pytest.fixture(scope="module")

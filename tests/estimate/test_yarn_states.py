@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from yarnscale.drawing.library import build
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.estimate.yarn_rest import RestRule, at_rest
 from yarnscale.estimate.yarn_states import pulled, strain_of
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.library import build
 
 UNKNOWNS = np.array([0.8, 0.3, 0.4, 0.6, 0.6])
 STRETCHES = np.array([0.03, 0.06, 0.1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics
 from yarnscale.fabric.direct_static import Holds
@@ -15,7 +16,6 @@ from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 PATTERN = library.build("stockinette")

@@ -8,14 +8,14 @@ import math
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
+from yarnscale.drawing.knit import knit
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_static import Holds, equilibrium
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
-from yarnscale.yarn import library
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 

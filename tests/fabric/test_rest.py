@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
@@ -17,7 +18,6 @@ from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
 from yarnscale.fabric.adaptive_volume import AdaptiveRule, AdaptiveVolume
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
@@ -25,7 +26,6 @@ from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.motion.body import Body
 from yarnscale.motion.run import Run, simulate
 from yarnscale.motion.schedule import Schedule
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
@@ -18,7 +19,6 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.numerics.affine import MappedObjective
 from yarnscale.numerics.newton import Status
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import CROSSING, LOOPED, border_distance, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
@@ -15,7 +16,6 @@ from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_frames import unit_edges
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.neighbours import segment_gap
 from yarnscale.yarn.rest_frames import signed_angle

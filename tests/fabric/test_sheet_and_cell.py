@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, safe_way
@@ -16,7 +17,6 @@ from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 PATTERN = library.build("stockinette")

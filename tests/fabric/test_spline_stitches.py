@@ -7,6 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.stitches import SIGNS, StitchChart
 from yarnscale.errors import InputError
 from yarnscale.fabric.measures import penetration
 from yarnscale.fabric.spline_contacts import SplineContacts
@@ -16,10 +19,7 @@ from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.numerics.newton import Status
-from yarnscale.yarn import library
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.material import YarnMaterial
-from yarnscale.yarn.stitches import SIGNS, StitchChart
 
 WOOL = YarnMaterial.preset("wool")
 PLAIN = ("single-jersey", "garter", "links", "rib-1x1", "rib-2x2", "seed", "moss")

@@ -14,11 +14,11 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
+from yarnscale.drawing.library import STRUCTURES
 from yarnscale.files.material_json import write_material
 from yarnscale.homogenize.homogenize import fit_published
 from yarnscale.homogenize.plan import StrainRange, axes_and_planes, scattered_axes
 from yarnscale.homogenize.sample import create_store, sample
-from yarnscale.yarn.library import STRUCTURES
 from yarnscale.yarn.material import YarnMaterial
 
 FABRICS = {"stockinette": 0.8, "rib-1x1": 0.75, "honeycomb": 0.8, "plain": 0.8, "satin-5": 0.8}

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.weave import weave
 from yarnscale.errors import InputError
 from yarnscale.files.chart import NUMBERS, read_chart
 from yarnscale.files.patterns import is_drawing, read_pattern, stitches_of, write_pattern
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.weave import weave
 
 DOCUMENTED = sorted((Path(__file__).resolve().parents[2] / "docs" / "charts").glob("*.chart"))
 HEAD = "kind = knit\nwale_spacing = 9\ncourse_spacing = 5.5\n"

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from yarnscale.drawing.library import build
 from yarnscale.estimate.evaluations import Residuals
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective
@@ -13,7 +14,6 @@ from yarnscale.estimate.yarn_model import yarn_model
 from yarnscale.files import estimate_folder
 from yarnscale.files.estimate_folder import EVALUATING, EstimateFolder
 from yarnscale.files.fingerprint import code_fingerprint
-from yarnscale.yarn.library import build
 
 
 def objective(**weights: float) -> YarnObjective:

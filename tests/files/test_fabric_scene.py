@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.files.fabric_scene import read_fabric_scene
 from yarnscale.motion.obstacles import MeshObstacle, Sphere
-from yarnscale.yarn import library
 
 SCENE = """
 may_give_way = true

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from yarnscale.drawing.library import build, names
 from yarnscale.errors import InputError
 from yarnscale.files.pattern_json import FIELDS, read_pattern_json, read_yarns, write_pattern_json
 from yarnscale.files.patterns import read_pattern, write_pattern
-from yarnscale.yarn.library import build, names
 from yarnscale.yarn.material import PRESETS, ContactRule, StretchRule
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from yarnscale.drawing.library import build, names
 from yarnscale.errors import InputError
 from yarnscale.files.pyp import read_pyp, write_pyp
-from yarnscale.yarn.library import build, names
 
 FIELDS = (
     "vertices",

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
+from yarnscale.drawing.library import build
 from yarnscale.errors import InputError
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
-from yarnscale.yarn.library import build
 from yarnscale.yarn.pattern import YarnPattern
 
 WORDS = (

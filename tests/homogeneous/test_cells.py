@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.homogeneous.fabrics import CellFabric
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed, equilibrium_under
 from yarnscale.kinematics import line_stretch
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 SCALE = np.array([0.5] * 3 + [100.0] * 3)

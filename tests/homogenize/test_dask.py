@@ -19,6 +19,7 @@ import pytest
 import yarnscale
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli import main
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.loads import FLAT, Loads
 from yarnscale.homogenize import executors
@@ -29,7 +30,6 @@ from yarnscale.homogenize.sample import create_ray_store, create_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")

@@ -42,7 +42,7 @@ import yarnscale.cli, yarnscale.cli.samples, yarnscale.homogenize.executors as e
 executors.get_context = lambda method: multiprocessing.get_context("fork")
 from yarnscale.cell import PeriodicCell
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
+from yarnscale.drawing import library
 from yarnscale.yarn.material import PRESETS
 PeriodicCell(library.build("plain"), PRESETS["hylc2020-stockinette"]).relax(ShellStrain(s_x=0.01))
 print("ready", flush=True)

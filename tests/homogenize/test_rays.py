@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.homogeneous import fabrics as fabrics_module
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
@@ -36,7 +37,6 @@ from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 REST = Ray("rest", ((Loads(), strains_held(np.zeros(6))),))

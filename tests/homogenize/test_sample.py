@@ -14,6 +14,7 @@ import pytest
 import xarray
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.homogenize import sample as module
 from yarnscale.homogenize.executors import dask_workers
@@ -22,7 +23,6 @@ from yarnscale.homogenize.sample import check_resumable, create_store, sample
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, solve
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 
 GRID = StrainGrid(s_x=(-0.05, 0.0, 0.1), lambda_x=(0.0, 20.0), lambda_y=(0.0, -20.0))

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.library import build, names
 from yarnscale.errors import InputError
 from yarnscale.files.pyp import read_pyp
 from yarnscale.yarn.clearance import check_clearance, closest_approach, segment_distance
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.library import build, names
 
 
 def straight(axis: int, across: float, height: float, length: float, count: int = 8) -> PeriodicCurve:

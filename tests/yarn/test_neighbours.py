@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from yarnscale.cell.midsurface import Midsurface
+from yarnscale.drawing import library
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn import library
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps, safe_fraction, segment_gap
 from yarnscale.yarn.pattern import YarnPattern
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from yarnscale.drawing.library import build, names
 from yarnscale.errors import InputError
 from yarnscale.files.pyp import read_pyp
-from yarnscale.yarn.library import build, names
 from yarnscale.yarn.pattern import YarnPattern
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.files.pyp import read_pyp
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.rest_frames import (
     carried_along,
     material_curvature,

@@ -19,6 +19,7 @@ from yarnscale.cli.materials import homogenize_into, results_of_homogenize
 from yarnscale.cli.yarns import draw_cell
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.yarns import YarnDetail
+from yarnscale.drawing import library
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.patterns import write_pattern
 from yarnscale.files.run_folder import RunFolder
@@ -29,7 +30,6 @@ from yarnscale.shell.scenes.scene import SceneResult, drape, stretch
 from yarnscale.show.cloth import Solid
 from yarnscale.show.detail import yarn_cloth_picture
 from yarnscale.show.report import Picture, Section, Table, write_report
-from yarnscale.yarn import library
 from yarnscale.yarn.material import YarnMaterial
 
 PATTERN, MATERIAL = "stockinette", "hylc2020-stockinette"

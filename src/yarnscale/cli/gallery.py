@@ -7,10 +7,10 @@ import glob
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, report
+from yarnscale.drawing import library
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.show.canvas import require_renderer
 from yarnscale.show.gallery import checked_names, write_gallery
-from yarnscale.yarn import library
 
 
 def gallery(options: argparse.Namespace) -> int:

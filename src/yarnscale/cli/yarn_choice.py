@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from yarnscale.cli.console import say
+from yarnscale.drawing import library
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.patterns import read_yarns
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of

@@ -13,11 +13,11 @@ from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import SETTING, RestRound, RestShape, set_as_drawn, settled
 from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
 from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
 from yarnscale.kinematics import COMPONENTS, ShellStrain
-from yarnscale.yarn import library
 from yarnscale.yarn.material import PRESETS
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials

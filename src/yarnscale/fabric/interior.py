@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.drawing.loop_paths import line_crossings
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.loop_paths import line_crossings
 from yarnscale.yarn.pattern import YarnPattern
 
 Array = NDArray[np.float64]

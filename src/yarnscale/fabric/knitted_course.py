@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
+from yarnscale.drawing.curves import PeriodicCurve
+from yarnscale.drawing.loop_paths import row_paths
+from yarnscale.drawing.stitches import SIGNS, StitchChart
 from yarnscale.errors import InputError
 from yarnscale.fabric.sheet import NO_PATTERN
-from yarnscale.yarn.curves import PeriodicCurve
-from yarnscale.yarn.loop_paths import row_paths
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitches import SIGNS, StitchChart
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

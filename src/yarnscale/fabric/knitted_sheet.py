@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import Springs
 from yarnscale.fabric.knitted_border import CARRY_STEP, cast_on, last_row, selvedge, tail
@@ -23,7 +24,6 @@ from yarnscale.fabric.knitted_course import KnittedCourses, Strand, not_knitted
 from yarnscale.fabric.sheet import LARGEST_SHEET, NO_PATTERN, YarnSheet
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitches import StitchChart
 
 Array = NDArray[np.float64]
 

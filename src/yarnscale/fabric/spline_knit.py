@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.drawing.curves import PeriodicCurve
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.loop_paths import line_crossings
+from yarnscale.drawing.stitches import SIGNS, StitchChart
 from yarnscale.errors import InputError
 from yarnscale.fabric.bspline import ORDER, blending, control_of_periodic, located
-from yarnscale.yarn.curves import PeriodicCurve
-from yarnscale.yarn.knit import knit
-from yarnscale.yarn.loop_paths import line_crossings
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitches import SIGNS, StitchChart
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -127,7 +127,7 @@ def jersey(
 ) -> SplineFabric:
     """Jersey of ``rows`` × ``columns`` stitches, flat, right side up (+z), centred on the origin; rows lie along x.
 
-    radius [m]; wale_spacing, course_spacing [radii], see ``yarn.knit``. Raises InputError.
+    radius [m]; wale_spacing, course_spacing [radii], see ``drawing.knit``. Raises InputError.
     """
     pattern = knit(
         "k", radius=radius, wale_spacing=wale_spacing, course_spacing=course_spacing, name="jersey"

@@ -10,15 +10,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from yarnscale.drawing.chart_error import ChartError
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.proportions import check_proportions
+from yarnscale.drawing.stitches import LARGEST_CHART, StitchChart
+from yarnscale.drawing.weave import weave
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.source_text import read_source
-from yarnscale.yarn.chart_error import ChartError
-from yarnscale.yarn.knit import knit
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.proportions import check_proportions
-from yarnscale.yarn.stitches import LARGEST_CHART, StitchChart
 from yarnscale.yarn.units import FACTORS, to_si
-from yarnscale.yarn.weave import weave
 
 NUMBERS = {
     "knit": (

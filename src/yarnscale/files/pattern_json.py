@@ -8,13 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from yarnscale.drawing.proportions import check_proportions
 from yarnscale.errors import quoted
 from yarnscale.files.atomic import write_text
 from yarnscale.files.fields import Fields, json_file
 from yarnscale.files.material_toml import material_of
 from yarnscale.yarn.clearance import check_clearance
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.proportions import check_proportions
 from yarnscale.yarn.stiffness import Materials, materials_of
 
 FORMAT = "yarnscale-pattern"

@@ -7,16 +7,16 @@ import re
 from pathlib import Path
 
 from yarnscale.checked import checked
+from yarnscale.drawing import library
+from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
 from yarnscale.files import pattern_json
 from yarnscale.files.chart import read_chart, read_stitches
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.files.source_text import read_source
-from yarnscale.yarn import library
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
-from yarnscale.yarn.stitches import StitchChart
 
 READERS = {".pyp": read_pyp, ".json": read_pattern_json, ".chart": read_chart}
 WRITERS = (".pyp", ".json")

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from yarnscale.drawing.proportions import check_proportions
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.atomic import write_text
 from yarnscale.files.source_text import read_source
 from yarnscale.yarn.clearance import check_clearance
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.proportions import check_proportions
 
 COLUMNS = {
     "pattern": ("px", "py", "radius", "n"),

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import RestShape, settled
+from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.files.patterns import is_drawing, read_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 from yarnscale.show.tubes import room_of, yarn_picture
-from yarnscale.yarn import library
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern

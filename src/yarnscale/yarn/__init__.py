@@ -1,1 +1,1 @@
-"""One yarn, and how yarns cross: patterns, yarn materials, rod and contact energies."""
+"""One yarn, and how yarns touch: patterns, yarn materials, rod and contact energies, close pairs."""

@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from yarnscale.errors import InputError
-from yarnscale.yarn.chart_error import ChartError
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitch_size import (
+from yarnscale.drawing.chart_error import ChartError
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.stitch_size import (
     check_drawn,
     drawable,
     positive,
@@ -18,6 +16,8 @@ from yarnscale.yarn.stitch_size import (
     vertex_count,
     yarn_letters,
 )
+from yarnscale.errors import InputError
+from yarnscale.yarn.pattern import YarnPattern
 
 SAMPLES_PER_CROSSING = 200
 LARGEST_DRAFT = 64

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
+from yarnscale.drawing import library, swell
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.loop_paths import row_paths
+from yarnscale.drawing.stitches import StitchChart
+from yarnscale.drawing.swell import swollen
 from yarnscale.errors import InputError
-from yarnscale.yarn import library, swell
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.knit import knit
-from yarnscale.yarn.loop_paths import row_paths
 from yarnscale.yarn.neighbours import pair_gaps
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitches import StitchChart
-from yarnscale.yarn.swell import swollen
 
 CHARTS = [structure.chart for structure in library.STRUCTURES.values() if structure.chart]
 OTHER_CHARTS = [

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.neighbours import Images, PairSearch, closest_points, safe_fraction
 
 Array = NDArray[np.float64]

@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from yarnscale.drawing.weave import (
+    basket_draft,
+    herringbone_draft,
+    plain_draft,
+    satin_draft,
+    twill_draft,
+    weave,
+)
 from yarnscale.errors import InputError
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.weave import basket_draft, herringbone_draft, plain_draft, satin_draft, twill_draft, weave
 
 DRAFTS = {
     "plain": plain_draft(),

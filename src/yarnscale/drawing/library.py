@@ -9,10 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yarnscale.checked import checked
-from yarnscale.errors import InputError
-from yarnscale.yarn.knit import knit
-from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.weave import (
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.weave import (
     basket_draft,
     herringbone_draft,
     plain_draft,
@@ -20,6 +18,8 @@ from yarnscale.yarn.weave import (
     twill_draft,
     weave,
 )
+from yarnscale.errors import InputError
+from yarnscale.yarn.pattern import YarnPattern
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from yarnscale.drawing.chart_error import ChartError
+from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
-from yarnscale.yarn.chart_error import ChartError
-from yarnscale.yarn.stitches import StitchChart
 
 
 def test_stockinette_word() -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from yarnscale.drawing.knit import knit
+from yarnscale.drawing.library import build, parameter_names
 from yarnscale.errors import InputError
 from yarnscale.files.pyp import read_pyp
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.knit import knit
-from yarnscale.yarn.library import build, parameter_names
 
 KNITS = ["stockinette", "garter", "rib-1x1", "rib-2x2", "seed"]
 

@@ -25,8 +25,8 @@ from functools import cached_property
 
 import numpy as np
 
+from yarnscale.drawing.chart_error import ChartError
 from yarnscale.errors import InputError
-from yarnscale.yarn.chart_error import ChartError
 
 SIGNS = {"k": 1, "p": -1}
 SLIPS = "bf-"

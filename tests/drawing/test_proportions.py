@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.proportions import check_proportions
 from yarnscale.errors import InputError, InputNotice
-from yarnscale.yarn import library
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.proportions import check_proportions
 
 
 def straight(spacing: float, *, radius: float = 5e-4) -> YarnPattern:

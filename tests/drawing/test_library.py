@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from yarnscale.drawing import library
+from yarnscale.drawing.loop_paths import row_paths
+from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
-from yarnscale.yarn import library
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.loop_paths import row_paths
-from yarnscale.yarn.stitches import StitchChart
 
 
 @pytest.mark.parametrize("name", library.names())

@@ -15,8 +15,8 @@ import numba
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from yarnscale.drawing.stitches import SIGNS, StitchChart
 from yarnscale.errors import InputError
-from yarnscale.yarn.stitches import SIGNS, StitchChart
 
 LEG, HEAD = 0.365, 0.45
 """Distance of a loop's legs from the wale's middle [wale spacings]; height of heads over the row that takes them up."""

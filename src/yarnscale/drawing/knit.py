@@ -23,11 +23,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from yarnscale.errors import InputError
-from yarnscale.yarn.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.loop_paths import line_crossings, row_paths
-from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.stitch_size import (
+from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.drawing.loop_paths import line_crossings, row_paths
+from yarnscale.drawing.stitch_size import (
     EDGE_LENGTH,
     check_drawn,
     drawable,
@@ -37,7 +35,9 @@ from yarnscale.yarn.stitch_size import (
     vertex_count,
     yarn_letters,
 )
-from yarnscale.yarn.stitches import StitchChart, signs
+from yarnscale.drawing.stitches import StitchChart, signs
+from yarnscale.errors import InputError
+from yarnscale.yarn.pattern import YarnPattern
 
 SAMPLES_PER_STITCH = 400
 MOST_STITCHES = 1024
@@ -161,7 +161,7 @@ def _swollen_curves(
     per_stitch: float | None,
 ) -> list[PeriodicCurve]:
     """Schematic loops relaxed to their radius; plated yarns follow one path, the first in front [r]."""
-    from yarnscale.yarn.swell import swollen
+    from yarnscale.drawing.swell import swollen
 
     if chart.courses * chart.wales > MOST_STITCHES:
         raise InputError(
