@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from yarnscale.cell import PeriodicCell
 from yarnscale.drawing.library import build
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.estimate.yarn_rest import RestRule, at_rest
 from yarnscale.estimate.yarn_states import pulled, strain_of
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.material import YarnMaterial
 
 UNKNOWNS = np.array([0.8, 0.3, 0.4, 0.6, 0.6])
 STRETCHES = np.array([0.03, 0.06, 0.1])
@@ -114,6 +116,14 @@ def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here,
     np.testing.assert_allclose(
         beside.cell.pattern.vertices, alone.cell.pattern.vertices, rtol=0.0, atol=0.01 * moved
     )
+
+
+def test_a_neighbour_that_ended_earlier_has_no_stage_to_start_from():
+    cell = PeriodicCell(build("plain"), YarnMaterial.preset("hylc2020-basket"))
+    near = at_rest(cell, RestRule(rounds=0, release=False))
+    alone, beside = at_rest(cell, RestRule(rounds=1)), at_rest(cell, RestRule(rounds=1), near=near)
+    assert len(near.stages) == 1 and len(beside.stages) == len(alone.stages)
+    np.testing.assert_allclose(beside.change, alone.change, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("there", [(True, False, True), (False, False, False)])

@@ -52,6 +52,14 @@ def fitted(material: CompactMaterial, **options: object) -> CompactMaterial:
     )  # fmt: skip
 
 
+def test_a_fabric_without_any_stress_has_no_springs():
+    """Least squares may leave no spring in a round; the next one draws all of them at random."""
+    z, options = states(60, 0), CompactOptions(steps=1, springs=4, rounds=3, starts=1, iterations=2)
+    none = np.zeros(60), np.zeros((60, 6)), np.zeros((60, 6, 6))
+    found = fit_compact_material(z, *none, density=0.2, radius=RADIUS, options=options)
+    assert np.abs(found.stress(z) * SCALE).max() < 1e-4
+
+
 @pytest.fixture(scope="module")
 def found() -> CompactMaterial:
     return fitted(known())

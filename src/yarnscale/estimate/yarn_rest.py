@@ -97,8 +97,8 @@ class _Stages:
 
     @property
     def remaining(self) -> int | None:
-        """How many stages the neighbour took from here; None without one."""
-        return len(self._near) - len(self.passed) if self._near else None
+        """How many stages the neighbour took from here; None where it took none, or without one."""
+        return max(0, len(self._near) - len(self.passed)) or None
 
 
 def at_rest(

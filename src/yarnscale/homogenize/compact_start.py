@@ -86,7 +86,12 @@ def _drawn(x: Array, steps: int, count: int, rng: np.random.Generator) -> Array:
 
 
 def _varied(x: Array, springs: Springs, spread: float, rng: np.random.Generator) -> Array:
-    """Springs like these: turned about one of the states, bent, stretched and shifted, (count, 6 + steps + 1)."""
+    """Springs like these: turned about one of the states, bent, stretched and shifted, (count, 6 + steps + 1).
+
+    Without any, new ones at random.
+    """
+    if not len(springs.springs):
+        return _drawn(x, springs.bends.shape[1], _VARIED, rng)
     pick = rng.integers(len(springs.springs), size=_VARIED)
     inputs = _inputs(springs, x[rng.integers(len(x), size=_VARIED)])
     rows = np.column_stack([springs.springs, springs.bends])[pick]
