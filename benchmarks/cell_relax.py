@@ -23,7 +23,6 @@ from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics import assembly, block_pattern, factor
 from yarnscale.yarn.material import PRESETS, YarnMaterial
-from yarnscale.yarn.neighbours import PairSearch
 
 TARGET = 0.2
 """Seconds from rest to s_x = 0.33 of the published stockinette."""
@@ -59,7 +58,7 @@ def places() -> list[tuple[str, object, str]]:
         ("kernels and scatter: Hessian", assembly.StencilSet, "hessian"),
         ("kernels and scatter: gradient", assembly.StencilSet, "gradient"),
         ("kernels: energy", assembly.StencilSet, "value"),
-        ("pair search", PairSearch, "find"),
+        ("pair search", contact_list, "close_pairs"),
         ("stencils of new pairs", contact_list, "StencilSet"),
         ("matrix pattern and slots", block_pattern.BlockPattern, "slots"),
         ("matrix pattern and slots", cell_energy.BlockPattern, "of"),

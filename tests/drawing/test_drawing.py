@@ -17,7 +17,7 @@ from yarnscale.drawing.stitches import StitchChart
 from yarnscale.drawing.swell import swollen
 from yarnscale.errors import InputError
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.neighbours import pair_gaps
+from yarnscale.yarn.close_pairs import pair_gaps
 from yarnscale.yarn.pattern import YarnPattern
 
 CHARTS = [structure.chart for structure in library.STRUCTURES.values() if structure.chart]

@@ -103,7 +103,7 @@ def test_a_run_goes_on_bit_by_bit(case: str, tmp_path: Path) -> None:
     for one, other in zip(states[3:], rest, strict=True):
         assert one.time == other.time
         for name in (
-            ("x", "velocity", "cuts") if kind is FabricMotion else ("positions", "velocities", "knots")
+            ("x", "velocity", "passages") if kind is FabricMotion else ("positions", "velocities", "knots")
         ):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
     work = ("steps", "newton_iterations", "factorisations", "loose_steps", "unfulfilled", "frames")

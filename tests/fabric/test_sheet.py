@@ -12,12 +12,11 @@ from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import CROSSING, LOOPED, border_distance, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_frames import unit_edges
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.close_pairs import close_pairs, segment_gap
 from yarnscale.yarn.material import YarnMaterial
-from yarnscale.yarn.neighbours import segment_gap
 from yarnscale.yarn.rest_frames import signed_angle
 
 STOCKINETTE = library.build("stockinette")
@@ -117,7 +116,7 @@ def test_hessian_is_the_slope_of_the_gradient() -> None:
 def test_close_pairs_are_those_of_a_plain_search() -> None:
     sheet = YarnSheet.of(STOCKINETTE, 3, 2)
     positions, following = sheet.vertices / sheet.radius, sheet.following
-    first, second = close_pairs(positions, following, sheet.offsets, sheet.closed, 2.5, 3)
+    first, second = close_pairs(sheet.strands, positions, 2.5, neighbours=3)
     found = set(zip(first.tolist(), second.tolist(), strict=True))
     yarn, expected = sheet.yarn_of_vertex, set()
     for i in sheet.edges:

@@ -11,7 +11,7 @@ from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.drawing.library import build, names
 from yarnscale.errors import InputError
 from yarnscale.files.pyp import read_pyp
-from yarnscale.yarn.clearance import check_clearance, closest_approach, segment_distance
+from yarnscale.yarn.clearance import check_clearance, closest_approach
 
 
 def straight(axis: int, across: float, height: float, length: float, count: int = 8) -> PeriodicCurve:
@@ -20,26 +20,6 @@ def straight(axis: int, across: float, height: float, length: float, count: int 
     points[:, 1 - axis] = across
     points[:, 2] = height
     return PeriodicCurve(points, (1, 0) if axis == 0 else (0, 1))
-
-
-def test_segment_distance_of_known_pairs() -> None:
-    start_a = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]], dtype=float)
-    edge_a = np.array([[2, 0, 0]] * 4, dtype=float)
-    start_b = np.array([[1, -1, 3], [0, 1, 0], [5, 0, 4], [1, 0, 0]], dtype=float)
-    edge_b = np.array([[0, 2, 0], [2, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=float)
-    assert segment_distance(start_a, edge_a, start_b, edge_b) == pytest.approx([3.0, 1.0, 5.0, 0.0])
-
-
-def test_segment_distance_against_sampling() -> None:
-    rng = np.random.default_rng(5)
-    start_a, edge_a, start_b, edge_b = rng.normal(size=(4, 200, 3))
-    s = np.linspace(0.0, 1.0, 81)
-    a = start_a[:, None] + s[:, None] * edge_a[:, None]
-    b = start_b[:, None] + s[:, None] * edge_b[:, None]
-    sampled = np.linalg.norm(a[:, :, None] - b[:, None, :], axis=-1).min(axis=(1, 2))
-    exact = segment_distance(start_a, edge_a, start_b, edge_b)
-    assert (exact <= sampled + 1e-12).all()
-    assert (sampled - exact).max() < 0.05
 
 
 def test_the_image_across_the_period_counts() -> None:
@@ -92,5 +72,5 @@ def test_yarns_through_each_other_are_named() -> None:
 def test_a_search_without_end_is_refused() -> None:
     pattern = pattern_from_curves([straight(0, 0.0, 0.0, 8e-3)], [8e-3, 3e-3], 1e-3)
     tiny = replace(pattern, period=np.array([8e-3, 1e-9]), radius=1e-9)
-    with pytest.raises(InputError, match="period is too small for edges this long"):
+    with pytest.raises(InputError, match="copies that yarns may touch are too many"):
         closest_approach(tiny)

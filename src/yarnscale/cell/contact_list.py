@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import StencilSet, position_variables
+from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.contact import contact_energy, contact_reach
-from yarnscale.yarn.neighbours import Images, PairSearch
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import PatternStiffness
+from yarnscale.yarn.strands import Strands
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -51,7 +52,7 @@ class ContactList:
     def __init__(
         self,
         pattern: YarnPattern,
-        images: Images,
+        strands: Strands,
         nodes: CopiedNodes,
         stiffness: PatternStiffness,
         *,
@@ -59,10 +60,8 @@ class ContactList:
         turning: Array | None,
     ) -> None:
         """symmetric: every pair from both sides, half each. turning: rotation vectors (T·n, 3), None in flat cells."""
-        self._images, self._nodes, self._turning = images, nodes, turning
-        neighbours = stiffness.rule.neighbours
-        self._search = PairSearch(pattern, images, neighbours=neighbours, ordered=symmetric)
-        self._stiffness, self._share = stiffness, 0.5 if symmetric else 1.0
+        self._strands, self._nodes, self._turning = strands, nodes, turning
+        self._stiffness, self._symmetric = stiffness, symmetric
         self._length = pattern.rest_length / pattern.radius
         self._reach = contact_reach(stiffness.rule) + SKIN
         self._last: Contacts | None = None
@@ -101,7 +100,10 @@ class ContactList:
         Copies are those of an endless periodic surface: more than half a turn apart, two of them are near in space only
         because the cylinder closes on itself, which no cloth that is bent like this at one point has to do.
         """
-        first, second = self._search.find(positions, reach)
+        neighbours = self._stiffness.rule.neighbours
+        first, second = close_pairs(
+            self._strands, positions, reach, neighbours=neighbours, ordered=self._symmetric
+        )
         if self._turning is None:
             return first, second
         turned = self._turning[second] - self._turning[first]
@@ -109,10 +111,10 @@ class ContactList:
         return first[kept], second[kept]
 
     def _variables(self, first: Indices, second: Indices) -> Indices:
-        ends = self._images.segment_end
+        ends = self._strands.ends
         return position_variables(np.stack([first, ends[first], second, ends[second]], 1))
 
     def _parameters(self, first: Indices, second: Indices) -> Array:
         edge = second % len(self._length)
-        measure = self._length[first] * self._length[edge] * self._share
+        measure = self._length[first] * self._length[edge] * (0.5 if self._symmetric else 1.0)
         return self._stiffness.pair_parameters(first, edge, measure)

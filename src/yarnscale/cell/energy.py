@@ -24,11 +24,12 @@ from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
 from yarnscale.numerics.newton import Reuse
 from yarnscale.numerics.null_space import ChainConstraints
+from yarnscale.yarn.close_pairs import pair_gaps, safe_fraction
 from yarnscale.yarn.contact import contact_reach
-from yarnscale.yarn.neighbours import Images, pair_gaps, safe_fraction
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, carried_frames
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
+from yarnscale.yarn.strands import Strands
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -97,17 +98,16 @@ class CellEnergy:
         self._large = n > LARGE
         # Yarns of a weave slide across each other on long curved ways; knits, whose contacts change, need new factors.
         self.reuse = Reuse() if self._large and pattern.woven else None
-        self._rings = self._rings_within(SLACK)
-        self.images = Images.of(pattern, self._rings)
-        self.reference = self.placed(self.images)
+        self.strands = self._copies_within(SLACK)
+        self.reference = self.placed(self.strands)
         offset, rotation = self.surface.at(self.reference)
         self.turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
-        source = np.tile(np.arange(n), len(self.images.tiles))
+        source = np.tile(np.arange(n), len(self.strands.tiles))
         turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
         self.nodes = CopiedNodes(source, turned, offset, n, n)
         turning = None if self.strain.is_flat else self.turning
         self.contact_list = ContactList(
-            pattern, self.images, self.nodes, self.stiffness, symmetric=self.symmetric, turning=turning
+            pattern, self.strands, self.nodes, self.stiffness, symmetric=self.symmetric, turning=turning
         )
         self._rod_stencils(rotation)
         self._pattern: BlockPattern | None = None
@@ -117,38 +117,32 @@ class CellEnergy:
 
     # --- set-up ---------------------------------------------------------------------------------------
 
-    def copies_within(self, reach: float) -> Images:
-        """Copies that can touch the primary tile after moves of ``reach`` [r] against each other."""
-        rings = self._rings if reach <= SLACK else self._rings_within(reach)
-        return self.images if rings == self._rings else Images.of(self.pattern, rings)
+    def copies_within(self, slack: float) -> Strands:
+        """Copies that can touch the primary tile after moves of ``slack`` [r] against each other; its own or more."""
+        found = self.strands if slack <= SLACK else self._copies_within(slack)
+        return found if len(found.tiles) > len(self.strands.tiles) else self.strands
 
-    def placed(self, images: Images) -> Array:
-        """Reference coordinates of copies (T·n, 3) [r]."""
-        pattern, radius = self.pattern, self.pattern.radius
-        reference = np.tile(pattern.vertices / radius, (len(images.tiles), 1))
-        reference[:, :2] += np.repeat(images.tiles, len(pattern.edges), axis=0) * pattern.period / radius
-        return reference
-
-    def _rings_within(self, slack: float) -> tuple[int, int]:
-        """How many tiles away a copy can touch the primary tile when both have moved."""
+    def _copies_within(self, slack: float) -> Strands:
         pattern, first = self.pattern, self.strain.first_form
         edge = np.linalg.norm(pattern.edge_vectors(), axis=1).max()
         smallest = math.sqrt(np.linalg.eigvalsh(first)[0])
         arc = 1.0 if self.strain.is_flat else math.pi / 2
         reach = ((contact_reach(self.stiffness.rule) + slack) * pattern.radius + edge) / smallest * arc
-        extent = np.ptp(pattern.vertices[:, :2], axis=0)
-        rings = np.ceil((extent + reach) / pattern.period).astype(int)
-        return int(rings[0]), int(rings[1])
+        return Strands.around(pattern, reach)
+
+    def placed(self, strands: Strands) -> Array:
+        """Reference coordinates of copies (T·n, 3) [r]."""
+        radius = self.pattern.radius
+        return strands.copies(self.pattern.vertices / radius, self.pattern.period / radius)
 
     def _rod_stencils(self, rotation: Array) -> None:
         pattern, n = self.pattern, self.count
-        vertex, ends = np.arange(n), self.images.segment_end[:n]
+        vertex, ends = np.arange(n), self.strands.ends[:n]
         scalars = 3 * len(self.nodes.source)
         stretch = position_variables(np.stack([vertex, ends], 1))
         self.stretch = StencilSet(self.stiffness.stretch_energy, stretch, self.stiffness.edge_parameters(), 2)
 
-        before = pattern.previous_vertex
-        back = self.images.node(-pattern.edges[before, 2:], before, n)
+        before, back = pattern.previous_vertex, self.strands.before
         tangent, director, slope = self._anchors(vertex, ends, rotation)
         tangent_before, director_before, slope_before = self._anchors(back, vertex, rotation)
         # Rows in the order of ``ANCHORS``.
@@ -222,7 +216,7 @@ class CellEnergy:
         return self._pattern
 
     def _tight_pattern(self, contacts: Contacts, full: Array) -> BlockPattern:
-        ends, touch = self.images.segment_end, contact_reach(self.stiffness.rule)
+        ends, touch = self.strands.ends, contact_reach(self.stiffness.rule)
         gaps = pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
         if self._pattern is not None and contacts.slots is None:
             self._place(contacts)
@@ -304,7 +298,7 @@ class CellEnergy:
         contacts = self.contacts(x, full)
         ahead = self._positions(self.nodes.expand(x + fraction * step)) - self._positions(full)
         return fraction * safe_fraction(
-            self._positions(full), ahead, self.images.segment_end, contacts.first, contacts.second, GAP_SHARE
+            self._positions(full), ahead, self.strands.ends, contacts.first, contacts.second, GAP_SHARE
         )
 
     # --- read-outs ------------------------------------------------------------------------------------
@@ -348,7 +342,7 @@ class CellEnergy:
         """Distances of all listed pairs over the yarn diameter."""
         full = self.nodes.expand(x)
         contacts = self.contacts(x, full)
-        ends = self.images.segment_end
+        ends = self.strands.ends
         gaps = pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
         return gaps / self._diameters(contacts)
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.passages import jump_is_safe, linked_differently, passed, safe_move
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
-from yarnscale.cell.topology import crossed, jump_is_safe, linked_differently, safe_move
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
@@ -153,7 +153,7 @@ class PeriodicCell:
         """What one solve from a seed leads to; the seed itself where its yarns would be crossed under the target."""
         energy = self.energy(ShellStrain.from_vector(target))
         start = energy.start(seed[1] / self.pattern.radius, seed[2])
-        cell = replace(self, max_iterations=0) if crossed(energy, start) else self
+        cell = replace(self, max_iterations=0) if passed(energy, start) else self
         return energy, cell._minimised(energy, start)
 
     def _from_seed(self, target: Array, seed: tuple[ShellStrain, Array, Array]) -> _Reached | None:
@@ -162,7 +162,7 @@ class PeriodicCell:
         energy = self.energy(ShellStrain.from_vector(target))
         start = energy.start(*scaled)
         direct: _Reached | None = None
-        if not crossed(energy, start):
+        if not passed(energy, start):
             direct = energy, self._minimised(energy, start)
             if direct[1].converged:
                 return direct
@@ -177,7 +177,7 @@ class PeriodicCell:
         """
         energy = self.energy(strain)
         x = energy.start(*scaled)
-        if not crossed(energy, x):
+        if not passed(energy, x):
             return True
         if linked_differently(energy, x):
             return False

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
-from yarnscale.cell.topology import safe_move
+from yarnscale.cell.passages import safe_move
 
 Array = NDArray[np.float64]
 

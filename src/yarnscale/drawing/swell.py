@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.neighbours import Images, PairSearch, closest_points, safe_fraction
+from yarnscale.yarn.close_pairs import close_pairs, closest_points, safe_fraction
+from yarnscale.yarn.strands import Strands
 
 Array = NDArray[np.float64]
 _JIT = {"cache": True, "error_model": "numpy"}
@@ -96,20 +97,16 @@ def _stage(
     sizes = np.array([len(curve.points) for curve in curves])
     rest = np.repeat(np.array(wanted) / sizes, sizes)
     n, share = len(pattern.edges), np.repeat(radii, sizes)
-    extent = np.ptp(pattern.vertices[:, :2], axis=0)
     reach = stage.diameter * float(radii.max()) + SKIN
-    rings = np.ceil((extent + reach + 2.0 * rest.max()) / period).astype(int)
-    images = Images.of(pattern, (int(rings[0]), int(rings[1])))
-    offset = np.zeros((len(images.tiles), 1, 3))
-    offset[:, 0, :2] = images.tiles * period
+    strands = Strands.around(pattern, reach + 2.0 * float(rest.max()))
+    offset = strands.copies(np.zeros((1, 3)), period)
     arc = max(3, int(np.ceil(NEIGHBOUR_ARC / (rest / share).min())))
-    search = PairSearch(pattern, images, neighbours=arc, ordered=False)
     edge_end, tile = pattern.edges[:, 1], np.zeros((n, 3))
     tile[:, :2] = pattern.edges[:, 2:] * period
 
     x, v, force = pattern.vertices.copy(), np.zeros((n, 3)), np.zeros((n, 3))
     nobody = np.empty(0, np.int64)
-    listed_at, near = x, _Near.of(x, offset, images, (nobody, nobody))
+    listed_at, near = x, _Near.of(x, offset, strands, (nobody, nobody))
     dt, mixing, uphill_free = 0.1, 0.1, 0
     for step in range(stage.steps):
         # In a hundred steps at most: the rest of the last, long stage is for rounding.
@@ -117,7 +114,8 @@ def _stage(
         diameter = reached + grown * (stage.diameter - reached)
         if step == 0 or np.abs(x - listed_at).max() > 0.25 * SKIN:
             listed_at = x.copy()
-            near = _Near.of(x, offset, images, search.find((x[None] + offset).reshape(-1, 3), reach))
+            pairs = close_pairs(strands, strands.copies(x, period), reach, neighbours=arc)
+            near = _Near.of(x, offset, strands, pairs)
         copies = x[near.source] + near.offset
         _forces(
             x,
@@ -173,14 +171,14 @@ class _Near:
 
     @classmethod
     def of(
-        cls, x: Array, offset: Array, images: Images, pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
+        cls, x: Array, offset: Array, strands: Strands, pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
     ) -> _Near:
         begins = np.unique(np.concatenate(pairs))
-        nodes = np.unique(np.concatenate([begins, images.segment_end[begins]]))
+        nodes = np.unique(np.concatenate([begins, strands.ends[begins]]))
         end = np.full(len(nodes), -1)
-        end[np.searchsorted(nodes, begins)] = np.searchsorted(nodes, images.segment_end[begins])
+        end[np.searchsorted(nodes, begins)] = np.searchsorted(nodes, strands.ends[begins])
         first, second = (np.searchsorted(nodes, segments) for segments in pairs)
-        return cls(nodes % len(x), offset[nodes // len(x), 0], end, first, second)
+        return cls(nodes % len(x), offset[nodes // len(x)], end, first, second)
 
 
 @numba.njit(**_JIT)

@@ -19,9 +19,10 @@ from yarnscale.cell.rest_shape import redrawn, set_as_drawn
 from yarnscale.errors import InputError, positive
 from yarnscale.estimate.measurements import LENGTH
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
-from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.strands import Strands
 
 Array = NDArray[np.float64]
 
@@ -203,16 +204,9 @@ def estimated_radius(pattern: YarnPattern) -> float:
 
 def _nearest(pattern: YarnPattern, reach: float) -> Array:
     """Distance of each segment to the nearest other one, infinite beyond ``reach``, (n,) [m]."""
-    rings = np.ceil((reach + np.linalg.norm(pattern.edge_vectors(), axis=1).max()) / pattern.period).astype(
-        int
-    )
-    extent = np.ceil(np.ptp(pattern.vertices[:, :2], axis=0) / pattern.period).astype(int)
-    images = Images.of(pattern, (int(rings[0] + extent[0]), int(rings[1] + extent[1])))
-    search = PairSearch(pattern, images, neighbours=_NEIGHBOURS, ordered=True)
-    shifts = np.zeros((len(images.tiles), 3))
-    shifts[:, :2] = images.tiles * pattern.period
-    nodes = (pattern.vertices[None] + shifts[:, None]).reshape(-1, 3)
-    first, second = search.find(nodes, reach)
+    strands = Strands.around(pattern, reach + float(np.linalg.norm(pattern.edge_vectors(), axis=1).max()))
+    nodes = strands.copies(pattern.vertices, pattern.period)
+    first, second = close_pairs(strands, nodes, reach, neighbours=_NEIGHBOURS, ordered=True)
     nearest = np.full(len(pattern.edges), np.inf)
-    np.minimum.at(nearest, first, pair_gaps(nodes, images.segment_end, first, second))
+    np.minimum.at(nearest, first, pair_gaps(nodes, strands.ends, first, second))
     return nearest

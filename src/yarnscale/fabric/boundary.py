@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.material import YarnMaterial
 
 Array = NDArray[np.float64]
@@ -64,8 +64,7 @@ def looped(sheet: YarnSheet, first: Indices, second: Indices) -> NDArray[np.bool
     of the two that goes on less far, so that a ring that is crossed where its numbers begin is crossed once.
     """
     yarn, count = sheet.yarn_of_vertex, len(sheet.closed)
-    lengths = np.where(sheet.following >= 0, sheet.rest_length, 0.0)
-    along = (np.cumsum(lengths) - lengths) / sheet.radius
+    along = sheet.strands.arc_lengths(sheet.rest_length / sheet.radius)[0]
     one, other = yarn[first], yarn[second]
     ordered = one <= other
     _, meeting = np.unique(np.minimum(one, other) * count + np.maximum(one, other), return_inverse=True)
@@ -103,9 +102,8 @@ def glue(
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{name} of glue", expected="a positive number", found=value)
     inside = (border_distance(sheet) if distance is None else distance) >= width
-    neighbours = material.contact.neighbours
     first, second = close_pairs(
-        sheet.vertices / sheet.radius, sheet.following, sheet.offsets, sheet.closed, reach, neighbours
+        sheet.strands, sheet.vertices / sheet.radius, reach, neighbours=material.contact.neighbours
     )
     ends = sheet.following
     strengths = np.where(looped(sheet, first, second), LOOPED, CROSSING)

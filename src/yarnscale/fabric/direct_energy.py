@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.fabric.boundary import Springs
-from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_frames import carried, joint_twists, unit_edges
 from yarnscale.fabric.yarn_friction import YarnFriction, no_friction
@@ -23,8 +22,8 @@ from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.dissection import stages
 from yarnscale.numerics.energy import StencilEnergy, Symbol
+from yarnscale.yarn.close_pairs import close_pairs, pair_gaps, safe_fraction
 from yarnscale.yarn.contact import contact_energy, contact_reach
-from yarnscale.yarn.neighbours import pair_gaps, safe_fraction
 from yarnscale.yarn.rod import BEND_TWIST, STRETCH
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
 
@@ -110,7 +109,7 @@ class FabricEnergy:
         self.unit, self.radius = self.stiffness.unit, sheet.radius
         self.force_unit = self.unit / self.radius
         self.springs = Springs.none() if springs is None else springs
-        n, edges, joints = self.count, sheet.edges, sheet.joints
+        n, edges, joints = self.count, sheet.edges, sheet.strands.joints
         ends = sheet.following
         stretch = position_variables(np.stack([edges, ends[edges]], 1))
         own = self.stiffness.edge_parameters()[edges]
@@ -164,7 +163,7 @@ class FabricEnergy:
         self._anchored()
 
     def _anchored(self) -> None:
-        sheet, joints = self.sheet, self.sheet.joints
+        sheet, joints = self.sheet, self.sheet.strands.joints
         before = sheet.preceding[joints]
         director, turned = self.frames.director, self.frames.twist
         bend, twist = self.stiffness.joint_stiffness()
@@ -208,9 +207,8 @@ class FabricEnergy:
     ) -> tuple[Indices, Indices]:
         if not self._touch:
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        sheet, neighbours = self.sheet, self.stiffness.rule.neighbours
-        ends = sheet.following
-        return close_pairs(positions, ends, sheet.offsets, sheet.closed, reach, neighbours, moves=moves)
+        neighbours = self.stiffness.rule.neighbours
+        return close_pairs(self.sheet.strands, positions, reach, neighbours=neighbours, moves=moves)
 
     def _pair_variables(self, first: Indices, second: Indices) -> Indices:
         ends = self.sheet.following

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, no_cuts
+from yarnscale.fabric.direct_moves import PassageCount, no_passages
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.fabric.yarn_friction import YarnFriction
@@ -43,7 +43,7 @@ class FabricMotion:
     """State x and velocity, both (4n,) [r, rad; per s], at a time [s].
 
     shift: regularisation that the last implicit step ended with; the next begins with it. frames: of the edges (None:
-    those of the energy). cuts: of yarns by each other up to now, as ``PassageCount`` has them.
+    those of the energy). passages: up to now, as ``PassageCount`` has them.
     """
 
     x: Array
@@ -51,7 +51,7 @@ class FabricMotion:
     time: float = 0.0
     shift: float = _LEAST_SHIFT
     frames: EdgeFrames | None = None
-    cuts: Array = field(default_factory=no_cuts)
+    passages: Array = field(default_factory=no_passages)
 
 
 @dataclass(frozen=True)
@@ -159,10 +159,10 @@ class FabricDynamics(Body[FabricMotion]):
         return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
 
     def take_up(self, motion: FabricMotion) -> None:
-        """Let the energy have the frames of a state, and the count its cuts."""
+        """Let the energy have the frames of a state, and the count its passages."""
         self.energy.anchor(motion.x, motion.frames)
         if self.count is not None:
-            self.count.begin(motion.x, motion.cuts)
+            self.count.begin(motion.x, motion.passages)
 
     def _begin(self, motion: FabricMotion, friction: YarnFriction | None, end: float) -> None:
         """Begin a step: frames, and all that resists to slip from here on; friction: as a potential."""
@@ -175,8 +175,8 @@ class FabricDynamics(Body[FabricMotion]):
         self, motion: FabricMotion, x: Array, velocity: Array, time: float, shift: float
     ) -> FabricMotion:
         """The state at the end of a step, where the frames of the energy are."""
-        cuts = motion.cuts if self.count is None else self.count.found
-        return FabricMotion(x, velocity, time, shift, self.energy.frames, cuts)
+        passages = motion.passages if self.count is None else self.count.found
+        return FabricMotion(x, velocity, time, shift, self.energy.frames, passages)
 
     def _arrive(self, x: Array) -> None:
         self.energy.anchor(x)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.fabric.sheet_frames import carried, joint_twists, rest_frames, unit_edges
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.strands import Strands
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -59,35 +60,29 @@ class YarnSheet:
     # --- topology -------------------------------------------------------------------------------------
 
     @cached_property
+    def strands(self) -> Strands:
+        """Which segments follow each other."""
+        return Strands.finite(self.offsets, self.closed)
+
+    @property
     def following(self) -> Indices:
         """Vertex at the end of each vertex's edge (n,), −1 at the end of an open yarn."""
-        following = np.arange(1, len(self.vertices) + 1)
-        last = self.offsets[1:] - 1
-        following[last] = np.where(self.closed, self.offsets[:-1], -1)
-        return following
+        return self.strands.ends
 
-    @cached_property
+    @property
     def preceding(self) -> Indices:
         """Vertex before each (n,), −1 at the start of an open yarn."""
-        preceding = np.full(len(self.vertices), -1)
-        has = np.flatnonzero(self.following >= 0)
-        preceding[self.following[has]] = has
-        return preceding
+        return self.strands.before
 
-    @cached_property
+    @property
     def edges(self) -> Indices:
         """First vertices of all edges (m,)."""
-        return np.flatnonzero(self.following >= 0)
+        return self.strands.edges
 
-    @cached_property
-    def joints(self) -> Indices:
-        """Vertices between two edges (j,)."""
-        return np.flatnonzero((self.following >= 0) & (self.preceding >= 0))
-
-    @cached_property
+    @property
     def yarn_of_vertex(self) -> Indices:
         """Index of each vertex's yarn in this sheet (n,)."""
-        return np.repeat(np.arange(len(self.closed)), np.diff(self.offsets))
+        return self.strands.yarn
 
     @property
     def material_of_vertex(self) -> Indices:

@@ -9,9 +9,11 @@ from scipy.optimize import lsq_linear
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.drawing import library
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.neighbours import Images, PairSearch, pair_gaps, safe_fraction, segment_gap
+from yarnscale.yarn.close_pairs import close_pairs, pair_gaps, safe_fraction, segment_gap
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.strands import Strands
 
 
 def gap_by_optimisation(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> float:
@@ -85,21 +87,16 @@ def brute(
     return pairs
 
 
-def flat_nodes(pattern: YarnPattern, images: Images, points: np.ndarray) -> np.ndarray:
-    nodes = np.tile(points, (len(images.tiles), 1))
-    nodes[:, :2] += np.repeat(images.tiles, len(points), axis=0) * pattern.period
-    return nodes
-
-
 def found_pairs(
     pattern: YarnPattern, points: np.ndarray, reach: float, neighbours: int, ordered: bool
 ) -> list[tuple[int, int, int, int]]:
-    images = Images.of(pattern, (3, 3))
-    search = PairSearch(pattern, images, neighbours=neighbours, ordered=ordered)
-    first, second = search.find(flat_nodes(pattern, images, points), reach)
+    strands = Strands.of(pattern, (3, 3))
+    first, second = close_pairs(
+        strands, strands.copies(points, pattern.period), reach, neighbours=neighbours, ordered=ordered
+    )
     n = len(pattern.edges)
     return [
-        (i, k % n, *images.tiles[k // n].tolist())
+        (i, k % n, *strands.tiles[k // n].tolist())
         for i, k in zip(first.tolist(), second.tolist(), strict=True)
     ]
 
@@ -170,13 +167,12 @@ def test_more_pairs_than_expected_are_all_found() -> None:
 def test_pairs_of_a_bent_cell_against_all_distances(name: str, strain: ShellStrain) -> None:
     pattern = library.build(name)
     n, unit = len(pattern.edges), pattern.radius
-    images = Images.of(pattern, (2, 2))
-    reference = flat_nodes(pattern, images, pattern.vertices) / unit
+    strands = Strands.of(pattern, (2, 2))
+    reference = strands.copies(pattern.vertices, pattern.period) / unit
     nodes, _ = Midsurface(strain, length=unit).at(reference)
-    search = PairSearch(pattern, images, neighbours=3, ordered=True)
-    first, second = search.find(nodes, 2.7)
-    every = np.repeat(np.arange(n), images.home * n), np.tile(np.arange(images.home * n), n)
-    close = pair_gaps(nodes, images.segment_end, *every) < 2.7
+    first, second = close_pairs(strands, nodes, 2.7, neighbours=3, ordered=True)
+    every = np.repeat(np.arange(n), len(strands.ends)), np.tile(np.arange(len(strands.ends)), n)
+    close = pair_gaps(nodes, strands.ends, *every) < 2.7
     candidates = set(zip(every[0][close].tolist(), every[1][close].tolist(), strict=True))
     found = set(zip(first.tolist(), second.tolist(), strict=True))
     assert len(found) > 100 and found <= candidates
@@ -192,13 +188,12 @@ def test_pairs_of_a_bent_cell_against_all_distances(name: str, strain: ShellStra
 def test_a_safe_fraction_keeps_distances(seed: int) -> None:
     """Along the whole move no pair comes closer than 1 − share of where it was."""
     pattern = random_pattern(seed)
-    images = Images.of(pattern, (2, 2))
-    nodes = flat_nodes(pattern, images, pattern.vertices)
-    search = PairSearch(pattern, images, neighbours=2, ordered=False)
-    first, second = search.find(nodes, 1.5)
+    strands = Strands.of(pattern, (2, 2))
+    nodes = strands.copies(pattern.vertices, pattern.period)
+    first, second = close_pairs(strands, nodes, 1.5, neighbours=2, ordered=False)
     step = np.random.default_rng(seed).normal(size=pattern.vertices.shape)
-    moves = np.tile(step, (len(images.tiles), 1))
-    ends = images.segment_end
+    moves = np.tile(step, (len(strands.tiles), 1))
+    ends = strands.ends
     before = pair_gaps(nodes, ends, first, second)
     for share in (0.3, 0.8):
         fraction = safe_fraction(nodes, moves, ends, first, second, share)
@@ -210,35 +205,81 @@ def test_a_safe_fraction_keeps_distances(seed: int) -> None:
 
 def test_a_safe_fraction_is_not_needlessly_small() -> None:
     pattern = random_pattern(1)
-    images = Images.of(pattern, (2, 2))
-    nodes = flat_nodes(pattern, images, pattern.vertices)
+    strands = Strands.of(pattern, (2, 2))
+    nodes = strands.copies(pattern.vertices, pattern.period)
     none = np.empty(0, np.int64)
-    assert safe_fraction(nodes, nodes, images.segment_end, none, none, 0.8) == 1.0
-    search = PairSearch(pattern, images, neighbours=2, ordered=False)
-    first, second = search.find(nodes, 1.5)
+    assert safe_fraction(nodes, nodes, strands.ends, none, none, 0.8) == 1.0
+    first, second = close_pairs(strands, nodes, 1.5, neighbours=2, ordered=False)
     together = np.ones_like(nodes)
-    assert safe_fraction(nodes, together, images.segment_end, first, second, 0.8) == 1.0
+    assert safe_fraction(nodes, together, strands.ends, first, second, 0.8) == 1.0
     tiny = 1e-9 * np.random.default_rng(0).normal(size=nodes.shape)
-    assert safe_fraction(nodes, tiny, images.segment_end, first, second, 0.8) == 1.0
+    assert safe_fraction(nodes, tiny, strands.ends, first, second, 0.8) == 1.0
 
 
 def test_images_know_the_ends_of_segments() -> None:
     pattern = random_pattern(2)
-    images = Images.of(pattern, (1, 2))
-    nodes = flat_nodes(pattern, images, pattern.vertices)
+    strands = Strands.of(pattern, (1, 2))
+    nodes = strands.copies(pattern.vertices, pattern.period)
     n = len(pattern.edges)
-    assert (images.tiles[0] == 0).all() and len(images.segment_end) == images.home * n == 15 * n
-    edge = nodes[images.segment_end] - nodes[: images.home * n]
-    np.testing.assert_allclose(edge, np.tile(pattern.edge_vectors(), (images.home, 1)), atol=1e-12)
+    assert (strands.tiles[0] == 0).all() and len(strands.ends) == 15 * n
+    edge = nodes[strands.ends] - nodes[: len(strands.ends)]
+    np.testing.assert_allclose(edge, np.tile(pattern.edge_vectors(), (15, 1)), atol=1e-12)
 
 
 def test_a_wide_sheet_has_the_pairs_of_its_repeats() -> None:
-    """It is searched strip by strip."""
     unit, counts = library.build("plain"), []
     for pattern in (unit, unit.repeated(15, 14)):
-        images = Images.of(pattern, (1, 1))
-        moves = np.pad(images.tiles, ((0, 0), (0, 1))) * [*pattern.period, 0.0]
-        nodes = (pattern.vertices + moves[:, None]).reshape(-1, 3) / pattern.radius
-        search = PairSearch(pattern, images, neighbours=3, ordered=True)
-        counts.append(len(search.find(nodes, 2.71)[0]))
+        strands = Strands.of(pattern, (1, 1))
+        nodes = strands.copies(pattern.vertices / pattern.radius, pattern.period / pattern.radius)
+        counts.append(len(close_pairs(strands, nodes, 2.71, neighbours=3, ordered=True)[0]))
     assert counts[1] == 15 * 14 * counts[0]
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_pairs_that_move_are_those_that_may_meet(ordered: bool) -> None:
+    """Of a periodic pattern, against all pairs: none is missed whose segments move together by more than their gap."""
+    pattern = random_pattern(3)
+    strands, n = Strands.of(pattern, (2, 2)), len(pattern.edges)
+    nodes = strands.copies(pattern.vertices, pattern.period)
+    moves = np.random.default_rng(3).normal([9.0, 0.0, 0.0], 0.6, (n, 3))
+    moves = np.tile(moves, (len(strands.tiles), 1))
+    found = set(
+        zip(*close_pairs(strands, nodes, 0.0, neighbours=2, ordered=ordered, moves=moves), strict=True)
+    )
+    every = close_pairs(strands, nodes, 50.0, neighbours=2, ordered=ordered)
+    largest = np.max(
+        [np.linalg.norm(moves[a] - moves[b], axis=1) for a in (every[0], strands.ends[every[0]])
+         for b in (every[1], strands.ends[every[1]])], axis=0,
+    )  # fmt: skip
+    must = pair_gaps(nodes, strands.ends, *every) < largest
+    assert must.any() and len(found) < 0.5 * len(must)
+    assert found >= {(i, g) for i, g, meets in zip(*every, must, strict=True) if meets}
+
+
+def test_heaps_of_segments_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("yarnscale.yarn.close_pairs.LARGEST_PAIRS", 1000)
+    pattern = random_pattern(0)
+    strands = Strands.of(pattern, (3, 3))
+    with pytest.raises(InputError, match="too many segments lie on top of each other"):
+        close_pairs(strands, strands.copies(pattern.vertices, pattern.period), 60.0, neighbours=1)
+
+
+def test_arc_lengths_begin_anew_with_every_yarn() -> None:
+    pattern = random_pattern(4)
+    start, total = Strands.of(pattern, (1, 1)).arc_lengths(pattern.rest_length)
+    for number, chain in enumerate(pattern.yarns):
+        np.testing.assert_allclose(
+            start[chain], np.cumsum(pattern.rest_length[chain]) - pattern.rest_length[chain]
+        )
+        assert total[number] == pytest.approx(pattern.rest_length[chain].sum())
+
+
+def test_a_finite_fabric_has_open_yarns_and_rings() -> None:
+    strands = Strands.finite(np.array([0, 3, 7]), np.array([False, True]))
+    assert strands.ends.tolist() == [1, 2, -1, 4, 5, 6, 3]
+    assert strands.before.tolist() == [-1, 0, 1, 6, 3, 4, 5]
+    assert strands.edges.tolist() == [0, 1, 3, 4, 5, 6] and strands.joints.tolist() == [1, 3, 4, 5, 6]
+    # Segments 3 and 5 are opposite in the ring of four, and both ends of the open yarn lie two edges apart.
+    points = np.random.default_rng(0).normal(size=(7, 3))
+    pairs = set(zip(*close_pairs(strands, points, 90.0, neighbours=1), strict=True))
+    assert pairs == {(i, g) for i in (0, 1) for g in (3, 4, 5, 6)} | {(3, 5), (4, 6)}

@@ -11,13 +11,12 @@ import pytest
 
 from yarnscale.cell import PeriodicCell, periodic
 from yarnscale.cell.energy import CellEnergy
-from yarnscale.cell.topology import (
-    _lasting,
-    _remainder,
-    crossed,
-    crossings,
+from yarnscale.cell.passages import (
     jump_is_safe,
     linked_differently,
+    passages_between,
+    passages_from_drawing,
+    passed,
     safe_move,
 )
 from yarnscale.drawing import library
@@ -25,7 +24,7 @@ from yarnscale.homogenize.worker import CODE_OF, record
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import minimise
 from yarnscale.yarn.material import YarnMaterial
-from yarnscale.yarn.segment_cuts import pair_cuts
+from yarnscale.yarn.passages import Passages, _remainder, pair_passages
 
 MATERIAL = YarnMaterial.preset("hylc2020-stockinette")
 Move = Callable[[np.ndarray], np.ndarray]
@@ -52,13 +51,13 @@ def test_time_place_and_side_of_a_cut() -> None:
     """A segment along y at height 1 falls to height −3 through one along x, at a quarter of the way."""
     before = np.array([[0.0, 0, 0], [1, 0, 0], [0.25, -0.5, 1], [0.25, 0.5, 1]])
     ends, fall = np.array([1, 0, 3, 2]), np.array([[0.0], [0], [1], [1]]) * (0, 0, -4.0)
-    (cut,) = pair_cuts(before, before + fall, ends, np.array([0]), np.array([2]))
+    (cut,) = pair_passages(before, before + fall, ends, np.array([0]), np.array([2]))
     np.testing.assert_allclose(cut[:5], [0, 2, 0.25, 0.25, 0.5], atol=1e-12)
-    (back,) = pair_cuts(before + fall, before, ends, np.array([0]), np.array([2]))
+    (back,) = pair_passages(before + fall, before, ends, np.array([0]), np.array([2]))
     assert back[5] == -cut[5]
-    assert len(pair_cuts(before, before + fall / 8, ends, np.array([0]), np.array([2]))) == 0
+    assert len(pair_passages(before, before + fall / 8, ends, np.array([0]), np.array([2]))) == 0
     aside = before + np.array([[0.0], [0], [1], [1]]) * (1.0, 0, 0)
-    assert len(pair_cuts(aside, aside + fall, ends, np.array([0]), np.array([2]))) == 0
+    assert len(pair_passages(aside, aside + fall, ends, np.array([0]), np.array([2]))) == 0
 
 
 def test_segments_side_by_side_do_not_cut_however_round_off_tilts_them() -> None:
@@ -69,19 +68,24 @@ def test_segments_side_by_side_do_not_cut_however_round_off_tilts_them() -> None
     places[:, 2:] += np.cross(along, generator.uniform(2.0, 3.0, (3000, 1, 3)))
     lifted = places + generator.uniform(-0.1, 0.1, places.shape) * [[1.0], [1.0], [0.0], [0.0]]
     ends = np.where(np.arange(12000) % 2 == 0, np.arange(12000) + 1, -1)
-    assert len(pair_cuts(places.reshape(-1, 3), lifted.reshape(-1, 3), ends, first, first + 2)) == 0
+    assert len(pair_passages(places.reshape(-1, 3), lifted.reshape(-1, 3), ends, first, first + 2)) == 0
 
 
 def test_two_opposite_cuts_of_one_motion_undo_each_other() -> None:
     """Forth and back at the same place counts for nothing, at distant places of the yarn it does."""
     energy = PeriodicCell(library.build("basket-2x2"), MATERIAL).energy(ShellStrain())
+    pattern = energy.pattern
+
+    def lasting(*rows: np.ndarray) -> int:
+        found = Passages(energy.strands, pattern.rest_length / pattern.radius, np.concatenate(rows))
+        return len(found.lasting().rows)
+
     one = np.array([[0.0, energy.pattern.yarns[1][0], 0.5, 0.2, 0.5, 1.0]])
     far = one.copy()
     far[0, 5] = -1.0
-    assert len(_lasting(energy, np.concatenate([one, far]))) == 0
-    assert len(_lasting(energy, np.concatenate([one, one]))) == 2
+    assert lasting(one, far) == 0 and lasting(one, one) == 2
     far[0, 0] += len(energy.pattern.yarns[0]) // 2
-    assert len(_lasting(energy, np.concatenate([one, far]))) == 2
+    assert lasting(one, far) == 2
 
 
 def _lifted(points: np.ndarray) -> np.ndarray:
@@ -90,13 +94,13 @@ def _lifted(points: np.ndarray) -> np.ndarray:
 
 
 def test_a_yarn_lifted_out_of_the_cloth_has_crossed(energy: CellEnergy) -> None:
-    assert crossed(energy, _moved(energy, 0, _lifted))
+    assert passed(energy, _moved(energy, 0, _lifted))
 
 
 def test_rest_and_small_moves_have_not(energy: CellEnergy) -> None:
-    assert not crossed(energy, energy.start())
+    assert not passed(energy, energy.start())
     noise = 0.15 * np.random.default_rng(0).standard_normal(3 * energy.count)
-    assert not crossed(energy, np.concatenate([noise, energy.pattern.twist]))
+    assert not passed(energy, np.concatenate([noise, energy.pattern.twist]))
 
 
 def test_a_weave_with_one_crossing_swapped_has_crossed() -> None:
@@ -113,7 +117,7 @@ def test_a_weave_with_one_crossing_swapped_has_crossed() -> None:
         return push
 
     x = _moved(energy, 0, pressed)
-    found = crossings(energy, energy.nodes.offset, energy.nodes.expand(x)[: -energy.count].reshape(-1, 3))
+    found = passages_from_drawing(energy, x).lasting().rows
     assert 1 <= len(found) <= 2
     assert len(set(found[:, 5])) == 1
 
@@ -121,9 +125,9 @@ def test_a_weave_with_one_crossing_swapped_has_crossed() -> None:
 def test_a_cut_that_is_taken_back_does_not_count() -> None:
     """A yarn that goes through another and comes back, along a way of two straight motions, has not crossed it."""
     energy = PeriodicCell(library.build("basket-2x2"), MATERIAL).energy(ShellStrain())
-    rest = energy.nodes.offset
-    away = energy.nodes.expand(_moved(energy, 0, _lifted))[: -energy.count].reshape(-1, 3)
-    out, back = crossings(energy, rest, away), crossings(energy, away, rest)
+    flat, away = ShellStrain(), _moved(energy, 0, _lifted)[: 3 * energy.count].reshape(-1, 3)
+    shapes = (flat, np.zeros_like(away)), (flat, away)
+    out, back = (passages_between(energy, *way).lasting().rows for way in (shapes, shapes[::-1]))
     assert len(out) == len(back) > 0
     np.testing.assert_array_equal(np.sort(out[:, 5]), np.sort(-back[:, 5]))
 
@@ -171,7 +175,7 @@ def test_links_change_where_a_weft_is_lifted_and_not_where_a_course_is() -> None
     knit = PeriodicCell(library.build("stockinette").repeated(1, 2), MATERIAL).energy(ShellStrain())
     for energy, linked in ((weave, True), (knit, False)):
         x = _moved(energy, 0, _lifted)
-        assert crossed(energy, x)
+        assert passed(energy, x)
         assert linked_differently(energy, x) == linked
         assert not linked_differently(energy, energy.start())
 
@@ -195,7 +199,7 @@ def test_a_yarn_moved_by_more_than_the_cell_is_seen_to_cross() -> None:
     chain = energy.pattern.yarns[number]
     fluctuation = np.zeros((energy.count, 3))
     fluctuation[chain, 0], fluctuation[chain, 2] = 3.5 * period[0], 0.2
-    assert crossed(energy, np.concatenate([fluctuation.ravel(), energy.pattern.twist]))
+    assert passed(energy, np.concatenate([fluctuation.ravel(), energy.pattern.twist]))
 
 
 def test_a_course_lifted_out_of_its_loops_is_no_start() -> None:
@@ -220,7 +224,7 @@ def test_a_start_known_to_be_crossed_is_left_aside() -> None:
 def test_a_state_that_a_straight_motion_takes_for_crossed_is_good(monkeypatch: pytest.MonkeyPatch) -> None:
     """Loops may swing around each other on their way; no step of the solver cuts, and its equilibrium is kept."""
     pattern = library.build("stockinette")
-    monkeypatch.setattr(periodic, "crossed", lambda *_: True)  # as where the straight motion is of no use
+    monkeypatch.setattr(periodic, "passed", lambda *_: True)  # as where the straight motion is of no use
     cell = PeriodicCell(pattern, MATERIAL)
     rest = cell.relax()
     state = cell.relax(ShellStrain(s_x=0.2), start=rest)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_neighbours import close_pairs
 from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.material import YarnMaterial
-from yarnscale.yarn.neighbours import pair_gaps
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)
 RADIUS = 1e-3
@@ -37,17 +36,15 @@ def test_pairs_that_may_meet_are_those_that_every_pair_tells() -> None:
         axis=0,
     )  # fmt: skip
     must = set(zip(first[gaps < largest].tolist(), second[gaps < largest].tolist(), strict=True))
-    found = close_pairs(positions, ends, sheet.offsets, sheet.closed, 0.0, 3, moves=moves)
+    found = close_pairs(sheet.strands, positions, 0.0, neighbours=3, moves=moves)
     listed = set(zip(found[0].tolist(), found[1].tolist(), strict=True))
     assert must and must <= listed
     assert len(listed) < 0.5 * len(first)
-    still = close_pairs(positions, ends, sheet.offsets, sheet.closed, 2.0, 3)
-    common = close_pairs(
-        positions, ends, sheet.offsets, sheet.closed, 2.0, 3, moves=np.full_like(positions, 5.0)
-    )
-    np.testing.assert_array_equal(np.stack(still), np.stack(common))
+    still = close_pairs(sheet.strands, positions, 2.0, neighbours=3)
+    common = close_pairs(sheet.strands, positions, 2.0, neighbours=3, moves=np.full_like(positions, 5.0))
     expected = set(zip(first[gaps < 2.0].tolist(), second[gaps < 2.0].tolist(), strict=True))
-    assert set(zip(still[0].tolist(), still[1].tolist(), strict=True)) == expected
+    for pairs in (still, common):
+        assert set(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)) == expected
 
 
 def test_a_hessian_has_the_pairs_that_come_to_touch() -> None:
@@ -84,7 +81,7 @@ def test_a_step_stops_before_yarns_meet_however_long_it_is() -> None:
     for size in (0.1, 1.0, 30.0):
         step = np.concatenate([random.normal(scale=size, size=3 * energy.count), np.zeros(energy.count)])
         positions, fraction = energy.positions(x), energy.bound(x, step)
-        pairs = close_pairs(positions, sheet.following, sheet.offsets, sheet.closed, 12.0, 3)
+        pairs = close_pairs(sheet.strands, positions, 12.0, neighbours=3)
         before = pair_gaps(positions, sheet.following, *pairs)
         for share in np.linspace(0.1, 1.0, 10):
             after = pair_gaps(energy.positions(x + share * fraction * step), sheet.following, *pairs)
