@@ -23,6 +23,15 @@ if TYPE_CHECKING:
     from yarnscale.errors import InputError
     from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
     from yarnscale.estimate.measurements import SwatchMeasurements
+    from yarnscale.fabric import sheet_scene as sheet_scenes
+    from yarnscale.fabric.fabric_scene import FabricResult
+    from yarnscale.fabric.rod_fabric import RodFabric
+    from yarnscale.fabric.rod_scene import RodScene
+    from yarnscale.fabric.sheet import YarnSheet
+    from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
+    from yarnscale.fabric.spline_scene import SplineScene
+    from yarnscale.fabric.volume import BoundingVolume
+    from yarnscale.files.fabric_run import run
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
     from yarnscale.files.material_toml import read_material as read_yarn_material
@@ -39,6 +48,7 @@ if TYPE_CHECKING:
     from yarnscale.kinematics import COMPONENTS, ShellStrain
     from yarnscale.laboratory.programme import FabricTests, Programme, run_tests
     from yarnscale.motion.run import simulate
+    from yarnscale.motion.schedule import Schedule
     from yarnscale.numerics.newton import Status
     from yarnscale.shell import scenes
     from yarnscale.shell.dynamics.cloth import Cloth
@@ -52,42 +62,51 @@ if TYPE_CHECKING:
     from yarnscale.yarn.pattern import YarnPattern
 
 _HOME = {
+    "BoundingVolume": "fabric.volume",
     "COMPONENTS": "kinematics",
     "Cloth": "shell.dynamics.cloth",
+    "CompactMaterial": "shell.materials.compact",
     "ContactRule": "yarn.material",
     "Equilibrium": "cell.equilibrium",
-    "FluctuationTable": "detail.fluctuations",
+    "FabricResult": "fabric.fabric_scene",
     "FabricShell": "estimate.fabric_shell",
     "FabricTests": "laboratory.programme",
+    "FluctuationTable": "detail.fluctuations",
     "Homogenization": "homogenize.homogenize",
     "InputError": "errors",
     "OrthotropicMaterial": "shell.materials.orthotropic",
     "PeriodicCell": "cell.periodic",
-    "RestShape": "cell.rest",
     "Programme": "laboratory.programme",
+    "RestShape": "cell.rest",
+    "RodFabric": "fabric.rod_fabric",
+    "RodScene": "fabric.rod_scene",
     "SampleStore": "homogenize.store",
     "Scene": "shell.scenes.scene",
+    "Schedule": "motion.schedule",
     "ShellMaterial": "shell.materials.material",
     "ShellStrain": "kinematics",
-    "CompactMaterial": "shell.materials.compact",
+    "SplineFabric": "fabric.spline_knit",
     "SplineMaterial": "shell.materials.spline_material",
+    "SplineScene": "fabric.spline_scene",
     "Status": "numerics.newton",
-    "StretchRule": "yarn.material",
     "StrainGrid": "homogenize.plan",
     "StrainRange": "homogenize.plan",
+    "StretchRule": "yarn.material",
     "SwatchMeasurements": "estimate.measurements",
     "TriangleMesh": "shell.mesh",
     "YarnDetail": "detail.yarns",
     "YarnMaterial": "yarn.material",
     "YarnPattern": "yarn.pattern",
+    "YarnSheet": "fabric.sheet",
     "axes_and_planes": "homogenize.plan",
     "create_store": "homogenize.sample",
     "fit": "homogenize.homogenize",
     "fit_compact_material": "homogenize.compact_fit",
     "fit_published": "homogenize.homogenize",
-    "fit_spline_material": "homogenize.published_fit",
     "fit_shell": "estimate.fabric_shell",
+    "fit_spline_material": "homogenize.published_fit",
     "homogenize_cell": "homogenize.homogenize:homogenize",
+    "jersey": "fabric.spline_knit",
     "knit": "drawing.knit",
     "patterns": "drawing.library:",
     "read_grid": "files.grid_toml",
@@ -96,12 +115,15 @@ _HOME = {
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
     "read_yarns": "files.patterns",
+    "run": "files.fabric_run",
     "run_scene": "shell.scenes.scene",
     "run_tests": "laboratory.programme",
     "sample": "homogenize.sample",
     "scenes": "shell.scenes:",
     "settled": "cell.rest",
+    "sheet_scenes": "fabric.sheet_scene:",
     "simulate": "motion.run",
+    "spline_fabric": "fabric.spline_knit",
     "weave": "drawing.weave",
     "write_material": "files.material_json",
     "write_pattern": "files.patterns",
@@ -110,63 +132,18 @@ _HOME = {
 """Public name -> module that defines it, with ``:name`` where it is called otherwise there and ``:`` for the
 module itself. The imports above say the same to type checkers."""
 
-__all__ = [
-    "COMPONENTS",
-    "Cloth",
-    "CompactMaterial",
-    "ContactRule",
-    "Equilibrium",
-    "FabricShell",
-    "FabricTests",
-    "FluctuationTable",
-    "Homogenization",
-    "InputError",
-    "OrthotropicMaterial",
-    "PeriodicCell",
-    "Programme",
-    "RestShape",
-    "SampleStore",
-    "Scene",
-    "ShellMaterial",
-    "ShellStrain",
-    "SplineMaterial",
-    "Status",
-    "StrainGrid",
-    "StrainRange",
-    "StretchRule",
-    "SwatchMeasurements",
-    "TriangleMesh",
-    "YarnDetail",
-    "YarnMaterial",
-    "YarnPattern",
-    "__version__",
-    "axes_and_planes",
-    "create_store",
-    "fit",
-    "fit_compact_material",
-    "fit_published",
-    "fit_shell",
-    "fit_spline_material",
-    "homogenize_cell",
-    "knit",
-    "patterns",
-    "read_grid",
-    "read_material",
-    "read_measurements",
-    "read_pattern",
-    "read_yarn_material",
-    "read_yarns",
-    "run_scene",
-    "run_tests",
-    "sample",
-    "scenes",
-    "settled",
-    "simulate",
-    "weave",
-    "write_material",
-    "write_pattern",
-    "write_yarn_material",
-]
+__all__ = [  # noqa: RUF022
+    "BoundingVolume", "COMPONENTS", "Cloth", "CompactMaterial", "ContactRule", "Equilibrium", "FabricResult",
+    "FabricShell", "FabricTests", "FluctuationTable", "Homogenization", "InputError", "OrthotropicMaterial",
+    "PeriodicCell", "Programme", "RestShape", "RodFabric", "RodScene", "SampleStore", "Scene", "Schedule",
+    "ShellMaterial", "ShellStrain", "SplineFabric", "SplineMaterial", "SplineScene", "Status", "StrainGrid",
+    "StrainRange", "StretchRule", "SwatchMeasurements", "TriangleMesh", "YarnDetail", "YarnMaterial", "YarnPattern",
+    "YarnSheet", "__version__", "axes_and_planes", "create_store", "fit", "fit_compact_material", "fit_published",
+    "fit_shell", "fit_spline_material", "homogenize_cell", "jersey", "knit", "patterns", "read_grid", "read_material",
+    "read_measurements", "read_pattern", "read_yarn_material", "read_yarns", "run", "run_scene", "run_tests",
+    "sample", "scenes", "settled", "sheet_scenes", "simulate", "spline_fabric", "weave", "write_material",
+    "write_pattern", "write_yarn_material",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> object:

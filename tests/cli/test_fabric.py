@@ -50,6 +50,25 @@ def test_hangs_and_writes_frames(method: str, tmp_path: Path, capsys: pytest.Cap
     assert summary["status"] == "converged" and summary["steps"] > 0 and summary["extension"] < 0.01
     frames = read_curve_frames(tmp_path)
     assert len(frames.curves) == 3
+    assert summary["method"] == method and summary["model"] == "splines" and summary["centre_drop"] > 0.0
+    assert {"frames.png", "last.png", "last.obj", "index.html"} <= {path.name for path in tmp_path.iterdir()}
+    page = (tmp_path / "index.html").read_text()
+    assert "centre_drop" in page and page.count("data:image/png") == 2
+
+
+def test_the_model_in_a_volume_is_said_and_chosen(capsys: pytest.CaptureFixture[str]) -> None:
+    volume = ["fabric", "jersey", "--rows", "3", "--columns", "3", "--count", "--json"]
+    sizes = []
+    for model in ("splines", "rods"):
+        assert main([*volume, "--model", model]) == 0
+        said = capsys.readouterr()
+        assert f"yarns in the volume: {model}" in said.err
+        sizes.append(json.loads(said.out))
+    assert "control_points" in sizes[0] and "vertices" in sizes[1]
+    assert sizes[0]["reduced_unknowns"] == sizes[1]["reduced_unknowns"] == 150
+    assert main(volume) == 0 and "--model rods takes rods" in capsys.readouterr().err
+    assert main([*volume, "--method", "direct", "--model", "splines"]) == 2
+    assert "--method volume, or rods with direct" in capsys.readouterr().err
 
 
 def test_splines_of_a_rib_have_sixteen_segments_a_stitch(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
+from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.material import YarnMaterial
@@ -47,7 +48,7 @@ def test_yarns_go_with_their_grips_and_a_volume_cannot_follow_far(amount: float)
     dynamics = FabricDynamics(energy, holds=scene.holds)
     free = simulate(dynamics, dynamics.start(), ONE_STEP)
     assert free.unfulfilled == ()
-    volume = RodVolume(energy, (4, 4))
+    volume = RodVolume(energy, BoundingVolume.around(energy.sheet.vertices, (4, 4)))
     dynamics = VolumeDynamics(energy, holds=scene.holds, volume=volume)
     held = simulate(dynamics, dynamics.start(), ONE_STEP)
     if amount < 1.0:

@@ -46,7 +46,11 @@ def rods(scene: str, *, volume: bool = False, explicit: bool = False) -> Made:
         made.pushes(energy),
         PassageCount(energy, energy.start()),
     )
-    body = VolumeDynamics(*parts, volume=RodVolume(energy, (4, 4))) if volume else FabricDynamics(*parts)
+    body = (
+        VolumeDynamics(*parts, volume=RodVolume(energy, BoundingVolume.around(energy.sheet.vertices, (4, 4))))
+        if volume
+        else FabricDynamics(*parts)
+    )
     schedule = Schedule(0.001, 1.0, to_rest=False, frame_interval=0.00025) if explicit else Schedule(
         0.04, 0.005, to_rest=False, frame_interval=0.01
     )  # fmt: skip

@@ -17,6 +17,7 @@ from yarnscale.fabric.direct_static import equilibrium
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
+from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.numerics.affine import MappedObjective
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn.material import YarnMaterial
@@ -37,7 +38,7 @@ def energy() -> FabricEnergy:
 
 @pytest.fixture(scope="module")
 def volume(energy: FabricEnergy) -> RodVolume:
-    return RodVolume(energy, (5, 4))
+    return RodVolume(energy, BoundingVolume.around(energy.sheet.vertices, (5, 4)))
 
 
 def test_moves_yarns_affinely_and_keeps_their_shape(energy: FabricEnergy, volume: RodVolume) -> None:
@@ -84,7 +85,9 @@ def test_pulls_gradients_and_matrices_back(energy: FabricEnergy, volume: RodVolu
 def test_falls_freely_whatever_the_yarns_do(energy: FabricEnergy) -> None:
     """The volume can move as a whole, so that its centre of mass falls as Euler's implicit steps do."""
     dynamics = VolumeDynamics(
-        energy, MotionSettings(tolerance=1e-6, enough=0.0, iterations=40), volume=RodVolume(energy)
+        energy,
+        MotionSettings(tolerance=1e-6, enough=0.0, iterations=40),
+        volume=RodVolume(energy, BoundingVolume.around(energy.sheet.vertices, (5, 5))),
     )
     motion, step, count = dynamics.start(), 1 / 200, 5
     mass = energy.masses()
@@ -97,7 +100,7 @@ def test_falls_freely_whatever_the_yarns_do(energy: FabricEnergy) -> None:
     np.testing.assert_allclose(fallen[2], -9.81 * step**2 * count * (count + 1) / 2, rtol=1e-5)
     np.testing.assert_allclose(fallen[:2], 0.0, atol=1e-5 * abs(fallen[2]))
     with pytest.raises(InputError, match="explicit"):
-        VolumeDynamics(energy, MotionSettings(method="explicit"))
+        VolumeDynamics(energy, MotionSettings(method="explicit"), volume=dynamics.volume)
 
 
 def test_its_equilibrium_is_a_first_guess_that_saves_iterations() -> None:
@@ -107,7 +110,7 @@ def test_its_equilibrium_is_a_first_guess_that_saves_iterations() -> None:
     before = equilibrium(energy, energy.start(), scene.holds(0.0), tolerance=1e-4)
     holds = scene.holds(1.0)
     alone = equilibrium(energy, before.x, holds, tolerance=1e-4)
-    volume = RodVolume(energy, (4, 4))
+    volume = RodVolume(energy, BoundingVolume.around(energy.sheet.vertices, (4, 4)))
     within = VolumeDynamics(energy, MotionSettings((0.0, 0.0, 0.0)), scene.holds, volume=volume)
     guess = within.step(FabricMotion(before.x, 0.0 * before.x), math.inf, iterations=50, until=1.0)
     guided = equilibrium(energy, guess.state.x, holds, tolerance=1e-4)

@@ -8,17 +8,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from yarnscale.cli.console import ProgressLine, outcome_lines, report
 from yarnscale.cli.notices import tell
 from yarnscale.errors import InputError
-from yarnscale.files.atomic import write_text
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material, write_material
-from yarnscale.files.run_folder import RunFolder
+from yarnscale.files.run_folder import PAGE, RunFolder
 from yarnscale.motion.run import Run
 from yarnscale.motion.unfulfilled import sentences
 from yarnscale.shell.materials.material import ShellMaterial
@@ -29,14 +26,9 @@ from yarnscale.shell.state import ClothState
 
 MATERIAL = "cloth_material.json"
 """In the folder of a run: the shell material of its cloth."""
-MAKES = (
-    "frames/frame_*.npz", "frames/mesh.npz", "frames/bodies.npz", CHECKPOINT, MATERIAL, "last.obj", "last.png",
-    "frames.png", "index.html",
-)  # fmt: skip
+MAKES = ("frames/frame_*.npz", "frames/mesh.npz", "frames/bodies.npz", CHECKPOINT, MATERIAL, *PAGE)
 """All that a run writes, but for converted frames."""
 GOES_ON_FROM = ("frames/*.npz", CHECKPOINT)
-FRAMES = 6
-"""Moments that a contact sheet shows."""
 
 
 def stretch(options: argparse.Namespace) -> int:
@@ -149,7 +141,7 @@ def _checkpoints(scene: Scene, folder: Path) -> CheckpointFile[ClothState]:
 
 def simulate_into(scene: Scene, folder: Path, *, resume: Run[ClothState] | None = None) -> SceneResult:
     """Run a scene, or go on with a run; frames are written as they finish, pictures and numbers at the end."""
-    from yarnscale.files.obj import obj_text
+    from yarnscale.show.run_page import write_run_page
 
     cloth, kept = scene.cloth, resume.frames if resume is not None else 0
     if isinstance(cloth.material, ShellMaterial):
@@ -159,54 +151,7 @@ def simulate_into(scene: Scene, folder: Path, *, resume: Run[ClothState] | None 
         scene, on_step=ProgressLine(scene.name).show_step, on_frame=frames.write,
         on_checkpoint=_checkpoints(scene, folder).write, resume=resume,
     )  # fmt: skip
-    mesh = cloth.mesh
-    text = obj_text(result.state.positions, mesh.triangles, mesh.material, mesh.corners)
-    write_text(folder / "last.obj", text)
-    _write_page(folder, result, draw_cloth(folder))
+    notes = [*(f"Note: {notice}." for notice in scene.notices), *_unfulfilled(result)]
+    numbers = _flat(result.summary())
+    write_run_page(folder, f"Cloth: {scene.name}", result.run, numbers, frames=folder / "frames", text=notes)
     return result
-
-
-def _write_page(folder: Path, result: SceneResult, pictures: list[Path]) -> None:
-    """``index.html``: numbers of a run, motions that were not carried out, pictures."""
-    from yarnscale.show.report import Picture, Section, Table, write_report
-
-    numbers = {
-        name: "not tested" if value is None else value
-        for name, value in _flat(result.summary()).items()
-        if name != "unfulfilled"
-    }
-    off = [[entry.what, entry.first, entry.distance, entry.remaining] for entry in result.unfulfilled]
-    columns = ["not carried out", "first [s]", "off its place by up to [m]", "at the end [m]"]
-    captions = ("Moments of the run, bodies where they are.", "At the end.")
-    section = Section(
-        "Cloth",
-        [*(f"Note: {notice}." for notice in result.scene.notices), *_unfulfilled(result)],
-        [Table(["", "value"], list(numbers.items())), *([Table(columns, off)] if off else [])],  # type: ignore[arg-type]
-        [Picture(path, caption, True) for path, caption in zip(pictures, captions, strict=True)],
-    )
-    write_report(
-        folder / "index.html",
-        f"Cloth: {result.scene.name}",
-        [section],
-        summary=f"Status: {result.run.outcome}{', motions not carried out' * bool(off)}.",
-    )
-
-
-def draw_cloth(folder: Path) -> list[Path]:
-    """A contact sheet of moments and a large picture of the last one, from the frames in a folder."""
-    from yarnscale.files.cloth_frames import read_cloth_frames
-    from yarnscale.show.cloth import ClothFrame, Solid, contact_sheet
-    from yarnscale.show.theme import PICTURE_SIZE
-
-    stored = read_cloth_frames(folder / "frames")
-    numbers = list(stored.paths)
-    chosen = [numbers[round(i)] for i in np.linspace(0, len(numbers) - 1, min(FRAMES, len(numbers)))]
-    frames = []
-    for number in chosen:
-        state, bodies = stored.state(number), stored.bodies(number)
-        solids = [] if bodies is None else [Solid(bodies, stored.body_triangles)]  # type: ignore[arg-type]
-        frames.append(ClothFrame(state.positions, solids=solids, title=f"{state.time:.2f} s"))
-    paths = [folder / "frames.png", folder / "last.png"]
-    contact_sheet(paths[0], stored.triangles, frames, columns=3)
-    contact_sheet(paths[1], stored.triangles, [replace(frames[-1], title="")], size=PICTURE_SIZE)
-    return paths

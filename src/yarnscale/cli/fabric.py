@@ -3,56 +3,54 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import AbstractContextManager, nullcontext
-from importlib import import_module
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from yarnscale.cli import convert
-from yarnscale.cli.console import outcome_lines, report
-from yarnscale.cli.fabric_run import MAKES, FabricRun
-from yarnscale.cli.yarn_choice import YarnChoice
-from yarnscale.cli.yarns import pattern_of
+from yarnscale.cli.console import ProgressLine, outcome_lines, report, say
+from yarnscale.cli.fabric_options import IN_SCENE_FILES, ONLY_RODS, SCENES, SHAPING
+from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
+from yarnscale.cli.yarns import pattern_of, settled_drawing
+from yarnscale.detail.yarn_sheet import rods_on_mesh
 from yarnscale.errors import InputError
-from yarnscale.fabric.adaptive_volume import AdaptiveVolume
-from yarnscale.fabric.measures import fibre_extension, penetration
-from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
-from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
+from yarnscale.fabric.direct_motion import FabricMotion
+from yarnscale.fabric.fabric_scene import FabricResult, FabricScene, fabric_schedule
+from yarnscale.fabric.rod_fabric import RodFabric
+from yarnscale.fabric.rod_scene import USUAL_FRICTION, RodScene, rod_counts
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_scene import PlannedScene, SheetScene, drape, hang, stretch
+from yarnscale.fabric.spline_knit import JERSEYS, SplineFabric, jersey, spline_fabric
+from yarnscale.fabric.spline_motion import YarnMotion
+from yarnscale.fabric.spline_scene import SplineScene
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
-from yarnscale.files.curve_frames import CurveSet
+from yarnscale.files.fabric_run import MAKES, checkpoint, run
+from yarnscale.files.fabric_scene import read_fabric_scene
 from yarnscale.files.material_toml import read_material
-from yarnscale.files.patterns import stitches_of
-from yarnscale.files.run_folder import RunFolder
-from yarnscale.motion.run import Run
+from yarnscale.files.obj_garment import read_garment
+from yarnscale.files.patterns import is_drawing, stitches_of
+from yarnscale.files.run_folder import PAGE, RunFolder
 from yarnscale.motion.unfulfilled import sentences
 from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.pattern import YarnPattern
 
-JERSEYS = ("jersey", "single-jersey", "stockinette")
-_POINTS_PER_SEGMENT = 3
 _FILES = {"gltf": "fabric.glb", "usd": "fabric.usdc", "mp4": "fabric.mp4"}
 
 
 def fabric(options: argparse.Namespace) -> int:
     """Simulate a finite fabric, or count its unknowns."""
-    if options.count:
-        return _fabric(options, nullcontext())
-    if options.out is None:
+    if not options.count and options.out is None:
         raise InputError("--out", expected="a folder for frames and pictures", found="none")
     for kind in options.format:
         convert.require(kind)
-    formats = [name for kind in options.format for name in convert.made_by(kind, _name(kind))]
-    results = RunFolder(
-        options.out, "fabric", [*MAKES, *formats], overwrite=options.overwrite, resume=options.resume,
-        goes_on_from=MAKES,
-    )  # fmt: skip
-    return _fabric(options, results)
+    _check_sizes(options)
+    options.model = _model(options)
+    return (_splines if options.model == "splines" else _rods)(options)
 
 
-def _fabric(options: argparse.Namespace, results: AbstractContextManager[Path | None]) -> int:
+def _check_sizes(options: argparse.Namespace) -> None:
     for name in ("rows", "columns"):
         given = getattr(options, name)
         if options.on is None and given is None:
@@ -61,43 +59,51 @@ def _fabric(options: argparse.Namespace, results: AbstractContextManager[Path | 
             raise InputError(f"--{name}", expected="none, as a mesh has its own size", found=given)
     if options.adaptive and options.method != "volume":
         raise InputError("--adaptive", expected="--method volume", found=options.method)
-    if options.method == "direct" or _rods_in_a_volume(options):
-        return _direct(options, results)
+
+
+def _model(options: argparse.Namespace) -> str:
+    """Of the yarns: ``rods`` or ``splines``. InputError for options that it does not have."""
+    model = {"direct": "rods", "splines": "splines"}.get(options.method)
+    if model is None:
+        hanging_jersey = options.pattern in JERSEYS and options.scene == "hang"
+        model = options.model or ("splines" if hanging_jersey else "rods")
+        other = "rods" if model == "splines" else "splines"
+        chosen = "" if options.model else f" (--model {other} takes {other})"
+        say(f"yarns in the volume: {model}{chosen}")
+        for name in ("adaptive", "explicit"):
+            if model == "rods" and getattr(options, name):
+                expected = "--model splines, or --method direct"
+                raise InputError(f"--{name}", expected=expected, found="rods in a volume")
+    elif options.model not in (None, model):
+        raise InputError(
+            "--model", expected=f"--method volume, or {model} with {options.method}", found=options.model
+        )
+    return model
+
+
+# --- splines ------------------------------------------------------------------------------------------
+
+
+def _splines(options: argparse.Namespace) -> int:
     if options.scene != "hang":
         raise InputError("--scene", expected="hang, or --method direct or volume", found=options.scene)
-    plain = {
-        "border": "glued", "on": None, "tube": False, "as_drawn": False, "friction": None, "ball_friction": 0.0,
-    }  # fmt: skip
-    for name, value in plain.items():
+    for name, value in ONLY_RODS.items():
         if getattr(options, name) != value:
             option = f"--{name.replace('_', '-')}"
             raise InputError(option, expected="--method direct", found=options.method)
     knitted, yarn = _spline_yarns(options)
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
     if options.count:
-        counts: dict[str, object] = {**knitted.counts()}
-        if volume is not None:
-            counts["reduced_unknowns"] = 3 * volume.count
-        return _end(options, counts, None)
-    moving = SplineMotion(
-        knitted, volume=volume, held=knitted.top, damping=options.damping,
-        method="explicit" if options.explicit else "implicit",
-    )  # fmt: skip
-    about = FabricRun(options, results, YarnMotion, pattern=knitted.control, yarn=yarn)
-    body = AdaptiveVolume(moving) if options.adaptive else moving
-    lines = knitted.lines(knitted.control, _POINTS_PER_SEGMENT)
-    curves = CurveSet(np.arange(knitted.yarn_count + 1) * lines.shape[1], knitted.radius)
+        held = {} if volume is None else {"reduced_unknowns": 3 * volume.count}
+        return _counted(options, {**knitted.counts(), **held})
 
-    def points(state: YarnMotion) -> NDArray[np.float64]:
-        return knitted.lines(body.yarns(state).positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
+    def scene() -> SplineScene:
+        return SplineScene(
+            knitted, fabric_schedule(options.duration, options.time_step), options.damping, volume,
+            options.adaptive, "explicit" if options.explicit else "implicit", may_give_way=options.may_give_way,
+        )  # fmt: skip
 
-    run = about.simulate(body, moving.start, curves, points)
-    control = body.yarns(run.state).positions
-    numbers: dict[str, object] = {
-        **body.counts(), **run.summary(), "seconds": about.seconds, "penetration": penetration(knitted, control),
-        "extension": fibre_extension(knitted, control)[0],
-    }  # fmt: skip
-    return _end(options, numbers, run)
+    return _simulated(options, YarnMotion, scene, pattern=knitted.control, yarn=yarn)
 
 
 def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMaterial]:
@@ -112,47 +118,142 @@ def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMateri
         return jersey(*size, material, radius=radius), material
     chart = stitches_of(options.pattern)
     if chart is None:
-        raise InputError(
-            "pattern",
-            expected="for spline yarns jersey, a built-in knit or a .chart file",
-            found=repr(options.pattern),
-        )
+        expected = "for spline yarns jersey, a built-in knit or a .chart file"
+        raise InputError("pattern", expected=expected, found=repr(options.pattern))
+    return spline_fabric(pattern_of(options.pattern, options.radius), chart, *size, material), material
+
+
+# --- rods ---------------------------------------------------------------------------------------------
+
+
+def _rods(options: argparse.Namespace) -> int:
     pattern = pattern_of(options.pattern, options.radius)
-    return spline_fabric(pattern, chart, *size, material), material
+    yarn = yarn_for(options.pattern, pattern, options.material)
+    yarn.say()
+    plan = _planned(options)
+
+    def laid() -> RodFabric:
+        return _laid(options, pattern, yarn)
+
+    if options.count:
+        sheet = laid().sheet
+        return _counted(options, rod_counts(sheet, _volume(options, sheet)))
+
+    def scene() -> RodScene:
+        fabric = laid()
+        if plan is not None:
+            fabric = replace(fabric, sheet=plan.laid(fabric.sheet))
+        friction = USUAL_FRICTION if options.friction is None else options.friction
+        made = RodScene(
+            fabric, _loads(options, fabric.sheet) if plan is None else plan.of(fabric.sheet),
+            fabric_schedule(options.duration, options.time_step), options.damping, friction,
+            _volume(options, fabric.sheet), "explicit" if options.explicit else "implicit", options.may_give_way,
+        )  # fmt: skip
+        if plan is None:
+            return made
+        allowed = plan.may_give_way or options.may_give_way
+        return replace(made, schedule=plan.schedule, damping=plan.damping, may_give_way=allowed)
+
+    mesh = None if options.on is None else options.on.read_text(errors="replace")
+    parts = {"pattern": pattern, "yarn": yarn.materials, "mesh": mesh, "file": plan}
+    return _simulated(options, FabricMotion, scene, **parts)
 
 
-def _rods_in_a_volume(options: argparse.Namespace) -> bool:
-    """Whether what the volume holds are elastic rods: anything but hanging jersey, which has yarns of splines."""
-    splines = options.pattern in JERSEYS and options.scene == "hang"
-    if options.method != "volume" or splines:
-        return False
-    for name in ("adaptive", "explicit"):
-        if getattr(options, name):
-            raise InputError(
-                f"--{name}", expected="hanging jersey, or --method direct", found="rods in a volume"
-            )
-    return True
+def _laid(options: argparse.Namespace, pattern: YarnPattern, yarn: YarnChoice) -> RodFabric:
+    """The fabric asked for; drawings settle before they are cut, unless they shall stay as drawn."""
+    relax, material = not options.count, yarn.materials
+    if options.border == "knitted" and (options.tube or options.on is not None):
+        raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")
+    if options.tube and options.on is not None:
+        raise InputError("--tube", expected="a sheet of --rows and --columns", found="--on")
+    if options.border == "knitted":
+        size, chart = (options.columns, options.rows), stitches_of(options.pattern)
+        return RodFabric.knitted(pattern, material, *size, chart=chart, relax=relax)
+    if is_drawing(options.pattern) and relax and not options.as_drawn:
+        pattern = settled_drawing(pattern, material)
+    if options.on is not None:
+        mesh = read_garment(options.on, unit=options.unit, weld=options.weld)
+        return rods_on_mesh(pattern, material, mesh, relax=relax)
+    make = RodFabric.tube if options.tube else RodFabric.cut
+    return make(pattern, material, options.columns, options.rows, relax=relax)
 
 
-def _direct(options: argparse.Namespace, results: AbstractContextManager[Path | None]) -> int:
-    numbers, run = import_module("yarnscale.cli.direct_fabric").simulate_direct(options, results)
-    return _end(options, numbers, run)
+def _planned(options: argparse.Namespace) -> PlannedScene | None:
+    """The scene file asked for, if any; what it says cannot be said by options too."""
+    if options.scene in SCENES:
+        return None
+    if not Path(options.scene).is_file():
+        expected = "a scene file or " + ", ".join(SCENES)
+        raise InputError("--scene", expected=expected, found=repr(options.scene))
+    for name, usual in IN_SCENE_FILES.items():
+        if getattr(options, name) != usual:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(option, expected="it in the scene file", found=getattr(options, name))
+    return read_fabric_scene(options.scene)
 
 
-def _end(options: argparse.Namespace, numbers: dict[str, object], run: Run[Any] | None) -> int:
-    """Convert frames and print numbers; the exit status. run: None where unknowns were counted."""
-    if run is not None:
-        _convert(options)
-    found = () if run is None else run.unfulfilled
-    report(options, numbers, *outcome_lines(numbers, sentences(found, "--may-give-way allows it")))
-    return 0 if run is None or (run.converged and (options.may_give_way or not run.unfulfilled)) else 1
+def _loads(options: argparse.Namespace, sheet: YarnSheet) -> SheetScene:
+    if options.scene == "stretch":
+        axis = 0 if options.direction == "course" else 1
+        return stretch(sheet, amount=options.amount, axis=axis, duration=options.duration)
+    return drape(sheet, friction=options.ball_friction) if options.scene == "drape" else hang(sheet)
+
+
+def _volume(options: argparse.Namespace, sheet: YarnSheet) -> BoundingVolume | None:
+    return BoundingVolume.around(sheet.vertices, options.volume) if options.method == "volume" else None
+
+
+# --- results ------------------------------------------------------------------------------------------
+
+
+def _simulated(
+    options: argparse.Namespace, kind: type, scene: Callable[[], FabricScene[Any]], **parts: object
+) -> int:
+    """Run a scene into the folder of results; parts: what the options name, such as the pattern and its yarns."""
+    settings = {f"--{name.replace('_', '-')}": getattr(options, name) for name in SHAPING} | parts
+    formats = [name for made in options.format for name in convert.made_by(made, _name(made))]
+    results = RunFolder(
+        options.out, "fabric", [*MAKES, *PAGE, *formats], overwrite=options.overwrite, resume=options.resume,
+        goes_on_from=MAKES,
+    )  # fmt: skip
+    if options.resume:
+        checkpoint(options.out, kind, settings).read()
+    made = scene()
+    with results as folder:
+        result = run(
+            made, folder, resume=options.resume, settings=settings, on_step=ProgressLine("fabric").show_step
+        )
+        numbers: dict[str, object] = {
+            "method": options.method, "model": options.model, **result.summary(),
+        }  # fmt: skip
+        said = sentences(result.run.unfulfilled, "--may-give-way allows it")
+        _write_page(folder, options, result, numbers, said)
+        for format_ in options.format:
+            convert.write(read_animation(folder), format_, folder / _name(format_))
+    report(options, numbers, *outcome_lines(numbers, said), f"{folder}: frames, pictures and a page")
+    return 0 if result.succeeded else 1
+
+
+def _write_page(
+    folder: Path, options: argparse.Namespace, result: FabricResult[Any], numbers: dict[str, object],
+    text: list[str],
+) -> None:  # fmt: skip
+    from yarnscale.show.run_page import write_run_page
+
+    # Fabric that lies level is seen from the side and above, other fabric from the front.
+    gravity = result.scene.gravity
+    level = abs(gravity[2]) > abs(gravity[1])
+    write_run_page(
+        folder, f"Fabric: {options.pattern}, {Path(options.scene).stem}", result.run, numbers, frames=folder,
+        text=text, camera="oblique" if level else (0.0, -0.5, 1.0),
+    )  # fmt: skip
+
+
+def _counted(options: argparse.Namespace, counts: dict[str, int]) -> int:
+    report(options, counts, *outcome_lines(counts))
+    return 0
 
 
 def _name(kind: str) -> str:
     """File or folder of a format within that of the fabric."""
     return _FILES.get(kind, kind)
-
-
-def _convert(options: argparse.Namespace) -> None:
-    for kind in options.format:
-        convert.write(read_animation(options.out), kind, options.out / _name(kind))

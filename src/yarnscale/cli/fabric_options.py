@@ -17,7 +17,16 @@ FORMATS = ("obj", "gltf", "usd", "bcc", "mp4", "png")
 IN_SCENE_FILES = {
     "amount": 0.2, "direction": "course", "ball_friction": 0.0, "duration": 3.0, "time_step": 1 / 240, "damping": 1.0,
 }  # fmt: skip
-"""Options that a scene file takes the place of, and what they are unless given."""
+"""Options that a scene file takes the place of, and their defaults."""
+ONLY_RODS = {
+    "border": "glued", "on": None, "tube": False, "as_drawn": False, "friction": None, "ball_friction": 0.0,
+}  # fmt: skip
+"""Options that spline yarns do not have, and their defaults."""
+SHAPING = (
+    "rows", "columns", "method", "model", "volume", "adaptive", "scene", "unit", "weld", "tube", "border", "as_drawn",
+    "amount", "direction", "friction", "ball_friction", "explicit", "damping", "duration", "time_step",
+)  # fmt: skip
+"""Options that decide how a fabric moves."""
 
 
 def _volume(text: str) -> tuple[int, int]:
@@ -58,8 +67,12 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--method", choices=METHODS, default="volume",
-        help="splines: every yarn, with contacts between stitches; direct: every yarn as an elastic rod that touches "
-        "others; volume: yarns in a bounding volume, splines for hanging jersey and else rods (volume)",
+        help="direct: every yarn an elastic rod in contact with others; splines: every yarn a spline, held in its "
+        "stitches by constraints; volume: yarns in a bounding volume, see --model (volume)",
+    )  # fmt: skip
+    command.add_argument(
+        "--model", choices=("rods", "splines"),
+        help="of the yarns in a volume: elastic rods or splines (splines for hanging jersey, else rods)",
     )  # fmt: skip
     command.add_argument(
         "--volume",

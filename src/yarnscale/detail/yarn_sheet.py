@@ -13,13 +13,17 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.tiling import YarnLayout
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.errors import InputError
+from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, glue
+from yarnscale.fabric.rod_fabric import RodFabric
 from yarnscale.fabric.sheet import LARGEST_SHEET, YarnSheet
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.yarn.stiffness import Materials, materials_of
 
 Array = NDArray[np.float64]
 
@@ -65,6 +69,22 @@ def sheet_on_mesh(
     twist = None if state is None else state.twist[vertex]
     laid = sheet.moved(places, twist=twist, rotations=rotations, tangents=tangents)
     return SheetOnMesh(laid, rotations[:, :, 2], _border_distance(mesh, layout, pattern.radius))
+
+
+def rods_on_mesh(
+    pattern: YarnPattern, material: Materials, mesh: TriangleMesh, *, relax: bool = True
+) -> RodFabric:
+    """``sheet_on_mesh`` with its borders and seams glued firmly.
+
+    relax: loops have the shape of the relaxed periodic cell, else that of the pattern. Raises InputError.
+    """
+    state = PeriodicCell(pattern, material).relax() if relax else None
+    laid = sheet_on_mesh(pattern, mesh, state=state)
+    springs = glue(
+        laid.sheet, materials_of(pattern, material)[0], width=SEWN_WIDTH * pattern.radius, stiffness=SEWN,
+        distance=laid.border_distance, normals=laid.normals,
+    )  # fmt: skip
+    return RodFabric(laid.sheet, material, springs)
 
 
 def _one_state(pattern: YarnPattern, state: Equilibrium | None) -> FluctuationTable:

@@ -5,7 +5,7 @@ Vertices move with the volume, x = x₀ + Γ u (LOD03 §3), from whatever shape 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,13 +68,12 @@ class _PositionPull:
 
 
 class RodVolume:
-    """The volume of ``shape`` = (n1, n2) control points and two through the thickness, around a sheet as it lies."""
+    """A volume around the yarns of an energy's sheet in the sheet's own shape."""
 
-    def __init__(self, energy: FabricEnergy, shape: tuple[int, int] = (5, 5)) -> None:
-        """Raises InputError for shapes that are no volume."""
-        self.energy = energy
-        self.volume = BoundingVolume.around(energy.sheet.vertices, shape)
-        weights = self.volume.weights(energy.sheet.vertices)
+    def __init__(self, energy: FabricEnergy, volume: BoundingVolume) -> None:
+        """Raises InputError where yarns are outside of the volume."""
+        self.energy, self.volume = energy, volume
+        weights = volume.weights(energy.sheet.vertices)
         self.weights: Array | csr_array = weights.toarray() if self.volume.count <= _MOST_DENSE else weights
 
     @property
@@ -130,19 +129,16 @@ class RodVolume:
 class VolumeDynamics(FabricDynamics):
     """A fabric that moves as its volume does; implicit steps only. Its equilibria are first guesses of the yarns'."""
 
-    volume: RodVolume | None = None
+    volume: RodVolume = field(kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.method == "explicit":  # what is held would leave the volume
             raise InputError("steps of rods in a volume", expected="the implicit method", found=self.method)
-        if self.volume is None:
-            self.volume = RodVolume(self.energy)
 
     def _minimised(
         self, objective: FabricObjective, motion: FabricMotion, enough: float, iterations: int
     ) -> Solution:
-        assert self.volume is not None
         return self.volume.minimised(
             objective,
             motion.x,
@@ -153,5 +149,4 @@ class VolumeDynamics(FabricDynamics):
         )
 
     def _damped(self, x: Array, velocity: Array, duration: float) -> Array:
-        assert self.volume is not None
         return self.volume.projected(super()._damped(x, velocity, duration))

@@ -1,10 +1,10 @@
-"""What happens to a sheet of yarns: it hangs, is stretched between two grips, or drapes over a ball."""
+"""Loads and grips of a sheet of yarns: it hangs, is stretched between two grips, or drapes over a ball."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,21 +25,38 @@ _GRIP = 5.0
 """Width of a grip [radii]."""
 _PULLED = 0.7
 """Share of the time in which grips move."""
+SECOND = "second grip"
+
+
+@dataclass(frozen=True, eq=False)
+class HeldGrip:
+    """Vertices (k,) of a sheet that move together, and their places at time 0 (k, 3) [m]."""
+
+    nodes: NDArray[np.int64]
+    places: Array
+    motion: Motion = STILL
 
 
 @dataclass(frozen=True, eq=False)
 class SheetScene:
-    """gravity [m/s²], holds at a time [s], obstacles and the friction of yarns on them.
+    """Gravity [m/s²], grips by name, obstacles and the friction of yarns on them.
 
-    pulled: (k,) which of the held vertices are in the second grip, axis: along which it moves.
+    axis: along which the grip ``SECOND`` is pulled away from the other one; None where no grip pulls.
     """
 
     gravity: tuple[float, float, float]
-    holds: Callable[[float], Holds]
+    grips: Mapping[str, HeldGrip] = field(default_factory=dict)
     obstacles: tuple[Obstacle, ...] = ()
     friction: float = 0.0
-    pulled: NDArray[np.bool_] | None = None
-    axis: int = 0
+    axis: int | None = None
+
+    def holds(self, time: float) -> Holds:
+        """What all grips hold at a time [s]."""
+        grips = self.grips.values()
+        nodes = np.concatenate([*(grip.nodes for grip in grips), np.empty(0, np.int64)])
+        places = np.concatenate([*(g.motion.place(g.places, time) for g in grips), np.empty((0, 3))])
+        owner = np.repeat(np.arange(len(grips)), [len(grip.nodes) for grip in grips])
+        return Holds(nodes, places, grips={name: owner == k for k, name in enumerate(self.grips)})
 
     def pushes(self, energy: FabricEnergy) -> tuple[Pushes, ...]:
         """The obstacles, as the simulation meets them."""
@@ -47,11 +64,12 @@ class SheetScene:
 
     def force(self, energy: FabricEnergy, x: Array, time: float, *, led: bool = False) -> float:
         """With which both grips are pulled apart, their mean [N]; NaN where none is pulled. led: by explicit steps."""
-        if self.pulled is None:
+        if self.axis is None:
             return math.nan
         holds = self.holds(time)
         forces = (holds.reactions(energy, x) if led else holds.forces(energy, x))[:, self.axis]
-        return 0.5 * float(forces[self.pulled].sum() - forces[~self.pulled].sum())
+        second = holds.grips[SECOND]
+        return 0.5 * float(forces[second].sum() - forces[~second].sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,27 +128,19 @@ class PlannedScene:
 
     def of(self, sheet: YarnSheet) -> SheetScene:
         """The scene of a sheet that is laid. Raises InputError where grips hold nothing, or the same vertex."""
-        held = {f"handle '{g.name}'": (g.nodes(sheet, np.array(self.position)), g.motion) for g in self.grips}
-        holds = _held(sheet, held)
-        if len(np.unique(holds(0.0).nodes)) < len(holds(0.0).nodes):
+        held = {
+            f"handle '{g.name}'": _grip(sheet, g.nodes(sheet, np.array(self.position)), g.motion)
+            for g in self.grips
+        }
+        scene = SheetScene(self.gravity, held, self.obstacles, self.friction)
+        nodes = scene.holds(0.0).nodes
+        if len(np.unique(nodes)) < len(nodes):
             raise InputError("handles", expected="different vertices each", found="vertices that two hold")
-        return SheetScene(self.gravity, holds, self.obstacles, self.friction)
+        return scene
 
 
-def _held(
-    sheet: YarnSheet, grips: Mapping[str, tuple[NDArray[np.int64], Motion]]
-) -> Callable[[float], Holds]:
-    """What grips with these vertices (k,) and motions hold at a time [s]."""
-    chosen = [nodes for nodes, _ in grips.values()]
-    nodes = np.concatenate([*chosen, np.empty(0, np.int64)])
-    owner = np.repeat(np.arange(len(chosen)), [len(held) for held in chosen])
-    masks = {name: owner == number for number, name in enumerate(grips)}
-
-    def holds(time: float) -> Holds:
-        places = [motion.place(sheet.vertices[held], time) for held, motion in grips.values()]
-        return Holds(nodes, np.concatenate([*places, np.empty((0, 3))]), grips=masks)
-
-    return holds
+def _grip(sheet: YarnSheet, nodes: NDArray[np.int64], motion: Motion = STILL) -> HeldGrip:
+    return HeldGrip(nodes, sheet.vertices[nodes], motion)
 
 
 def _middle(sheet: YarnSheet) -> Array:
@@ -139,7 +149,7 @@ def _middle(sheet: YarnSheet) -> Array:
 
 def hang(sheet: YarnSheet) -> SheetScene:
     """Held along its last row, under gravity down the wales."""
-    return SheetScene((0.0, -GRAVITY, 0.0), _held(sheet, {"held row": (_border(sheet, 1, last=True), STILL)}))
+    return SheetScene((0.0, -GRAVITY, 0.0), {"held row": _grip(sheet, _border(sheet, 1, last=True))})
 
 
 def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: float = 1.0) -> SheetScene:
@@ -167,11 +177,10 @@ def pulled_apart(
     """Two grips, each with its vertices, go so far [m] down and up an axis in so long [s], and then stand still."""
     way_up = tuple(way * float(k == axis) for k in range(3))
     held = {
-        name: (nodes, Motion(tuple(sign * w for w in way_up), 0.0, duration, ease=False))  # type: ignore[arg-type]
-        for name, nodes, sign in zip(("first grip", "second grip"), grips, (-1.0, 1.0), strict=True)
+        name: _grip(sheet, nodes, Motion(tuple(sign * w for w in way_up), 0.0, duration, ease=False))  # type: ignore[arg-type]
+        for name, nodes, sign in zip(("first grip", SECOND), grips, (-1.0, 1.0), strict=True)
     }
-    second = np.repeat([False, True], [len(grip) for grip in grips])
-    return SheetScene(gravity, _held(sheet, held), pulled=second, axis=axis)
+    return SheetScene(gravity, held, axis=axis)
 
 
 def drape(
@@ -191,7 +200,7 @@ def drape(
     middle = _middle(sheet)
     top = float(low[2] - 1.5 * sheet.radius)
     centre = (float(middle[0]) + aside[0], float(middle[1]) + aside[1], top - ball)
-    return SheetScene((0.0, 0.0, -GRAVITY), lambda time: Holds.none(), (Sphere(centre, ball),), friction)
+    return SheetScene((0.0, 0.0, -GRAVITY), {}, (Sphere(centre, ball),), friction)
 
 
 def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:

@@ -25,6 +25,8 @@ from yarnscale.yarn.pattern import YarnPattern
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+JERSEYS = ("jersey", "single-jersey", "stockinette")
+"""Names of built-in patterns that ``jersey`` makes."""
 JERSEY_SEGMENTS = 8
 """Segments of a stitch of jersey, as LOD03 has them."""
 SEGMENTS_PER_STITCH = 16

@@ -18,6 +18,8 @@ from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 
 RECORD = ".yarnscale.json"
+PAGE = ("last.obj", "last.png", "frames.png", "index.html")
+"""What every simulation leaves to look at (``show.run_page``)."""
 
 
 class RunFolder:

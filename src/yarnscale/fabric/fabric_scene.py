@@ -1,0 +1,128 @@
+"""What every simulation of a finite fabric consists of, whatever its yarns are, and its outcome."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Generic, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.motion.body import Body, State
+from yarnscale.motion.obstacles import Obstacle
+from yarnscale.motion.run import Run
+from yarnscale.motion.schedule import Schedule
+
+Array = NDArray[np.float64]
+
+FRAME = 1 / 30
+"""Time between frames [s]."""
+
+
+def fabric_schedule(duration: float = 3.0, time_step: float = 1 / 240) -> Schedule:
+    """Dynamics of a duration [s], a frame every 1/30 s. time_step: of implicit steps [s]. Raises InputError."""
+    return Schedule(duration, time_step, to_rest=False, frame_interval=FRAME)
+
+
+class YarnLines(NamedTuple):
+    """Yarn i has the points offsets[i] … offsets[i + 1] − 1.
+
+    offsets: (c + 1,); radii (c,) [m]; closed: (c,) whether the last point joins the first; colours: (c,) numbers.
+    """
+
+    offsets: NDArray[np.int64]
+    radii: Array
+    closed: NDArray[np.bool_]
+    colours: NDArray[np.int64]
+
+
+class FabricScene(ABC, Generic[State]):
+    """A finite fabric to simulate.
+
+    schedule: of the motion; may_give_way: whether grips may be kept from their prescribed places; gravity [m/s²].
+    """
+
+    schedule: Schedule
+    may_give_way: bool
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """All that shapes a run, by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    @property
+    @abstractmethod
+    def body(self) -> Body[State]:
+        """What moves."""
+
+    @property
+    @abstractmethod
+    def start(self) -> State:
+        """Its first state."""
+
+    @property
+    @abstractmethod
+    def gravity(self) -> tuple[float, float, float]:
+        """Gravity [m/s²]."""
+
+    @property
+    def obstacles(self) -> Sequence[Obstacle]:
+        """Bodies that the fabric touches."""
+        return ()
+
+    @property
+    @abstractmethod
+    def lines(self) -> YarnLines:
+        """The yarns."""
+
+    @abstractmethod
+    def points(self, state: State) -> Array:
+        """Points of all yarns at a state (n, 3) [m]."""
+
+    @abstractmethod
+    def centre_of_mass(self, state: State) -> Array:
+        """Centre of mass (3,) [m]."""
+
+    @abstractmethod
+    def counts(self) -> dict[str, int]:
+        """Sizes of the model; ``reduced_unknowns`` in a volume."""
+
+    @abstractmethod
+    def measures(self, state: State) -> dict[str, float]:
+        """Numbers that describe the yarns at a state, by name."""
+
+    def drops(self, state: State) -> dict[str, float | None]:
+        """How far the centre of mass and the lowest point fell since the start [m]; None without gravity."""
+        strength = float(np.linalg.norm(self.gravity))
+        if strength == 0.0:
+            return {"centre_drop": None, "lower_edge_drop": None}
+        down = np.array(self.gravity) / strength
+        fallen = self.centre_of_mass(state) - self.centre_of_mass(self.start)
+        lowest = [float((self.points(s) @ down).max()) for s in (self.start, state)]
+        return {"centre_drop": float(fallen @ down), "lower_edge_drop": lowest[1] - lowest[0]}
+
+
+@dataclass(frozen=True, eq=False)
+class FabricResult(Generic[State]):
+    """Outcome of a scene: its run, seconds of work, and numbers of the last state by name."""
+
+    scene: FabricScene[State]
+    run: Run[State]
+    seconds: float
+    measures: Mapping[str, float | None]
+
+    @property
+    def state(self) -> State:
+        """The last state."""
+        return self.run.state
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the schedule was completed without forbidden unfulfilled motion."""
+        return self.run.converged and (self.scene.may_give_way or not self.run.unfulfilled)
+
+    def summary(self) -> dict[str, object]:
+        """Everything but the shape, as plain values."""
+        return {**self.scene.counts(), **self.run.summary(), "seconds": self.seconds, **self.measures}

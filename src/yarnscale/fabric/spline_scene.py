@@ -1,0 +1,92 @@
+"""A finite fabric of spline yarns that hangs by its last row; all control points, or in a bounding volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.checked import checked
+from yarnscale.errors import InputError
+from yarnscale.fabric.adaptive_volume import AdaptiveVolume
+from yarnscale.fabric.fabric_scene import FabricScene, YarnLines, fabric_schedule
+from yarnscale.fabric.measures import fibre_extension, penetration
+from yarnscale.fabric.spline_knit import SplineFabric
+from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, SplineMotion, YarnMotion
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.motion.body import Method
+from yarnscale.motion.schedule import Schedule
+
+Array = NDArray[np.float64]
+
+_POINTS_PER_SEGMENT = 3
+
+
+@checked
+@dataclass(frozen=True, eq=False)
+class SplineScene(FabricScene[YarnMotion]):
+    """A fabric of spline yarns to simulate, held along its last row.
+
+    damping: rate at which free motion decays [1/s]. volume: around ``fabric.control``, whose control points are then
+    the unknowns; adaptive: whether it inserts and removes knots. gravity: [m/s²].
+    """
+
+    fabric: SplineFabric
+    schedule: Schedule = field(default_factory=fabric_schedule)
+    damping: float = 1.0
+    volume: BoundingVolume | None = None
+    adaptive: bool = False
+    method: Method = "implicit"
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
+    may_give_way: bool = False
+
+    def __post_init__(self) -> None:
+        if self.adaptive and self.volume is None:
+            raise InputError("adaptive", expected="a volume", found="none")
+
+    @cached_property
+    def _full(self) -> SplineMotion:
+        return SplineMotion(
+            self.fabric, volume=self.volume, gravity=self.gravity, held=self.fabric.top, damping=self.damping,
+            method=self.method,
+        )  # fmt: skip
+
+    @cached_property
+    def body(self) -> SplineMotion | AdaptiveVolume:
+        """What moves. Raises InputError for numbers out of range."""
+        return AdaptiveVolume(self._full) if self.adaptive else self._full
+
+    @property
+    def start(self) -> YarnMotion:
+        """At rest, flat."""
+        return self._full.start
+
+    @property
+    def lines(self) -> YarnLines:
+        """The yarns, a colour for each."""
+        count = self.fabric.yarn_count
+        length = self.fabric.segments_per_yarn * _POINTS_PER_SEGMENT + 1
+        radii, closed = np.full(count, self.fabric.radius), np.zeros(count, bool)
+        return YarnLines(np.arange(count + 1) * length, radii, closed, np.arange(count))
+
+    def points(self, state: YarnMotion) -> Array:
+        """Points of all yarns (n, 3) [m]."""
+        return self.fabric.lines(self.body.yarns(state).positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
+
+    def centre_of_mass(self, state: YarnMotion) -> Array:
+        """Centre of mass (3,) [m]."""
+        positions = self.body.yarns(state).positions
+        weights = self._full.times_mass(np.ones(positions.size)).reshape(-1, 3)
+        return (weights * positions).sum(axis=0) / weights.sum(axis=0)
+
+    def counts(self) -> dict[str, int]:
+        """Sizes of the model; ``reduced_unknowns`` in a volume."""
+        return self.body.counts()
+
+    def measures(self, state: YarnMotion) -> dict[str, float]:
+        """``penetration`` and ``extension``."""
+        control = self.body.yarns(state).positions
+        extension = fibre_extension(self.fabric, control)[0]
+        return {"penetration": penetration(self.fabric, control), "extension": extension}

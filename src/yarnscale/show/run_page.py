@@ -1,0 +1,77 @@
+"""What a run leaves to look at: the last frame as OBJ, pictures of some moments, and a page with its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from yarnscale.files.animation import Animation, read_animation
+from yarnscale.files.obj import write_obj_frame
+from yarnscale.motion.run import Run
+from yarnscale.motion.unfulfilled import Unfulfilled
+from yarnscale.show import theme
+from yarnscale.show.canvas import Camera, PicturesUnavailable, write_png
+from yarnscale.show.movie import Film
+from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+
+CAPTIONS = {"frames.png": "Moments of the run, bodies where they are.", "last.png": "At the end."}
+_MOMENTS, _COLUMNS, _TILE = 6, 3, (640, 500)
+"""Moments of a picture at most, how many in a row, and their size [pixels]."""
+View = Camera | tuple[float, float, float]
+
+
+def write_run_page(
+    folder: Path,
+    title: str,
+    run: Run,
+    numbers: Mapping[str, object],
+    *,
+    frames: Path,
+    text: Sequence[str] = (),
+    camera: View = "oblique",
+) -> None:
+    """Write ``run_folder.PAGE`` into a folder from a run's frames; without pictures where the machine cannot draw.
+
+    numbers: of the run, by name; those that are no plain values are left out. text: paragraphs.
+    """
+    animation = read_animation(frames)
+    write_obj_frame(folder / "last.obj", animation, animation.moment(len(animation) - 1))
+    try:
+        draw_moments(folder, animation, camera)
+        pictures = [Picture(folder / name, caption, True) for name, caption in CAPTIONS.items()]
+    except PicturesUnavailable as error:
+        pictures, text = [], [*text, f"No pictures: {error}."]
+    rows = [[name, _cell(value)] for name, value in numbers.items() if _cell(value) is not None]
+    tables = [Table(["", "value"], rows), *_unfulfilled(run.unfulfilled)]
+    summary = f"Status: {run.outcome}{', motions not carried out' * bool(run.unfulfilled)}."
+    section = Section("Results", text, tables, pictures)
+    write_report(folder / "index.html", title, [section], summary=summary)
+
+
+def draw_moments(folder: Path, animation: Animation, camera: View = "oblique") -> None:
+    """``frames.png``: up to six moments side by side at one scale; ``last.png``: the last one, larger."""
+    count = min(_MOMENTS, len(animation))
+    chosen = [animation.numbers[round(k)] for k in np.linspace(0, len(animation) - 1, count)]
+    columns = min(_COLUMNS, count)
+    with Film(animation.among(chosen), camera=camera, size=_TILE) as film:
+        tiles = [film.pixels(k) for k in range(count)]
+    blank = np.full_like(tiles[0], 255)
+    tiles += [blank] * (-count % columns)
+    rows = [np.concatenate(tiles[k : k + columns], axis=1) for k in range(0, len(tiles), columns)]
+    write_png(folder / "frames.png", np.concatenate(rows))
+    with Film(animation.among(chosen[-1:]), camera=camera, size=theme.PICTURE_SIZE) as film:
+        write_png(folder / "last.png", film.pixels(0))
+
+
+def _cell(value: object) -> Cell:
+    if value is None:
+        return "not tested"
+    return value if isinstance(value, str | int | float | bool) else None
+
+
+def _unfulfilled(found: Sequence[Unfulfilled]) -> list[Table]:
+    columns = ["not carried out", "first [s]", "off its place by up to [m]", "at the end [m]"]
+    rows: list[list[Cell]] = [[entry.what, entry.first, entry.distance, entry.remaining] for entry in found]
+    return [Table(columns, rows)] if rows else []
