@@ -8,6 +8,7 @@ import pytest
 from yarnscale.cli import main
 from yarnscale.cli.arguments import parser
 from yarnscale.estimate.yarn_fit import FitOptions
+from yarnscale.files.material_toml import read_material as read_yarn
 from yarnscale.files.patterns import read_pattern, read_yarns
 from yarnscale.yarn.material import YarnMaterial
 
@@ -41,12 +42,13 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_estimates_reports_and_goes_on(
+@pytest.mark.slow
+def test_swatch_to_yarn_to_cloth_to_swatch_with_a_report_and_goes_on(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     arguments = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out), *QUICK]
-    main([*arguments, "--json"])
+    main([*arguments, "--json", "--homogenize", "30"])
     first = json.loads(capsys.readouterr().out)
     assert {"error", "stages", "warnings", "parameters", "bending_error", "solves", "seconds"} <= set(first)
     assert set(first["parameters"]) == {"k_s1", "knee", "k_b", "R_1", "k_c1", "k_s2", "R_est"}
@@ -61,6 +63,21 @@ def test_estimates_reports_and_goes_on(
     assert isinstance(found, YarnMaterial)
     radius = read_pattern(out / "pattern.json").radius
     assert found.bending_stiffness(radius) == pytest.approx(first["parameters"]["k_b"])
+    material = read_yarn(out / "yarn.toml")
+    assert material == found
+    fabric, period = first["fabric"], read_pattern(out / "pattern.json").period
+    assert (fabric["wales_per_cm"], fabric["courses_per_cm"]) == pytest.approx(tuple(0.01 / period))
+    assert fabric["tex"] == pytest.approx(1e6 * material.mass_per_length(radius))
+
+    # The same swatches of cloth of that yarn, weft and warp, and commands that take what was written.
+    cloth = first["cloth_error"]["directions"]
+    assert set(cloth) == {"weft", "warp"}
+    assert 0 < cloth["weft"]["comfort"] < first["error"]["directions"]["weft"]["comfort"] + 0.3
+    main(["relax", str(out / "pattern.json"), "--json"])
+    assert json.loads(capsys.readouterr().out)["material_from"] == "of the file"
+    tested = ["test", str(out / "homogenized" / "material.json"), "--loads", "1", "--directions", "0"]
+    assert main([*tested, "--curvatures", "5", "--out", str(tmp_path / "test")]) == 0
+    capsys.readouterr()
     kept = {path: path.read_bytes() for path in (out / "evaluations").glob("*.json")}
     assert kept
 
@@ -90,6 +107,7 @@ def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.C
     cases = {
         ("--resume",): "nothing to resume",
         ("--holdout", "bias"): "measured: weft, warp",
+        ("--homogenize", "20"): "at least 30",
         ("--directions", "weft", "--holdout", "weft"): "not held out",
     }
     for extra, said in cases.items():

@@ -7,12 +7,14 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.cli.yarns import pattern_of
 from yarnscale.errors import InputError
+from yarnscale.estimate.cloth_check import ClothCheck, homogenized_swatches
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
 from yarnscale.estimate.objective import ErrorWeights, YarnObjective
@@ -27,16 +29,24 @@ from yarnscale.estimate.yarn_fit import FitOptions, work_ahead
 from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, evaluation_folder
+from yarnscale.files.material_json import write_material
+from yarnscale.files.material_toml import write_material as write_yarn
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.measurements_swatches import LogSettings
-from yarnscale.files.patterns import is_drawing, write_pattern
+from yarnscale.files.patterns import is_drawing, stitches_of, write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.executors import dask_workers, local_workers
+from yarnscale.homogenize.rays import FEWEST
 
 EVALUATIONS = "evaluations"
 """Folder of finished evaluations within that of the report."""
+HOMOGENIZED = "homogenized"
+"""Folder of the homogenized yarn within that of the report."""
+YARN = "yarn.toml"
+"""The estimated yarn material."""
 MAKES = (
-    f"{EVALUATIONS}/*.json", "estimate.json", "index.html", "curves.png", "spread.png", "cell-*.png", PATTERN,
+    f"{EVALUATIONS}/*.json", "estimate.json", "index.html", "curves.png", "spread.png", "cell-*.png", PATTERN, YARN,
+    f"{HOMOGENIZED}/",
 )  # fmt: skip
 """All that the command writes."""
 DRAWN_RADIUS = 0.4e-3
@@ -58,29 +68,49 @@ def estimate(options: argparse.Namespace) -> int:
     weights = ErrorWeights(bending=options.bending_weight)
     chosen = None if options.directions is None else [Direction(name) for name in options.directions]
     holdout = None if options.holdout is None else Direction(options.holdout)
+    if options.homogenize is not None and options.homogenize < FEWEST:
+        raise InputError("--homogenize", expected=f"at least {FEWEST}", found=options.homogenize)
     fitted_directions(measurements, chosen, holdout)
     check_bending(measurements, weights)
     if options.resume:
         check_resumable(options.out / EVALUATIONS)
     results = RunFolder(
         options.out, "estimate", MAKES, overwrite=options.overwrite, resume=options.resume,
-        goes_on_from=(f"{EVALUATIONS}/*.json",),
+        goes_on_from=(f"{EVALUATIONS}/*.json", f"{HOMOGENIZED}/"),
     )  # fmt: skip
-    with ExitStack() as stack:
-        executor = None
-        if options.dask is not None:
-            executor = stack.enter_context(dask_workers(options.dask, tell=_say))
-        elif worker_count(options) > 1:
-            executor = stack.enter_context(local_workers(worker_count(options)))
-        folder = stack.enter_context(results)
-        found = estimate_yarn(
-            measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=search,
-            weights=weights, executor=executor,
-            store=lambda objective: _store(folder, objective, resume=options.resume),
-            progress=_progress(measurements.name, work_ahead(search, len(model.names))),
-        )  # fmt: skip
-    _report(options, folder, found)
+    with results as folder:
+        with ExitStack() as stack:
+            executor = None
+            if options.dask is not None:
+                executor = stack.enter_context(dask_workers(options.dask, tell=_say))
+            elif worker_count(options) > 1:
+                executor = stack.enter_context(local_workers(worker_count(options)))
+            found = estimate_yarn(
+                measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=search,
+                weights=weights, executor=executor,
+                store=lambda objective: _store(folder, objective, resume=options.resume),
+                progress=_progress(measurements.name, work_ahead(search, len(model.names))),
+            )  # fmt: skip
+        write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
+        write_yarn(found.cell.materials[0], folder / YARN)
+        if options.homogenize is not None:
+            found = replace(found, cloth=_homogenized(options, folder / HOMOGENIZED, found))
+        _report(options, folder, found)
     return 0 if found.fit.evaluation.failed == 0 else 1
+
+
+def _homogenized(options: argparse.Namespace, folder: Path, found: FabricEstimate) -> ClothCheck | None:
+    """The swatches as cloth of the estimated yarn; None where that has no rest shape."""
+    if not found.fit.evaluation.rested.relaxed:
+        return None
+    folder.mkdir(exist_ok=True)
+    check = homogenized_swatches(
+        found.cell, found.measurements, folder, solves=options.homogenize, workers=worker_count(options),
+        dask=options.dask, resume=options.resume,
+        progress=ProgressLine(f"sampling yarn of {found.measurements.name}").sampled,
+    )  # fmt: skip
+    write_material(folder / "material.json", check.material)
+    return check
 
 
 def _store(folder: Path, objective: YarnObjective, *, resume: bool) -> EstimateFolder:
@@ -103,7 +133,11 @@ def _model(options: argparse.Namespace, measurements: SwatchMeasurements) -> Yar
         stiffness = UNKNOWN_STIFFNESS
         _say(f"stiffness of the yarn unknown: k_s2 is taken as {stiffness:g} N")
     free = drawn if options.shape is None else options.shape == "free"
-    return yarn_model(pattern, stiffness, yarn_length=options.yarn_length, free_shape=free)
+    chart = stitches_of(options.pattern)
+    return yarn_model(
+        pattern, stiffness, yarn_length=options.yarn_length, free_shape=free,
+        stitches=None if chart is None else (chart.wales, chart.courses),
+    )  # fmt: skip
 
 
 def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:
@@ -129,8 +163,6 @@ def _report(options: argparse.Namespace, folder: Path, found: FabricEstimate) ->
             write_estimate_report(folder, found, pictures=False)
     finally:
         write_text(folder / "estimate.json", json.dumps(summary, indent=1) + "\n")
-        rested = found.fit.evaluation.rested.cell
-        write_pattern(rested.pattern, folder / PATTERN, yarns=rested.material)
     report(options, summary, *_lines(folder, found))
     if not options.json:
         for warning in found.warnings:
@@ -156,7 +188,7 @@ def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
     for direction, error in found.bending.items():
         yield f"bending along {direction.value}: off by {100 * error:.0f} %"
     if found.fit.evaluation.rested.relaxed:
-        yield f"{folder / PATTERN}: the fabric at rest with this yarn"
+        yield f"{folder / PATTERN}: the fabric at rest with this yarn; {folder / YARN}: the yarn alone"
     yield f"{folder / 'index.html'}: the report"
 
 

@@ -10,6 +10,7 @@ from yarnscale.cli.shared_options import Add, add_dask, add_json, add_overwrite,
 from yarnscale.cli.values import not_negative, positive, positive_integer
 
 SOLVERS = ("sobol", "local")
+SOLVES = 600
 DIRECTIONS = ("weft", "bias", "warp")
 FOLLOW = ("measured", "shell")
 SHAPES = ("free", "drawn")
@@ -75,6 +76,11 @@ def add_estimate_options(add: Add) -> None:
     option(
         "--stiffness", type=positive, metavar="NEWTON",
         help="of the stiffest yarn, k_s2 (default: from the measurements, else an estimate of 60 N)",
+    )  # fmt: skip
+    option(
+        "--homogenize", type=positive_integer, nargs="?", const=SOLVES, metavar="N",
+        help="homogenize the estimated yarn with about N equilibria (600), simulate the swatches as cloth of it, and "
+        "compare them with the measured ones",
     )  # fmt: skip
     option("--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)")
     refined = "from how many of the best refinement begins (12)"

@@ -21,6 +21,7 @@ from yarnscale.numerics.kernel import BLOCK
 from yarnscale.numerics.newton import ShiftRule, Solution, minimise
 from yarnscale.shell.elastic.element_loops import gradient_of_blocks
 from yarnscale.shell.elastic.energy import Linearisation, ShellEnergy
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh
 
@@ -70,15 +71,14 @@ class HeldShell:
 
     def __init__(self, mesh: TriangleMesh, free: NDArray[np.bool_]) -> None:
         self.mesh = mesh
-        self._material = OrthotropicMaterial(1.0, 0.0, 1.0, 1.0)
-        self.energy = ShellEnergy(mesh, self._material)
+        self.energy = ShellEnergy(mesh, OrthotropicMaterial(1.0, 0.0, 1.0, 1.0))
         self.free = np.flatnonzero(free.ravel())
         self.pattern, self._chosen = _restricted(self.energy.pattern, self.free)
         self._factor = factorisation(self.pattern)
 
     def solve(
         self,
-        material: OrthotropicMaterial,
+        material: ShellMaterial,
         start: Array,
         *,
         gravity: Sequence[float] = (0, 0, 0),
@@ -96,7 +96,7 @@ class HeldShell:
         stable = solution.converged and self._is_minimum(positions)
         return Equilibrium(positions, solution, stable)
 
-    def forces(self, material: OrthotropicMaterial, positions: Array) -> Array:
+    def forces(self, material: ShellMaterial, positions: Array) -> Array:
         """Forces that hold a weightless shell where it is [N], (nv, 3)."""
         self.energy.material = material
         return self.energy.linearise(positions).gradient
@@ -167,7 +167,7 @@ class HeldShell:
     def _follow(self, positions: Array) -> None:
         self.energy.follow(positions)
 
-    def _load(self, material: OrthotropicMaterial, gravity: Sequence[float]) -> Array:
+    def _load(self, material: ShellMaterial, gravity: Sequence[float]) -> Array:
         return material.density * self.mesh.vertex_areas[:, None] * np.asarray(gravity, np.float64)
 
 

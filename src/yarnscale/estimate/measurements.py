@@ -328,6 +328,11 @@ class SwatchMeasurements:
         """Largest stretch stiffness of a yarn [N], EST22's k_s2; None where none is known."""
         return max((yarn.stiffness for yarn in self.yarns if yarn.stiffness is not None), default=None)
 
+    @property
+    def yarn_count(self) -> float | None:
+        """Mass per length of the yarn [kg/m] of a fabric of one yarn; None where it is unknown or there are several."""
+        return self.yarns[0].denier / 9e6 if len(self.yarns) == 1 else None
+
     def only(self, *directions: Direction) -> SwatchMeasurements:
         """The same fabric with the tests along these directions alone. Raises InputError where none is left."""
         stretch = tuple(test for test in self.stretch if test.direction in directions)

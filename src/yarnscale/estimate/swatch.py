@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError, positive
 from yarnscale.estimate.held_shell import Equilibrium, HeldShell, Measure
 from yarnscale.estimate.measurements import LENGTH, Direction
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 
@@ -30,9 +31,11 @@ _HALVINGS = 4
 class StretchResponse:
     """A swatch at several stretches; arrays (n,).
 
-    force: of a clamp [N]; contraction: over the gauge width at the middle; converged: which states are equilibria.
-    positions: (n, nv, 3) [m].
+    width: of the swatch at rest [m]. force: of a clamp [N]; contraction: over the gauge width at the middle; converged:
+    which states are equilibria. positions: (n, nv, 3) [m].
     """
+
+    width: float
 
     stretch: Array
     force: Array
@@ -75,7 +78,7 @@ class StretchSwatch:
 
     def respond(
         self,
-        material: OrthotropicMaterial,
+        material: ShellMaterial,
         stretches: Sequence[float] | Array,
         *,
         near: StretchResponse | None = None,
@@ -98,9 +101,9 @@ class StretchSwatch:
                 last, last_stretch = found.positions, float(stretch)
         values = [[m.value for m in self.measures(material, positions[k])] for k in range(len(stretches))]
         force, contraction = np.array(values).T
-        return StretchResponse(stretches, force, contraction, converged, positions)
+        return StretchResponse(self.width, stretches, force, contraction, converged, positions)
 
-    def measures(self, material: OrthotropicMaterial, positions: Array) -> tuple[Measure, Measure]:
+    def measures(self, material: ShellMaterial, positions: Array) -> tuple[Measure, Measure]:
         """Force of a clamp [N] and contraction at positions (nv, 3)."""
         pulled = np.zeros_like(positions)
         pulled[self._pulled, 0] = 1.0
@@ -117,7 +120,7 @@ class StretchSwatch:
         return self.shell.derivatives_of(material, states, lambda x: self.measures(material, x), constants)
 
     def _step(
-        self, material: OrthotropicMaterial, rest: Array, last: Array, last_stretch: float, stretch: float
+        self, material: ShellMaterial, rest: Array, last: Array, last_stretch: float, stretch: float
     ) -> Equilibrium:
         """From one stretch to the next, in smaller steps where Newton fails; the displacement grows in proportion."""
         target = stretch

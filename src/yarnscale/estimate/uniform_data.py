@@ -164,6 +164,18 @@ def uniform_data(fit: ShellFit, measurements: SwatchMeasurements) -> UniformData
     return UniformData(measurements.name, tuple(curves))
 
 
+def swatch_data(measurements: SwatchMeasurements) -> UniformData:
+    """The measured curves as they are, the effect of the clamps included."""
+    curves = []
+    for test in measurements.stretch:
+        stretch, comfort = _stretches(test)
+        load, across = test.curve.load_at(stretch), test.curve.contraction_at(stretch)
+        measured = across is not None
+        across = np.zeros(len(stretch)) if across is None else across
+        curves.append(UniformCurve(test.direction, stretch, across, load, comfort, measured))
+    return UniformData(measurements.name, tuple(curves))
+
+
 def corrected_data(fit: ShellFit, measurements: SwatchMeasurements) -> UniformData:
     """The measured curves, times the fitted shell's ratio of uniform to swatch response at the same stretch."""
     fitted_along, curves = {curve.direction: curve for curve in fit.curves}, []

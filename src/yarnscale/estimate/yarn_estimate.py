@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
+from yarnscale.estimate.cloth_check import ClothCheck
+from yarnscale.estimate.construction import FabricConstruction, weighed
 from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
 from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
@@ -43,7 +47,8 @@ class FabricEstimate:
     follow: what the yarn was fitted to. shell: fitted to the directions that the yarn was fitted to. measured: the
     measured curves of these directions without the effect of the clamps, which the errors refer to. held_out: the
     measured curves of the other directions, likewise, and what the yarn does there; None where there are none.
-    bending: errors of the bending stiffness by direction, as fractions.
+    bending: errors of the bending stiffness by direction, as fractions. cloth: the swatches simulated as cloth of the
+    homogenized yarn; None where that was not asked for.
     """
 
     measurements: SwatchMeasurements
@@ -54,6 +59,17 @@ class FabricEstimate:
     held_out: UniformData | None
     prediction: Evaluation | None
     bending: dict[Direction, float]
+    cloth: ClothCheck | None = None
+
+    @cached_property
+    def cell(self) -> PeriodicCell:
+        """The fabric at rest with the estimated yarn, as heavy as it was measured."""
+        return weighed(self.fit.evaluation.rested.cell, self.measurements)
+
+    @property
+    def construction(self) -> FabricConstruction:
+        """Stitch density, yarn count and the like of the fabric at rest."""
+        return FabricConstruction.of(self.cell, self.fit.model.stitches)
 
     @property
     def error(self) -> UniformErrors:
@@ -91,6 +107,10 @@ class FabricEstimate:
             self.yarn_error,
             None,
         )
+
+        if self.cloth is not None:
+            lost = sum(int((~response.converged).sum()) for response in self.cloth.responses)
+            yield "stage 3: simulated cloth against the measured swatches", self.cloth.errors, lost
 
     @property
     def deviation(self) -> str | None:
@@ -182,6 +202,8 @@ class FabricEstimate:
             "failed_states": fit.evaluation.failed,
             "at_bounds": list(fit.at_bounds),
             "period": fit.evaluation.rested.cell.pattern.period.tolist(),
+            "fabric": self.construction.summary(),
+            "cloth_error": None if self.cloth is None else self.cloth.errors.summary(),
         }
         if (ahead := self.held_out_error) is not None:
             found["held_out"] = ahead.summary()

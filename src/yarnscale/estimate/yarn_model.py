@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_shape import redrawn, set_as_drawn
 from yarnscale.errors import InputError, positive
+from yarnscale.estimate.construction import Stitches
 from yarnscale.estimate.measurements import LENGTH
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
@@ -58,7 +59,8 @@ class YarnModel:
 
     pattern: one period as drawn [m]; its ``radius`` is R_est. stiffness: k_s2 [N]. density: of the yarn [kg/m³].
     two_phase: whether stretch has two phases; a linear yarn has k_s1 in all of its range, and ε̄ does nothing.
-    free_shape: whether ``SHAPE`` is unknown too, and the drawing a scheme that draws in first.
+    free_shape: whether ``SHAPE`` is unknown too, and the drawing a scheme that draws in first. stitches: wales and
+    courses of the pattern's period, None where they are not known.
     stiffest_contact: end of the range of k_c1 [kg/s²].
     """
 
@@ -69,6 +71,7 @@ class YarnModel:
     free_shape: bool = False
     largest_knee: float = LARGEST_KNEE
     stiffest_contact: float = STIFFEST_CONTACT
+    stitches: Stitches | None = None
 
     def __post_init__(self) -> None:
         if self.pattern.yarn_radius is not None:
@@ -154,8 +157,9 @@ class YarnModel:
 
 
 def yarn_model(
-    pattern: YarnPattern, stiffness: float, *, yarn_length: float | None = None, free_shape: bool = False
-) -> YarnModel:
+    pattern: YarnPattern, stiffness: float, *, yarn_length: float | None = None, free_shape: bool = False,
+    stitches: Stitches | None = None,
+) -> YarnModel:  # fmt: skip
     """The model of a drawn pattern, whose radius becomes R_est.
 
     stiffness: k_s2 [N]. yarn_length: of one period, to which the drawing is scaled [m]; None keeps its size.
@@ -163,7 +167,8 @@ def yarn_model(
     if yarn_length is not None:
         positive("yarn length of a period", yarn_length, LENGTH)
         pattern = pattern.scaled(yarn_length / drawn_length(pattern))
-    return YarnModel(replace(pattern, radius=estimated_radius(pattern)), stiffness, free_shape=free_shape)
+    pattern = replace(pattern, radius=estimated_radius(pattern))
+    return YarnModel(pattern, stiffness, free_shape=free_shape, stitches=stitches)
 
 
 def drawn_length(pattern: YarnPattern) -> float:

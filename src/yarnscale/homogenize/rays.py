@@ -92,7 +92,7 @@ def load_rays(
     load, or too few solves for all kinds of states.
     """
     least = _LEAST * GRAVITY * 0.01 * cell.area_density
-    most = _doubling_load(cell)
+    most = doubling_load(cell)
     limit = min(LIMIT, 0.25 * most) if limit is None else limit
     if not 10 * least < limit <= most:
         expected = f"between {10 * least:.2g} and {most:.3g}, at which the yarn is twice as long"
@@ -110,7 +110,7 @@ def load_rays(
     return rays
 
 
-def _doubling_load(cell: PeriodicCell) -> float:
+def doubling_load(cell: PeriodicCell) -> float:
     """Load [N/m] that would stretch all yarn of a fabric to twice its length, if it all lay along it."""
     moduli = (max(m.young_modulus, m.stretch.stiff_modulus) / m.density for m in cell.materials)
     return cell.area_density * max(moduli)

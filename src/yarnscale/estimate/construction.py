@@ -1,0 +1,69 @@
+"""What a textile engineer counts and weighs on the estimated fabric at rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.estimate.measurements import SwatchMeasurements
+
+Stitches = tuple[int, int]
+"""Wales and courses of one period."""
+
+
+@dataclass(frozen=True)
+class FabricConstruction:
+    """Construction of a knit or weave at rest.
+
+    wales, courses: stitch density [1/m]; loop_length: yarn in one stitch [m]; None where the stitches of the period are
+    unknown. yarn_length: yarn in one period [m]. yarn_count: mass per length of yarn [kg/m]. area_density: [kg/m²].
+    thickness: through the yarns of both faces [m].
+    """
+
+    wales: float | None
+    courses: float | None
+    loop_length: float | None
+    yarn_length: float
+    yarn_count: float
+    area_density: float
+    thickness: float
+
+    @classmethod
+    def of(cls, cell: PeriodicCell, stitches: Stitches | None) -> FabricConstruction:
+        """The construction of a cell at rest; stitches: wales and courses of its period, None where not known."""
+        pattern, length = cell.pattern, float(cell.pattern.rest_length.sum())
+        wales, courses = (None, None) if stitches is None else (stitches / pattern.period).tolist()
+        thickness = float(np.ptp(pattern.vertices[:, 2])) + 2.0 * pattern.radius
+        return cls(
+            wales, courses, None if stitches is None else length / math.prod(stitches), length,
+            cell.area_density * float(np.prod(pattern.period)) / length, cell.area_density, thickness,
+        )  # fmt: skip
+
+    def summary(self) -> dict[str, float | None]:
+        """Numbers in the units of the trade, by name."""
+        scaled = {
+            "wales_per_cm": (self.wales, 1e-2), "courses_per_cm": (self.courses, 1e-2),
+            "loop_length_mm": (self.loop_length, 1e3), "yarn_length_of_period_mm": (self.yarn_length, 1e3),
+            "tex": (self.yarn_count, 1e6), "area_density_g_m2": (self.area_density, 1e3),
+            "thickness_mm": (self.thickness, 1e3),
+        }  # fmt: skip
+        return {name: None if value is None else factor * value for name, (value, factor) in scaled.items()}
+
+
+def weighed(cell: PeriodicCell, measurements: SwatchMeasurements) -> PeriodicCell:
+    """The cell of one yarn material with the density that the measured mass of the fabric or of its yarn calls for.
+
+    Inertia has no part in an equilibrium without gravity, so the density is set after the fit. The mass of the fabric
+    counts before that of the yarn. Without either the density stays.
+    """
+    if measurements.area_density is not None:
+        factor = measurements.area_density / cell.area_density
+    elif measurements.yarn_count is not None:
+        factor = measurements.yarn_count / FabricConstruction.of(cell, None).yarn_count
+    else:
+        return cell
+    material = replace(cell.material, density=cell.material.density * factor)  # type: ignore[type-var]
+    return replace(cell, material=material)
