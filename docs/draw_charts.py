@@ -10,7 +10,7 @@ from pathlib import Path
 from PIL import Image
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.files.chart import read_chart
+from yarnscale.files.patterns import read_pattern
 from yarnscale.show.curves import pattern_curves
 from yarnscale.show.tubes import yarn_picture
 from yarnscale.yarn.material import YarnMaterial
@@ -23,7 +23,7 @@ def main() -> None:
     """One small picture a chart: the pattern relaxed, with its copies faded; colours are kinds of yarn."""
     material = YarnMaterial.preset("hylc2020-stockinette")
     for path in sorted((FOLDER / "charts").glob("*.chart")):
-        cell = PeriodicCell(read_chart(path), material)
+        cell = PeriodicCell(read_pattern(path), material)
         curves = pattern_curves(cell.pattern, cell.placement(cell.relax()), rings=1)
         picture = FOLDER / "pictures" / f"chart-{path.stem}.png"
         yarn_picture(picture, curves, cell.pattern.radius, camera="top", size=SIZE)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from yarnscale.files.material_toml import read_material as read_yarn_material
     from yarnscale.files.material_toml import write_material as write_yarn_material
     from yarnscale.files.measurements import read_measurements
-    from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
+    from yarnscale.files.patterns import read_pattern, read_yarns, structure_of, write_pattern
     from yarnscale.homogenize.compact_fit import fit_compact_material
     from yarnscale.homogenize.homogenize import Homogenization, fit, fit_published
     from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
@@ -124,6 +124,7 @@ _HOME = {
     "sheet_scenes": "fabric.sheet_scene:",
     "simulate": "motion.run",
     "spline_fabric": "fabric.spline_knit",
+    "structure_of": "files.patterns",
     "weave": "drawing.weave",
     "write_material": "files.material_json",
     "write_pattern": "files.patterns",
@@ -141,7 +142,8 @@ __all__ = [  # noqa: RUF022
     "YarnSheet", "__version__", "axes_and_planes", "create_store", "fit", "fit_compact_material", "fit_published",
     "fit_shell", "fit_spline_material", "homogenize_cell", "jersey", "knit", "patterns", "read_grid", "read_material",
     "read_measurements", "read_pattern", "read_yarn_material", "read_yarns", "run", "run_scene", "run_tests",
-    "sample", "scenes", "settled", "sheet_scenes", "simulate", "spline_fabric", "weave", "write_material",
+    "sample", "scenes", "settled", "sheet_scenes", "simulate", "spline_fabric", "structure_of", "weave",
+    "write_material",
     "write_pattern", "write_yarn_material",
 ]  # fmt: skip
 

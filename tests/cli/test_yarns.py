@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell, rest
@@ -14,7 +15,7 @@ from yarnscale.cell.rest import rest_stress_ratio
 from yarnscale.cli import main, yarns
 from yarnscale.cli.console import ProgressLine
 from yarnscale.drawing import library
-from yarnscale.files.patterns import read_pattern
+from yarnscale.files.patterns import read_pattern, structure_of
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.material import YarnMaterial
 
@@ -115,3 +116,30 @@ def test_the_clock_of_relax_starts_when_all_is_compiled(monkeypatch: pytest.Monk
     )
     assert main(["relax", "plain", "--as-drawn"]) == 0
     assert seen[:2] == ["quadratic", "relax"]
+
+
+def test_a_draft_is_written_at_rest_and_comes_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, again, chart = (tmp_path / name for name in ("first.wif", "again.wif", "again.chart"))
+    assert main(["pattern", "twill-2x1", "--out", str(first), "--as-drawn", "--radius", "0.0002"]) == 0
+    assert main(["pattern", str(first), "--out", str(again)]) == 0
+    assert main(["pattern", str(again), "--out", str(chart)]) == 0
+    assert "at rest" in capsys.readouterr().out
+    drafts = [structure_of(source) for source in ("twill-2x1", first, again, chart)]
+    for draft in drafts:
+        assert draft is not None and np.array_equal(draft.draft, library.structure("twill-2x1").draft)
+    assert read_pattern(first).radius == pytest.approx(2e-4)
+    assert (read_pattern(again).period < read_pattern(first).period).any()
+
+
+def test_structures_that_a_format_does_not_hold_are_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    native = tmp_path / "plain.json"
+    assert main(["pattern", "plain", "--out", str(native), "--as-drawn"]) == 0
+    for source, name in (("jersey", "a.wif"), ("plain", "a.k"), (str(native), "a.chart"), ("plain", "a.dtx")):
+        capsys.readouterr()
+        assert main(["pattern", source, "--out", str(tmp_path / name), "--as-drawn"]) == 2
+        said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("yarn of")]
+        assert len(said) == 1 and name in said[0] and not (tmp_path / name).exists()

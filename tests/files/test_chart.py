@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from yarnscale.drawing.knit import knit
 from yarnscale.drawing.weave import weave
 from yarnscale.errors import InputError
-from yarnscale.files.chart import NUMBERS, read_chart
+from yarnscale.files.chart import NUMBERS
 from yarnscale.files.patterns import is_drawing, read_pattern, stitches_of, write_pattern
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.pattern import YarnPattern
@@ -56,7 +56,7 @@ def test_a_draft_is_woven_with_its_kinds_of_yarn(tmp_path: Path) -> None:
 
 
 def test_kinds_survive_the_native_format_only(tmp_path: Path) -> None:
-    pattern = read_chart(write(tmp_path, HEAD + "rows:\nk : AB\nk\n"))
+    pattern = read_pattern(write(tmp_path, HEAD + "rows:\nk : AB\nk\n"))
     write_pattern(pattern, tmp_path / "plated.json")
     again = read_pattern(tmp_path / "plated.json")
     assert again.content_hash() == pattern.content_hash()
@@ -113,7 +113,7 @@ def test_a_chart_without_suffix_is_known_by_its_content(tmp_path: Path) -> None:
 def test_faults_are_answered_with_their_place(tmp_path: Path, text: str, place: str, message: str) -> None:
     path = write(tmp_path, text)
     with pytest.raises(InputError) as caught:
-        read_chart(path)
+        read_pattern(path)
     assert str(caught.value).startswith(f"{path}{place}: ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -131,7 +131,7 @@ def test_numbers_of_any_size_are_answered_in_one_line(tmp_path: Path, key: str, 
         value = "1e-12"
     path = write(tmp_path, f"kind = {kind}\n{key} = {value}{unit}\nrows:\n{rows}\n")
     with pytest.raises(InputError) as caught:
-        read_chart(path)
+        read_pattern(path)
     assert str(caught.value).startswith(f"{path}:2: {key} ") and "\n" not in str(caught.value)
 
 
@@ -149,7 +149,7 @@ def test_any_lines_give_a_pattern_or_one_line(tmp_path: Path, lines: list[str], 
     middle = len(lines) // 3
     path = write(tmp_path, begin + "\n".join([*lines[:middle], "rows:", *lines[middle:]]))
     try:
-        pattern = read_chart(path)
+        pattern = read_pattern(path)
     except InputError as error:
         assert str(error).startswith(str(path))
         assert "\n" not in str(error)
@@ -164,7 +164,7 @@ def test_any_bytes_give_one_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "any.chart"
     path.write_bytes(content)
     with pytest.raises(InputError):
-        read_chart(path)
+        read_pattern(path)
 
 
 def test_the_stitches_of_a_chart_begin_with_the_row_knitted_first(tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_the_stitches_of_a_chart_begin_with_the_row_knitted_first(tmp_path: Path
 def test_faults_of_stitches_are_told_by_their_place(tmp_path: Path) -> None:
     path = write(tmp_path, "kind = knit\nrows:\nk k\nk ?\n")
     told = []
-    for reader in (read_chart, stitches_of):
+    for reader in (read_pattern, stitches_of):
         with pytest.raises(InputError) as error:
             reader(path)
         told.append(str(error.value))

@@ -40,7 +40,7 @@ def add_estimate_options(add: Add) -> None:
     )
     option(
         "--pattern", required=True, metavar="PATTERN",
-        help="built-in pattern, or a .pyp, .json or .chart file of the fabric's structure",
+        help="built-in pattern, or a .pyp, .json, .chart, .wif or .k file of the fabric's structure",
     )  # fmt: skip
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the report and the evaluations")
     option(

@@ -118,7 +118,7 @@ def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMateri
         return jersey(*size, material, radius=radius), material
     chart = stitches_of(options.pattern)
     if chart is None:
-        expected = "for spline yarns jersey, a built-in knit or a .chart file"
+        expected = "for spline yarns jersey, a built-in knit, a .chart or .k file"
         raise InputError("pattern", expected=expected, found=repr(options.pattern))
     return spline_fabric(pattern_of(options.pattern, options.radius), chart, *size, material), material
 

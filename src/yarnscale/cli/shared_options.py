@@ -20,7 +20,7 @@ class Add(Protocol):
     def __call__(self, name: str, module: str, about: str, *shared: Share) -> Option: ...
 
 
-PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json or .chart file"
+PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json, .chart, .wif or .k file"
 YARN_MATERIAL = (
     "yarn material: a preset or a TOML file (default: the one in the pattern file or, for 'detail', of the run; else "
     "one for the built-in pattern, for knits or for weaves, which is printed); repeat it to give each of the pattern's "
@@ -37,7 +37,7 @@ def add_radius(command: argparse.ArgumentParser) -> None:
     """``--radius``."""
     command.add_argument(
         "--radius", type=positive, metavar="METRES",
-        help="of the yarn of a built-in pattern or a chart, which is drawn in its proportion (the pattern's own)",
+        help="of the yarn of a built-in pattern, chart or draft, which is drawn in its proportion (the pattern's own)",
     )  # fmt: skip
 
 

@@ -21,14 +21,20 @@ def add_yarn_commands(add: Add) -> None:
     """Patterns, gallery, relax, study."""
     add("patterns", "yarns", "List the built-in patterns and yarn materials.", add_json)
 
-    about = "Write a built-in pattern or a chart, brought to rest with its yarn, to a file."
+    about = "Write a built-in pattern, chart or draft, brought to rest with its yarn, to a file."
     option = add("pattern", "yarns", about, add_yarns, add_as_drawn, add_json)
-    option("--out", type=Path, required=True, metavar="FILE.pyp", help=".pyp or .json file to write")
+    option(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE.json",
+        help=".json or .pyp file of its yarns, or .chart, .wif or .k file of its structure",
+    )
     option("--picture", type=Path, metavar="FILE.png", help="draw it too")
 
     about = "Write a page of patterns, each drawn, at rest and stretched."
     option = add("gallery", "gallery", about, add_as_drawn, add_overwrite, add_json)
-    names = "names of built-in patterns and .chart files (default: all built-in ones)"
+    names = "names of built-in patterns and .chart, .wif or .k files (default: all built-in ones)"
     option("patterns", nargs="*", metavar="PATTERN", help=names)
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the page and its pictures")
 

@@ -16,7 +16,7 @@ from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
-from yarnscale.files.patterns import is_drawing, read_pattern, write_pattern
+from yarnscale.files.patterns import WRITERS, is_drawing, read_pattern, structure_of, write_pattern
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.yarn.material import PRESETS
 from yarnscale.yarn.pattern import YarnPattern
@@ -40,7 +40,7 @@ def pattern_of(source: str, radius: float | None) -> YarnPattern:
         return pattern
     if not is_drawing(source):
         raise InputError(
-            "--radius", expected="a built-in pattern or a chart, which are drawings", found=source
+            "--radius", expected="a built-in pattern, a chart or a draft, which are drawings", found=source
         )
     return pattern.scaled(radius / pattern.radius)
 
@@ -89,19 +89,23 @@ def at_rest(options: argparse.Namespace, drawn: YarnPattern, material: Materials
 
 
 def pattern(options: argparse.Namespace) -> int:
-    """Write a pattern, a drawing as fabric at rest or as drawn."""
-    writable_file(options.out, ".pyp", ".json")
+    """Write a pattern, a drawing as fabric at rest or as drawn, or what it is drawn from."""
+    writable_file(options.out, *WRITERS)
     writable_file(options.picture, ".png")
     built = pattern_of(options.pattern, options.radius)
     yarn, good, note = yarn_for(options.pattern, built, options.material), True, "as it is"
     yarn.say()
-    if is_drawing(options.pattern) and not options.as_drawn:
+    suffix, structure = options.out.suffix.lower(), structure_of(options.pattern)
+    if suffix in (".chart", ".k"):
+        # Stitches have no shape at rest, and a chart is settled when it is read.
+        note = "as drawn"
+    elif structure is not None and not options.as_drawn:
         shape = watched_rest(built, yarn.materials)
         built, good, note = shape.pattern, shape.converged, shape.status.value
     # What was reached is written in any case: it is the place to look for what went wrong.
-    write_pattern(built, options.out, yarns=yarn.materials)
-    if options.out.suffix.lower() == ".pyp":
-        say(f"{options.out}: .pyp files hold no yarn material, .json files do")
+    write_pattern(built, options.out, yarns=yarn.materials, structure=structure)
+    if suffix != ".json":
+        say(f"{options.out}: {suffix} files hold no yarn material, .json files do")
     if options.picture is not None:
         draw_cell(options.picture, PeriodicCell(built, yarn.materials), None)
     width, height = 1e3 * built.period

@@ -27,8 +27,8 @@ def weave(
     draft: Sequence[Sequence[int]] | np.ndarray,
     *,
     radius: float = 1e-3,
-    warp_spacing: float = 3.2,
-    weft_spacing: float = 3.2,
+    warp_spacing: float | Sequence[float] = 3.2,
+    weft_spacing: float | Sequence[float] = 3.2,
     half_thickness: float = 1.1,
     weft_yarns: Sequence[str] | None = None,
     warp_yarns: Sequence[str] | None = None,
@@ -43,11 +43,12 @@ def weave(
     first, warp yarns run along y.
 
     radius: of the yarn [m]. warp_spacing, weft_spacing: distance between neighbouring warp ends and weft
-    picks, in radii. half_thickness: height of the centre lines above the middle plane where yarns cross, in radii.
+    picks, in radii; several numbers are those from each yarn to the next. half_thickness: height of the centre lines
+    above the middle plane where yarns cross, in radii.
     weft_yarns, warp_yarns: a letter for the kind of yarn of each pick and end; kinds are numbered in the order
     of their letters (`YarnPattern.yarn_material`).
-    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``. Spacings and heights are then
-    multiples of the mean radius of the yarns that meet.
+    yarn_radius: radius of some kinds [m], by letter; the others have ``radius``. Heights and single spacings are
+    then multiples of the mean radius of the yarns that meet.
     vertices_per_stitch: vertices per crossing along a yarn; by default edges are about as long as the radius.
     rest_shape: see `curves.pattern_from_curves`. Yarns touch or nearly touch where they cross: a first guess for
     an equilibrium.
@@ -57,21 +58,19 @@ def weave(
     """
     table = _draft_table(draft)
     radius = positive("radius", radius)
-    warp_spacing = positive("warp_spacing", warp_spacing) * radius
-    weft_spacing = positive("weft_spacing", weft_spacing) * radius
     height = positive("half_thickness", half_thickness) * radius
     picks, ends = table.shape
     kinds = _kinds(weft_yarns, warp_yarns, picks, ends)
     letters = [*(weft_yarns or "a" * picks), *(warp_yarns or "a" * ends)]
     relative = relative_radii(letters, radius, yarn_radius)
     thick, high = relative[:picks], relative[picks:]
-    x, wide = _places(high, thick, table)
-    y, tall = _places(thick, high, table.T)
-    period = np.array([wide * warp_spacing, tall * weft_spacing])
+    x, wide = _places("warp_spacing", warp_spacing, high, thick, table)
+    y, tall = _places("weft_spacing", weft_spacing, thick, high, table.T)
+    period = np.array([wide, tall]) * radius
     side = (2 * table - 1) * (0.5 * (thick[:, None] + high))
     curves = [
-        *(_wave(-side[i] * height, 0, x, wide, warp_spacing, y[i] * weft_spacing) for i in range(picks)),
-        *(_wave(side[:, j] * height, 1, y, tall, weft_spacing, x[j] * warp_spacing) for j in range(ends)),
+        *(_wave(-side[i] * height, 0, x * radius, period[0], y[i] * radius) for i in range(picks)),
+        *(_wave(side[:, j] * height, 1, y * radius, period[1], x[j] * radius) for j in range(ends)),
     ]
     counts = [
         vertex_count(curve.length(period), crossings, vertices_per_stitch, radius * share)
@@ -192,32 +191,42 @@ def _kinds(
     return np.array([kind for (kind,) in letters], dtype=np.int64)
 
 
-def _places(own: np.ndarray, others: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, float]:
-    """Where parallel yarns lie, and their period [spacings].
+def _places(
+    field: str, spacing: float | Sequence[float], own: np.ndarray, others: np.ndarray, table: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Where parallel yarns lie, and their period [radii].
 
-    own: radii of the columns of the table, others: of its rows. Columns lie as far apart as their mean radius asks
-    for, or that of a yarn which changes sides between them.
+    spacing: from each yarn to the next, or one number, which is multiplied by the mean radius of the two or by that
+    of a yarn which changes sides between them. own: radii of the columns of the table, others: of its rows.
     """
-    mean = 0.5 * (own + np.roll(own, -1))
-    changes = table != np.roll(table, -1, axis=1)
-    between = np.where(changes, 0.5 * (mean + others[:, None]), 0.0).max(axis=0)
-    gaps = np.maximum(mean, between)
+    if isinstance(spacing, (list, tuple, np.ndarray)):
+        if len(spacing) != len(own):
+            expected = f"one number, or one for each of {len(own)}"
+            raise InputError(f"{field} has the wrong length", expected=expected, found=len(spacing))
+        gaps = np.array([positive(field, value) for value in spacing])
+    else:
+        mean = 0.5 * (own + np.roll(own, -1))
+        between = np.where(side_changes(table), 0.5 * (mean + others[:, None]), 0.0).max(axis=0)
+        gaps = np.maximum(mean, between) * positive(field, spacing)
     return 0.5 * gaps[-1] + np.concatenate([[0.0], np.cumsum(gaps[:-1])]), float(gaps.sum())
 
 
-def _wave(
-    heights: np.ndarray, axis: int, places: np.ndarray, lap: float, spacing: float, across: float
-) -> PeriodicCurve:
+def side_changes(table: np.ndarray) -> np.ndarray:
+    """Whether each row's yarn changes sides between a column and the next one, of the table's shape."""
+    return table != np.roll(table, -1, axis=1)
+
+
+def _wave(heights: np.ndarray, axis: int, places: np.ndarray, lap: float, across: float) -> PeriodicCurve:
     """A yarn along x (axis 0) or y (axis 1) that reaches each height at the middle of its crossing.
 
-    places, lap: of the crossings and of the period [spacings].
+    places, lap: of the crossings and of the period [m].
     Between two crossings the height follows 3u² - 2u³, level at both.
     """
     u = (np.arange(SAMPLES_PER_CROSSING) / SAMPLES_PER_CROSSING)[None, :]
     step = (np.roll(heights, -1) - heights)[:, None]
     z = heights[:, None] + step * (3.0 * u**2 - 2.0 * u**3)
     way = np.diff(places, append=places[0] + lap)
-    along = (places[:, None] + way[:, None] * u) * spacing
+    along = places[:, None] + way[:, None] * u
     points = np.empty((z.size, 3))
     points[:, axis] = along.ravel()
     points[:, 1 - axis] = across

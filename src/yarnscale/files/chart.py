@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from yarnscale.drawing.chart_error import ChartError
-from yarnscale.drawing.knit import knit
-from yarnscale.drawing.proportions import check_proportions
-from yarnscale.drawing.stitches import LARGEST_CHART, StitchChart
-from yarnscale.drawing.weave import weave
+from yarnscale.drawing.library import Structure
+from yarnscale.drawing.stitches import LARGEST_CHART
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.source_text import read_source
-from yarnscale.yarn.pattern import YarnPattern
+from yarnscale.files.structure_file import StructureFile, placed
 from yarnscale.yarn.units import FACTORS, to_si
 
 NUMBERS = {
@@ -34,6 +32,8 @@ NUMBERS = {
 }
 """Keys that hold a plain number, by kind."""
 LENGTHS = list(dict.fromkeys(key for keys in NUMBERS.values() for key in keys))
+SPACINGS = ("warp_spacing", "weft_spacing")
+"""Keys of NUMBERS that may hold several: from each yarn to the next."""
 TEXTS = {"knit": ("kind", "name", "radius"), "weave": ("kind", "name", "radius", "warp_yarns")}
 WEAVE_SYMBOLS = {"x": 1, ".": 0}
 LARGEST_CHART_FILE = 100_000
@@ -57,56 +57,34 @@ class _Chart:
     rows: list[_Row] = field(default_factory=list)
 
 
-def read_chart(path: str | os.PathLike[str]) -> YarnPattern:
-    """Draw the pattern of a chart file; its name is the file's stem unless the file says another.
+def read_chart(path: str | os.PathLike[str]) -> StructureFile:
+    """The structure of a chart file; its name is the file's stem unless the file says another.
 
     Raises InputError with file, line, column and reason for anything that cannot be knitted or woven.
     """
     path = Path(path)
-    pattern = _drawn(path, _read(path))
-    check_proportions(pattern, where=path)
-    return pattern
-
-
-def _drawn(path: Path, chart: _Chart) -> YarnPattern:
+    chart = _read(path)
     kind = _kind(path, chart)
     options = _options(path, chart, kind)
     rows = chart.rows[::-1]
-    with _placed(path, chart):
-        if kind == "knit":
-            if any(row.yarns is not None for row in rows):
-                options["yarns"] = [row.yarns or "a" for row in rows]
-            return knit([row.symbols for row in rows], **options)
-        if any(row.yarns is not None for row in rows):
-            options["weft_yarns"] = [row.yarns or "a" for row in rows]
-        return weave(_draft(rows), **options)
+    if any(row.yarns is not None for row in rows):
+        options["yarns" if kind == "knit" else "weft_yarns"] = [row.yarns or "a" for row in rows]
 
-
-def read_stitches(path: str | os.PathLike[str]) -> StitchChart | None:
-    """The stitches that a chart file's pattern is knitted of, None of a weave; InputError as ``read_chart``."""
-    path = Path(path)
-    chart = _read(path)
-    if _kind(path, chart) == "weave":
-        return None
-    with _placed(path, chart):
-        return StitchChart.read([row.symbols for row in chart.rows[::-1]])
-
-
-@contextmanager
-def _placed(path: Path, chart: _Chart) -> Iterator[None]:
-    """Faults of what a chart says come with the file, line and column that say so."""
-    try:
-        yield
-    except ChartError as error:
-        raise error.at(_place(path, chart.rows[::-1], error)) from None
-    except InputError as error:
-        if error.where is not None:
-            raise
+    def place(error: InputError) -> str:
+        if isinstance(error, ChartError):
+            return _place(path, rows, error)
         # Yarns that overlap or do not interlock do so because of a size, mostly of a spacing.
         sizes = sorted((key for key in chart.keys if key in LENGTHS), key=LENGTHS.index)
         named = (error.what.split(" ", 1)[0], *sizes)
         line = next((chart.keys[key][0] for key in named if key in chart.keys), None)
-        raise error.at(path if line is None else f"{path}:{line}") from None
+        return str(path) if line is None else f"{path}:{line}"
+
+    if kind == "knit":
+        structure = Structure(f"Chart file {path.name}", tuple(row.symbols for row in rows), sizes=options)
+    else:
+        with placed(place):
+            structure = Structure(f"Chart file {path.name}", draft=np.array(_draft(rows)), sizes=options)
+    return StructureFile(path, structure, place)
 
 
 def _read(path: Path) -> _Chart:
@@ -188,7 +166,9 @@ def _options(path: Path, chart: _Chart, kind: str) -> dict:
     options: dict = {"name": path.stem}
     for key, (line, value) in chart.keys.items():
         where = f"{path}:{line}"
-        if key in NUMBERS[kind]:
+        if key in SPACINGS and len(numbers := value.split()) > 1:
+            options[key] = [_number(where, key, number) for number in numbers]
+        elif key in NUMBERS[kind]:
             options[key] = _number(where, key, value)
         elif key == "radius":
             options[key] = _length(where, key, value)

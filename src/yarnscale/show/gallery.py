@@ -10,7 +10,7 @@ from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import RestShape, settled
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
-from yarnscale.files.patterns import is_drawing, read_pattern
+from yarnscale.files.patterns import is_drawing, read_pattern, structure_of
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
@@ -61,8 +61,8 @@ def write_gallery(
 ) -> list[Exhibit]:
     """Build, relax and draw patterns; ``index.html`` and pictures in ``folder``.
 
-    names: of library patterns (all by default), and chart files. progress: gets patterns done, all of them, and the
-    name of the last.
+    names: of library patterns (all by default), and files of structures. progress: gets patterns done, all of them, and
+    the name of the last.
 
     Every state is relaxed from the one before it. at_rest: first give every pattern the rest shape and periods at
     which it is free of stress (`cell.rest.settled`); takes longer. Raises InputError for an unknown name or a
@@ -91,28 +91,31 @@ def write_gallery(
 
 
 def checked_names(names: Sequence[str]) -> list[str]:
-    """Names of library patterns and chart files, each once; InputError for anything else."""
+    """Names of library patterns and files of structures, each once; InputError for anything else."""
     for name in names:
         if not is_drawing(name):
-            raise InputError("the gallery draws", expected="built-in patterns and charts", found=repr(name))
+            raise InputError(
+                "the gallery draws",
+                expected="built-in patterns, charts, drafts and knitout",
+                found=repr(name),
+            )
     return list(dict.fromkeys(names))
 
 
 def _drawn(source: str) -> tuple[YarnPattern, YarnMaterial, list[str]]:
     """A pattern, its yarn, and sentences on what it is; rows from the top one down, as charts are read."""
-    if source not in library.names():
-        drawn = read_pattern(source)
-        preset = "hylc2020-basket" if drawn.woven else "hylc2020-stockinette"
-        return drawn, YarnMaterial.preset(preset), [f"Chart file {Path(source).name}"]
-    structure = library.structure(source)
+    drawn, structure = read_pattern(source), structure_of(source)
+    assert structure is not None
+    preset = structure.material
+    if source not in library.names() and structure.woven:
+        preset = "hylc2020-basket"
     if structure.draft is None:
         rows = "Chart " + " / ".join(reversed(structure.chart))
     else:
         rows = "Draft " + " / ".join(
             "".join("x" if over else "." for over in row) for row in structure.draft[::-1]
         )
-    material = YarnMaterial.preset(structure.material)
-    return structure.build(name=source), material, [structure.definition, rows]
+    return drawn, YarnMaterial.preset(preset), [structure.definition, rows]
 
 
 def relaxed(
