@@ -18,7 +18,6 @@ HEAVY = (
     "matplotlib",
     "xarray",
     "zarr",
-    "ipctk",
     "numba",
     "llvmlite",
     "casadi",

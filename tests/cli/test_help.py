@@ -25,7 +25,6 @@ HEAVY = (
     "zarr",
     "pyvista",
     "matplotlib",
-    "ipctk",
     "distributed",
     "pxr",
     "av",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import ipctk
 import numpy as np
 import pytest
 
@@ -12,7 +13,7 @@ from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
-from yarnscale.shell.contact.crossings import CLOTH
+from yarnscale.shell.contact.crossings import CLOTH, crossing_triangles
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.orthotropic import JERSEY
@@ -56,6 +57,38 @@ def test_borders_at_the_same_place_are_to_be_sewn() -> None:
     mesh = TriangleMesh(panel, np.array([[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7]]))
     (found,) = ClothContact(mesh, ContactSettings()).crossings(mesh.assembled)
     assert "(weld)" in found.remedy
+
+
+def test_crossing_triangles_are_those_of_ipctk() -> None:
+    """Of two crumpled sheets near each other, in any order, with and without crossings of the first with itself."""
+    rng, sheet = np.random.default_rng(3), rectangle(1.0, 1.0, 0.2)
+    count, faces = sheet.vertex_count, np.concatenate([sheet.triangles, sheet.triangles + sheet.vertex_count])
+    edges, seen = ipctk.edges(faces.astype(np.int32)), []
+    owner = (np.arange(2 * count) >= count).astype(int)
+    for size in np.repeat([0.02, 0.05, 0.1, 0.15], 4):
+        places = np.concatenate([sheet.assembled, sheet.assembled + np.array([0.03, 0.07, 0.25])])
+        places += size * rng.standard_normal(places.shape)
+        for within in (True, False):
+            expected = set()
+            for k, edge in enumerate(edges):
+                for t, face in enumerate(faces):
+                    own = owner[edge[0]] == owner[face[0]]
+                    if not set(edge) & set(face) and (not own or (within and owner[face[0]] == 0)):
+                        ends, corners = places[edge], places[face]
+                        apart = (ends.min(0) > corners.max(0)).any() or (ends.max(0) < corners.min(0)).any()
+                        if not apart and ipctk.is_edge_intersecting_triangle(*ends, *corners):
+                            expected.add((k, t))
+            pairs, _ = crossing_triangles(places, faces, len(sheet.triangles), within_cloth=within)
+            found = {frozenset(pair) for pair in pairs.tolist()}
+            around = [set(np.flatnonzero(np.isin(faces, edge).sum(axis=1) == 2)) for edge in edges]
+            assert found == {
+                frozenset((int(one), t))
+                for k, t in expected
+                for one in around[k]
+                if not set(faces[one]) & set(faces[t])
+            }
+            seen.append(len(found))
+    assert min(seen) == 0 and max(seen) > 20
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,10 @@ tree is balanced, over triangles sorted along a space-filling curve.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numba
 import numpy as np
@@ -18,6 +20,7 @@ from yarnscale.numerics.threads import available_threads, run_parts
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,25 +65,41 @@ def near_pairs(
     lowest, highest: corners of the boxes of the vertices, (nv, 3) [m]. Returns vertices and triangles (n, 2), and edges
     and edges (m, 2).
     """
-    boxes = np.column_stack([lowest, -highest])
-    boxes = _Boxes(boxes, boxes[surfaces.edges].min(axis=1), boxes[surfaces.triangles].min(axis=1))
-    parts, split, end = [], surfaces.cloth, len(surfaces.triangles)
-    cloth = _Tree.of(boxes.triangles, 0, split)
+    s, boxes = surfaces, np.column_stack([lowest, -highest])
+    edges, triangles = boxes[s.edges].min(axis=1), boxes[s.triangles].min(axis=1)
+
+    def pairs_of(near: Integers) -> tuple[Integers, Integers]:
+        return _pairs_of(
+            near, s.triangles, s.edges, s.sides, s.own_corners, s.own_sides, boxes, edges, triangles
+        )
+
+    found = on_overlaps(triangles, s.cloth, pairs_of, within_cloth=within_cloth)
+    nothing = [np.zeros((0, 2), np.int64)]
+    return np.concatenate(nothing + [a for a, _ in found]), np.concatenate(nothing + [b for _, b in found])
+
+
+def on_overlaps(
+    boxes: Floats, cloth: int, act: Callable[[Integers], Found], *, within_cloth: bool
+) -> list[Found]:
+    """What ``act`` makes of pairs of triangles (n, 2) whose boxes overlap, the cloth's first, part by part on threads.
+
+    boxes: lowest and then negated highest corners (m, 6), of which the first ``cloth`` are the cloth's.
+    """
+    asking, jobs = _Tree.of(boxes, 0, cloth), []
+    cuts = np.linspace(0, cloth, available_threads() + 1).astype(int).tolist()
     if within_cloth:
-        parts += _queries(surfaces, boxes, cloth, cloth, True)
-    if end > split:
-        parts += _queries(surfaces, boxes, cloth, _Tree.of(boxes.triangles, split, end), False)
-    corners = np.concatenate([np.zeros((0, 2), np.int64), *(a for a, _ in parts)])
-    return corners, np.concatenate([np.zeros((0, 2), np.int64), *(b for _, b in parts)])
+        jobs += [(asking, True, *bounds) for bounds in pairwise(cuts)]
+    if len(boxes) > cloth:
+        bodies = _Tree.of(boxes, cloth, len(boxes))
+        jobs += [(bodies, False, *bounds) for bounds in pairwise(cuts)]
 
+    def run(job: tuple[_Tree, bool, int, int]) -> Found:
+        asked, same, begin, end = job
+        return act(
+            _overlapping(boxes, asking.order, asked.order, asked.boxes, asked.leaves, same, begin, end)
+        )
 
-@dataclass(frozen=True, eq=False)
-class _Boxes:
-    """Boxes (n, 6) of vertices, edges and triangles: lowest and then negated highest corners."""
-
-    vertices: Floats
-    edges: Floats
-    triangles: Floats
+    return run_parts(run, jobs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,62 +140,55 @@ def _curve(points: Floats) -> Integers:
     return place
 
 
-def _queries(
-    surfaces: Surfaces, boxes: _Boxes, asking: _Tree, asked: _Tree, same: bool
-) -> list[tuple[Integers, Integers]]:
-    s = surfaces
-    cuts = np.linspace(0, len(asking.order), available_threads() + 1).astype(int).tolist()
-
-    def part(bounds: tuple[int, int]) -> tuple[Integers, Integers]:
-        return _query(
-            s.triangles, s.edges, s.sides, s.own_corners, s.own_sides,
-            boxes.vertices, boxes.edges, boxes.triangles,
-            asking.order, asked.order, asked.boxes, asked.leaves, same, *bounds,
-        )  # fmt: skip
-
-    return run_parts(part, list(pairwise(cuts)))
-
-
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _query(
-    triangles, edges, sides, own_corners, own_sides, vertex_boxes, edge_boxes, triangle_boxes,
-    order, other_order, other_boxes, other_leaves, same, begin, end,
-):  # fmt: skip
-    """Pairs of the triangles at places begin … end − 1 of one tree with those of another, or later ones of the same."""
-    corners, met = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
-    corner_count = met_count = 0
+def _overlapping(boxes, order, other_order, other_boxes, other_leaves, same, begin, end):
+    """Triangles at places begin … end − 1 of one tree with those of another, or later ones of the same, (n, 2)."""
+    found, count = np.empty((1024, 2), np.int64), 0
     stack = np.empty(256, np.int64)
     last = np.empty(2 * other_leaves, np.int64)
     for node in range(2 * other_leaves - 1, 0, -1):
         last[node] = node - other_leaves if node >= other_leaves else last[2 * node + 1]
-    box = np.empty((1, 6))
     for place in range(begin, end):
         a = order[place]
-        box[0] = triangle_boxes[a]
         after = place if same else -1
         stack[0] = 1
         height = 1
         while height:
             height -= 1
             node = stack[height]
-            if last[node] <= after or not _overlap(box, 0, other_boxes, node):
+            if last[node] <= after or not _overlap(boxes, a, other_boxes, node):
                 continue
             if node < other_leaves:
                 stack[height] = 2 * node + 1
                 stack[height + 1] = 2 * node
                 height += 2
                 continue
-            b = other_order[node - other_leaves]
-            if corner_count + 6 > len(corners):
-                corners = np.concatenate((corners, np.empty_like(corners)))
-            if met_count + 9 > len(met):
-                met = np.concatenate((met, np.empty_like(met)))
-            for p, q in ((a, b), (b, a)):
-                corner_count = _add_corners(
-                    triangles, own_corners, vertex_boxes, triangle_boxes, p, q, corners, corner_count
-                )
-            met_count = _add_sides(edges, sides, own_sides, edge_boxes, triangle_boxes, a, b, met, met_count)
-    return corners[:corner_count].copy(), met[:met_count].copy()
+            if count == len(found):
+                found = np.concatenate((found, np.empty_like(found)))
+            found[count, 0], found[count, 1] = a, other_order[node - other_leaves]
+            count += 1
+    return found[:count]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _pairs_of(
+    near, triangles, edges, sides, own_corners, own_sides, vertex_boxes, edge_boxes, triangle_boxes
+):
+    """Overlapping vertices and triangles, and edges and edges, that pairs of triangles (n, 2) represent."""
+    corners, met = np.empty((1024, 2), np.int64), np.empty((1024, 2), np.int64)
+    corner_count = met_count = 0
+    for n in range(len(near)):
+        a, b = near[n]
+        if corner_count + 6 > len(corners):
+            corners = np.concatenate((corners, np.empty_like(corners)))
+        if met_count + 9 > len(met):
+            met = np.concatenate((met, np.empty_like(met)))
+        for p, q in ((a, b), (b, a)):
+            corner_count = _add_corners(
+                triangles, own_corners, vertex_boxes, triangle_boxes, p, q, corners, corner_count
+            )
+        met_count = _add_sides(edges, sides, own_sides, edge_boxes, triangle_boxes, a, b, met, met_count)
+    return corners[:corner_count], met[:met_count]
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import ipctk
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.shell.contact.broad_phase import on_overlaps
+from yarnscale.shell.contact.pair_distance import closest_points
+from yarnscale.shell.contact.pair_loops import cross
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -17,7 +21,7 @@ Integers = NDArray[np.int64]
 CLOTH = -1
 """Number of the cloth among the objects."""
 _TOUCHING = 1e-9
-"""Distance between vertices that counts as zero, over the size of the whole."""
+"""Distance that counts as zero, over the size of the whole, or of what is near."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ def surface_crossings(
 
     owners: object of each triangle (m,), increasing from ``CLOTH``; names: of the bodies.
     """
-    pairs, places = _crossing_triangles(positions, triangles, owners, within_cloth=within_cloth)
+    cloth = int((owners == CLOTH).sum())
+    pairs, places = crossing_triangles(positions, triangles, cloth, within_cloth=within_cloth)
     found = []
     for body in np.unique(owners[pairs[:, 1]]).tolist():
         chosen = owners[pairs[:, 1]] == body
@@ -108,38 +113,101 @@ def _doubled(positions: Floats, pairs: Integers) -> bool:
     return bool((near <= _TOUCHING * float(np.ptp(positions, axis=0).max())).any())
 
 
-def _crossing_triangles(
-    positions: Floats, triangles: Integers, owners: Integers, *, within_cloth: bool
+def crossing_triangles(
+    positions: Floats, triangles: Integers, cloth: int, *, within_cloth: bool
 ) -> tuple[Integers, Floats]:
-    """Pairs of triangles (n, 2) that cross, the cloth's first, each once, and a place of each (n, 3)."""
-    faces = np.asfortranarray(triangles.astype(np.int32))
-    edges = ipctk.edges(faces)
-    search = ipctk.LBVH()
-    search.build(np.asfortranarray(positions), edges, faces)
-    around = _triangles_of_edges(triangles, edges)
-    found: dict[tuple[int, int], Floats] = {}
-    for near in search.detect_edge_face_candidates():
-        edge, face = edges[near.edge_id], triangles[near.face_id]
-        one, two = around[near.edge_id][0], near.face_id
-        kinds = sorted((owners[one], owners[two]))
-        if kinds[0] != CLOTH or (kinds[1] == CLOTH and not within_cloth) or np.isin(edge, face).any():
+    """Pairs of triangles (n, 2) that cross or touch without a common vertex, each once in order, and a place of each.
+
+    triangles: (m, 3), the first ``cloth`` of the cloth; pairs have at least one of these, and that one first.
+    """
+    corners = positions[triangles]
+    boxes = np.concatenate([corners.min(axis=1), -corners.max(axis=1)], axis=1)
+    found = on_overlaps(
+        boxes, cloth, lambda near: _crossing(positions, triangles, near), within_cloth=within_cloth
+    )
+    pairs, places = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    pairs = np.where((pairs < cloth).all(axis=1, keepdims=True), np.sort(pairs, axis=1), pairs)
+    order = np.lexsort(pairs.T[::-1])
+    return pairs[order], places[order]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _crossing(positions, triangles, near):
+    """Those of pairs of triangles (n, 2) of which an edge of one meets the other, and where."""
+    chosen, places, count = np.empty_like(near), np.empty((len(near), 3)), 0
+    x, c = np.empty((5, 3)), np.empty(4)
+    for n in range(len(near)):
+        one, two = triangles[near[n, 0]], triangles[near[n, 1]]
+        if _share_a_vertex(one, two) or _beside(positions, one, two) or _beside(positions, two, one):
             continue
-        ends = positions[edge]
-        crosses, _, _, along = ipctk.edge_triangle_intersection(*ends, *positions[face])
-        if crosses:
-            share = along if np.isfinite(along) else 0.5
-            for one in around[near.edge_id]:
-                pair = (one, two) if (owners[one], one) < (owners[two], two) else (two, one)
-                found.setdefault(pair, ends[0] + share * (ends[1] - ends[0]))
-    pairs = sorted(found)
-    return np.array(pairs, np.int64).reshape(-1, 2), np.array([found[p] for p in pairs]).reshape(-1, 3)
+        for side in range(6):
+            edge, face = (one, two) if side < 3 else (two, one)
+            x[0], x[1] = positions[edge[side % 3 - 1]], positions[edge[side % 3]]
+            for k in range(3):
+                x[2 + k] = positions[face[k]]
+            share = _meeting(x, c)
+            if share >= 0.0:
+                chosen[count], places[count] = near[n], x[0] + share * (x[1] - x[0])
+                count += 1
+                break
+    return chosen[:count].copy(), places[:count].copy()
 
 
-def _triangles_of_edges(triangles: Integers, edges: NDArray[np.int32]) -> list[list[int]]:
-    """Triangles at each edge."""
-    number = {tuple(sorted(edge)): k for k, edge in enumerate(edges.tolist())}
-    around: list[list[int]] = [[] for _ in edges]
-    for k, (a, b, c) in enumerate(triangles.tolist()):
-        for pair in ((a, b), (b, c), (a, c)):
-            around[number[(min(pair), max(pair))]].append(k)
-    return around
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _share_a_vertex(one, two):
+    for i in one:
+        for j in two:
+            if i == j:
+                return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _beside(positions, one, two):
+    """Whether a triangle lies on one side of the plane of another, off it."""
+    a, b, c = positions[two[0]], positions[two[1]], positions[two[2]]
+    u0, u1, u2, v0, v1, v2 = b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    n0, n1, n2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+    low, high = math.inf, -math.inf
+    for i in one:
+        p = positions[i]
+        height = n0 * (p[0] - a[0]) + n1 * (p[1] - a[1]) + n2 * (p[2] - a[2])
+        low, high = min(low, height), max(high, height)
+    off = _TOUCHING * (n0 * n0 + n1 * n1 + n2 * n2) ** 0.75
+    return low > off or high < -off
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _meeting(x, c):
+    """Share of the way from x₀ to x₁ where it meets the triangle x₂ x₃ x₄, or −1; c (4,): memory."""
+    a, b, normal, across = x[3] - x[2], x[4] - x[2], np.empty(3), np.empty(3)
+    cross(a, b, normal)
+    start, end = np.dot(normal, x[0] - x[2]), np.dot(normal, x[1] - x[2])
+    size = np.dot(normal, normal)
+    if max(abs(start), abs(end)) <= _TOUCHING * size**0.75:
+        return _meeting_in_plane(x, c)
+    if start * end > 0.0:
+        return -1.0
+    share = start / (start - end)
+    place = x[0] + share * (x[1] - x[0]) - x[2]
+    cross(place, b, across)
+    u = np.dot(across, normal)
+    cross(a, place, across)
+    v = np.dot(across, normal)
+    return share if u >= 0.0 and v >= 0.0 and u + v <= size else -1.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _meeting_in_plane(x, c):
+    """The same for an edge in the plane of the triangle: where it crosses a side, or its start if that is inside."""
+    pair, least = np.empty((4, 3)), _TOUCHING**2 * np.sum((x[1] - x[0]) ** 2)
+    pair[0] = x[0]
+    pair[1:] = x[2:]
+    if closest_points(pair, True, c) <= least:
+        return 0.0
+    pair[1] = x[1]
+    for k in range(3):
+        pair[2], pair[3] = x[2 + k], x[2 + (k + 1) % 3]
+        if closest_points(pair, False, c) <= least:
+            return c[1]
+    return -1.0

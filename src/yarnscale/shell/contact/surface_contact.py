@@ -2,7 +2,7 @@
 
 Energy Σ w b(d) over pairs of a vertex and a triangle and over pairs of edges, the latter times a factor that vanishes
 for parallel edges (Li et al. 2020, sections 4 and 5). The weights w are areas such that the pressure between
-surfaces does not depend on the mesh, see ``pair_search``. ``ipctk`` tests frames for crossings independently.
+surfaces does not depend on the mesh, see ``pair_search``. Frames are tested for crossings by a search of their own.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import ipctk
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +18,7 @@ from yarnscale.motion.obstacles import TriangleObstacle
 from yarnscale.numerics.threads import run_parts
 from yarnscale.shell.contact import pair_hessian, pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
-from yarnscale.shell.contact.crossings import CLOTH, Crossing, surface_crossings
+from yarnscale.shell.contact.crossings import CLOTH, Crossing, crossing_triangles, surface_crossings
 from yarnscale.shell.contact.pair_search import PairSearch, shares
 from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.mesh import TriangleMesh
@@ -30,9 +29,6 @@ Integers = NDArray[np.int64]
 
 _KEPT = 0.1
 """Part of a distance that remains after a step."""
-
-# One warning for every pair of a state that intersects says nothing that ``intersects`` does not say.
-ipctk.set_logger_level(ipctk.LoggerLevel.error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +85,6 @@ class SurfaceContact:
         self.search = PairSearch(triangles, len(mesh.triangles), rest, settings)
         sizes = [len(body.triangles) for body, _ in bodies]
         self._owners = np.repeat(np.arange(CLOTH, len(sizes)), [len(mesh.triangles), *sizes])
-        self._check = _check_mesh(mesh.vertex_count, triangles, rest, settings.self_contact)
         self._grip: _Grip | None = None
 
     def start_step(
@@ -219,7 +214,10 @@ class SurfaceContact:
         return float(self.search.close(self.everything(positions)).distances.min(initial=math.inf))
 
     def intersects(self, positions: Floats) -> bool:
-        return bool(ipctk.has_intersections(self._check, np.asfortranarray(self.everything(positions))))
+        triangles, cloth = self.search.surfaces.triangles, self.search.surfaces.cloth
+        within = self.settings.self_contact
+        everything = self.everything(positions)
+        return len(crossing_triangles(everything, triangles, cloth, within_cloth=within)[0]) > 0
 
     def crossings(self, positions: Floats, numbers: Sequence[int], names: Sequence[str]) -> list[Crossing]:
         """Crossings, found as by ``intersects``; numbers, names: of the bodies among the obstacles."""
@@ -232,14 +230,3 @@ class SurfaceContact:
     def everything(self, positions: Floats) -> Floats:
         """Every vertex."""
         return np.concatenate([positions, self.fixed])
-
-
-def _check_mesh(cloth: int, triangles: Integers, rest: Floats, self_contact: bool) -> ipctk.CollisionMesh:
-    """All surfaces for the test of frames, the first ``cloth`` vertices of the cloth."""
-    faces = np.asfortranarray(triangles.astype(np.int32))
-    mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(faces), faces)
-    if not self_contact:
-        mesh.can_collide = ipctk.make_vertex_patches_filter((np.arange(len(rest)) >= cloth).astype(np.int32))
-    elif cloth < len(rest):
-        mesh.can_collide = ipctk.make_static_obstacle_filter(cloth)
-    return mesh
