@@ -25,7 +25,7 @@ from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import YarnObjective, coarser
 from yarnscale.estimate.scattered import race, sobol_starts
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData
-from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, estimate_yarn
+from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, fit_fabric
 from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, fit_yarn
 from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.estimate.yarn_rest import RestRule
@@ -66,7 +66,7 @@ def knits(options: argparse.Namespace, executor) -> list[dict]:
     for sample in options.samples:
         measured = read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")
         for holdout in [Direction.WARP if name == "warp" else None for name in options.holdouts]:
-            estimate = estimate_yarn(
+            estimate = fit_fabric(
                 measured, model_of(sample), holdout=holdout, executor=executor, options=_settings(options),
                 store=_store(options),
             )  # fmt: skip

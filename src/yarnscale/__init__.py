@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from yarnscale.errors import InputError
     from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
     from yarnscale.estimate.measurements import SwatchMeasurements
+    from yarnscale.estimate.yarn_estimate import FabricEstimate
     from yarnscale.fabric import sheet_scene as sheet_scenes
     from yarnscale.fabric.fabric_scene import FabricResult
     from yarnscale.fabric.rod_fabric import RodFabric
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
     from yarnscale.fabric.spline_scene import SplineScene
     from yarnscale.fabric.volume import BoundingVolume
+    from yarnscale.files.estimate_run import estimate_yarn, fabric_model
     from yarnscale.files.fabric_run import run
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
@@ -68,6 +70,7 @@ _HOME = {
     "CompactMaterial": "shell.materials.compact",
     "ContactRule": "yarn.material",
     "Equilibrium": "cell.equilibrium",
+    "FabricEstimate": "estimate.yarn_estimate",
     "FabricResult": "fabric.fabric_scene",
     "FabricShell": "estimate.fabric_shell",
     "FabricTests": "laboratory.programme",
@@ -100,6 +103,8 @@ _HOME = {
     "YarnSheet": "fabric.sheet",
     "axes_and_planes": "homogenize.plan",
     "create_store": "homogenize.sample",
+    "estimate_yarn": "files.estimate_run",
+    "fabric_model": "files.estimate_run",
     "fit": "homogenize.homogenize",
     "fit_compact_material": "homogenize.compact_fit",
     "fit_published": "homogenize.homogenize",
@@ -134,17 +139,16 @@ _HOME = {
 module itself. The imports above say the same to type checkers."""
 
 __all__ = [  # noqa: RUF022
-    "BoundingVolume", "COMPONENTS", "Cloth", "CompactMaterial", "ContactRule", "Equilibrium", "FabricResult",
-    "FabricShell", "FabricTests", "FluctuationTable", "Homogenization", "InputError", "OrthotropicMaterial",
-    "PeriodicCell", "Programme", "RestShape", "RodFabric", "RodScene", "SampleStore", "Scene", "Schedule",
-    "ShellMaterial", "ShellStrain", "SplineFabric", "SplineMaterial", "SplineScene", "Status", "StrainGrid",
-    "StrainRange", "StretchRule", "SwatchMeasurements", "TriangleMesh", "YarnDetail", "YarnMaterial", "YarnPattern",
-    "YarnSheet", "__version__", "axes_and_planes", "create_store", "fit", "fit_compact_material", "fit_published",
-    "fit_shell", "fit_spline_material", "homogenize_cell", "jersey", "knit", "patterns", "read_grid", "read_material",
-    "read_measurements", "read_pattern", "read_yarn_material", "read_yarns", "run", "run_scene", "run_tests",
-    "sample", "scenes", "settled", "sheet_scenes", "simulate", "spline_fabric", "structure_of", "weave",
-    "write_material",
-    "write_pattern", "write_yarn_material",
+    "BoundingVolume", "COMPONENTS", "Cloth", "CompactMaterial", "ContactRule", "Equilibrium", "FabricEstimate",
+    "FabricResult", "FabricShell", "FabricTests", "FluctuationTable", "Homogenization", "InputError",
+    "OrthotropicMaterial", "PeriodicCell", "Programme", "RestShape", "RodFabric", "RodScene", "SampleStore", "Scene",
+    "Schedule", "ShellMaterial", "ShellStrain", "SplineFabric", "SplineMaterial", "SplineScene", "Status",
+    "StrainGrid", "StrainRange", "StretchRule", "SwatchMeasurements", "TriangleMesh", "YarnDetail", "YarnMaterial",
+    "YarnPattern", "YarnSheet", "__version__", "axes_and_planes", "create_store", "estimate_yarn", "fabric_model",
+    "fit", "fit_compact_material", "fit_published", "fit_shell", "fit_spline_material", "homogenize_cell", "jersey",
+    "knit", "patterns", "read_grid", "read_material", "read_measurements", "read_pattern", "read_yarn_material",
+    "read_yarns", "run", "run_scene", "run_tests", "sample", "scenes", "settled", "sheet_scenes", "simulate",
+    "spline_fabric", "structure_of", "weave", "write_material", "write_pattern", "write_yarn_material",
 ]  # fmt: skip
 
 

@@ -12,34 +12,25 @@ from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
-from yarnscale.cli.yarns import pattern_of
 from yarnscale.errors import InputError
 from yarnscale.estimate.cloth_check import ClothCheck, homogenized_swatches
 from yarnscale.estimate.evaluations import Evaluations
-from yarnscale.estimate.measurements import Direction, SwatchMeasurements
-from yarnscale.estimate.objective import ErrorWeights, YarnObjective
-from yarnscale.estimate.yarn_estimate import (
-    UNKNOWN_STIFFNESS,
-    FabricEstimate,
-    check_bending,
-    estimate_yarn,
-    fitted_directions,
-)
+from yarnscale.estimate.measurements import Direction
+from yarnscale.estimate.objective import ErrorWeights
+from yarnscale.estimate.yarn_estimate import FabricEstimate, check_bending, fitted_directions
 from yarnscale.estimate.yarn_fit import FitOptions, work_ahead
-from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.files.atomic import write_text
-from yarnscale.files.estimate_folder import EstimateFolder, check_resumable, evaluation_folder
+from yarnscale.files.estimate_folder import check_resumable
+from yarnscale.files.estimate_run import EVALUATIONS, estimate_yarn, fabric_model
 from yarnscale.files.material_json import write_material
 from yarnscale.files.material_toml import write_material as write_yarn
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.measurements_swatches import LogSettings
-from yarnscale.files.patterns import is_drawing, stitches_of, write_pattern
+from yarnscale.files.patterns import write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.executors import dask_workers, local_workers
 from yarnscale.homogenize.rays import FEWEST
 
-EVALUATIONS = "evaluations"
-"""Folder of finished evaluations within that of the report."""
 HOMOGENIZED = "homogenized"
 """Folder of the homogenized yarn within that of the report."""
 YARN = "yarn.toml"
@@ -49,9 +40,6 @@ MAKES = (
     f"{HOMOGENIZED}/",
 )  # fmt: skip
 """All that the command writes."""
-DRAWN_RADIUS = 0.4e-3
-"""Radius of the yarn of a drawing whose size nothing tells [m]: a hand-knitting yarn of about 400 tex, as it lies in
-fabric. Fabrics of all sizes behave alike, so that it moves the values of parameters and not the errors."""
 
 
 def estimate(options: argparse.Namespace) -> int:
@@ -61,7 +49,10 @@ def estimate(options: argparse.Namespace) -> int:
     measurements = read_measurements(options.measurements, sample=options.sample, settings=settings)
     for note in measurements.notes:
         _say(note)
-    model = _model(options, measurements)
+    model = fabric_model(
+        measurements, options.pattern, radius=options.radius, yarn_length=options.yarn_length,
+        stiffness=options.stiffness, free_shape=None if options.shape is None else options.shape == "free",
+    )  # fmt: skip
     search = FitOptions(
         options.solver, options.seed, options.starts, options.refined, iterations=options.iterations
     )
@@ -86,9 +77,8 @@ def estimate(options: argparse.Namespace) -> int:
             elif worker_count(options) > 1:
                 executor = stack.enter_context(local_workers(worker_count(options)))
             found = estimate_yarn(
-                measurements, model, directions=chosen, holdout=holdout, follow=options.follow, options=search,
-                weights=weights, executor=executor,
-                store=lambda objective: _store(folder, objective, resume=options.resume),
+                measurements, model, folder, resume=options.resume, directions=chosen, holdout=holdout,
+                follow=options.follow, options=search, weights=weights, executor=executor,
                 progress=_progress(measurements.name, work_ahead(search, len(model.names))),
             )  # fmt: skip
         write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
@@ -111,33 +101,6 @@ def _homogenized(options: argparse.Namespace, folder: Path, found: FabricEstimat
     )  # fmt: skip
     write_material(folder / "material.json", check.material)
     return check
-
-
-def _store(folder: Path, objective: YarnObjective, *, resume: bool) -> EstimateFolder:
-    """Where evaluations are kept; those of an earlier run go only now that the first of this one is to come."""
-    return EstimateFolder(evaluation_folder(folder / EVALUATIONS, resume=resume), objective)
-
-
-def _model(options: argparse.Namespace, measurements: SwatchMeasurements) -> YarnModel:
-    if options.radius is not None and options.yarn_length is not None:
-        raise InputError("--radius", expected="none beside --yarn-length, which says the size of the fabric")
-    pattern = pattern_of(options.pattern, options.radius)
-    drawn = is_drawing(options.pattern)
-    if drawn and options.yarn_length is None and options.radius is None:
-        pattern = pattern.scaled(DRAWN_RADIUS / pattern.radius)
-        _say(
-            f"size of the fabric unknown: {pattern.name} is drawn with a yarn of {1e3 * DRAWN_RADIUS:g} mm radius"
-        )
-    stiffness = options.stiffness or measurements.stiffest_yarn
-    if stiffness is None:
-        stiffness = UNKNOWN_STIFFNESS
-        _say(f"stiffness of the yarn unknown: k_s2 is taken as {stiffness:g} N")
-    free = drawn if options.shape is None else options.shape == "free"
-    chart = stitches_of(options.pattern)
-    return yarn_model(
-        pattern, stiffness, yarn_length=options.yarn_length, free_shape=free,
-        stitches=None if chart is None else (chart.wales, chart.courses),
-    )  # fmt: skip
 
 
 def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:

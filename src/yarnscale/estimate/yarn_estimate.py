@@ -210,7 +210,7 @@ class FabricEstimate:
         return found
 
 
-def estimate_yarn(
+def fit_fabric(
     measurements: SwatchMeasurements,
     model: YarnModel,
     *,
@@ -249,7 +249,7 @@ def estimate_yarn(
 def fitted_directions(
     measurements: SwatchMeasurements, directions: Sequence[Direction] | None, holdout: Direction | None
 ) -> list[Direction]:
-    """The directions that ``estimate_yarn`` would fit. InputError where one was not measured or none is left."""
+    """The directions that ``fit_fabric`` would fit. InputError where one was not measured or none is left."""
     measured = [test.direction for test in measurements.stretch]
     wanted = list(measured if directions is None else directions)
     for direction in wanted + ([] if holdout is None else [holdout]):

@@ -1,0 +1,46 @@
+"""Estimate a yarn from tensile tests: here of a fabric whose yarn is known, to see which parameters come back.
+
+The tests are those of a plain weave at rest, stretched along weft and warp. The estimate begins in the middle of ranges
+of up to four decades. Bending stiffness and contact radius are determined by such curves; the stretch stiffness is not,
+as the yarns straighten before they stretch (docs/guide/estimate.md, identifiability).
+"""
+
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+import yarnscale as ys
+from yarnscale.estimate.measurements import Direction, StretchRun, StretchTest
+from yarnscale.estimate.yarn_fit import FitOptions
+from yarnscale.estimate.yarn_model import yarn_model
+from yarnscale.estimate.yarn_rest import RestRule, at_rest
+from yarnscale.estimate.yarn_states import pulled
+
+STIFFEST = 20.0  # stretch stiffness k_s2 [N], which is measured on the yarn
+KNOWN = {"k_s1": 5.0, "knee": 0.1, "k_b": 2e-8, "R_1": 0.36e-3, "k_c1": 30.0}
+
+drawn = ys.patterns.build("plain")
+model = yarn_model(drawn.scaled(0.4e-3 / drawn.radius), STIFFEST)
+fabric = at_rest(model.cell(np.array(list(KNOWN.values()))), RestRule()).cell
+
+tests = []
+for direction in (Direction.WEFT, Direction.WARP):
+    curve = pulled(fabric, direction, np.linspace(0.02, 0.2, 11))
+    assert curve.converged.all()
+    # A swatch of 5 × 50 cm: the clamps do not matter. Force [N], distance of the clamps [m], width [m].
+    force, length = 0.05 * np.append(0.0, curve.stress), 0.5 * (1 + np.append(0.0, curve.stretch))
+    width = 0.05 * (1 - np.append(0.0, curve.contraction))
+    tests.append(StretchTest(direction, 0.05, (StretchRun("1", force, length, width),)))
+measurements = ys.SwatchMeasurements("known yarn", tuple(tests))
+
+with TemporaryDirectory() as folder:  # evaluations are kept here; resume=True continues with them
+    options = FitOptions("local", iterations=12, samples=6)
+    found = ys.estimate_yarn(measurements, model, folder, options=options)
+
+for name, value in zip(found.fit.model.names, found.fit.values, strict=True):
+    print(f"{name:5} {value:10.3g} estimated, {KNOWN[name]:8.3g} known")
+print(f"error of the stress {found.error.comfort:.1%} after {found.fit.evaluations} evaluations")
+estimated = dict(zip(found.fit.model.names, found.fit.values, strict=True))
+assert found.error.comfort is not None and found.error.comfort < 0.06
+assert abs(np.log(estimated["k_b"] / KNOWN["k_b"])) < 0.3
+assert abs(estimated["R_1"] / KNOWN["R_1"] - 1.0) < 0.05
