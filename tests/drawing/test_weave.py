@@ -34,7 +34,9 @@ def test_heights_at_the_crossings_are_those_of_the_draft(name: str) -> None:
     assert pattern.yarn_shift.tolist() == [[1, 0]] * picks + [[0, 1]] * ends
 
     def height(yarn: int, axis: int, at: float) -> float:
-        line = pattern.unwrapped_yarn(yarn)
+        edges = pattern.edge_vectors()[pattern.yarns[yarn]]
+        first = pattern.vertices[pattern.yarns[yarn][:1]]
+        line = np.concatenate([first, first + np.cumsum(edges, axis=0)])
         along = line[:, axis]
         at += pattern.period[axis] * (at < along[0] - 1e-12)
         return float(np.interp(at, along, line[:, 2]))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.yarn.material import PRESETS, ContactRule, StretchRule, YarnMaterial
+from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 
 # HYLC20 Table 1: E [Pa], G [Pa], γ, k_contact [kg/s²], ρ [kg/m³].
 TABLE_1 = {
@@ -44,7 +44,6 @@ def test_everyday_presets_are_materials() -> None:
         assert sum(material.contact.quadrature_weights) == pytest.approx(1.0)
     # The measured bending stiffness of the acrylic yarn: 0.045 N mm².
     assert YarnMaterial.preset("acrylic").bending_stiffness(1e-3) == pytest.approx(4.5e-8, rel=0.05)
-    assert set(YarnMaterial.preset_names()) == set(PRESETS)
 
 
 def test_unknown_preset_lists_the_names() -> None:

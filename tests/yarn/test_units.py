@@ -8,9 +8,6 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.yarn.units import (
-    COUNTS,
-    FACTORS,
-    from_si,
     linear_density,
     to_si,
     yarn_density,
@@ -39,11 +36,6 @@ from yarnscale.yarn.units import (
 )
 def test_units_to_si(value: float, unit: str, expected: float) -> None:
     assert to_si(value, unit) == pytest.approx(expected, rel=1e-5)
-
-
-@pytest.mark.parametrize("unit", [*FACTORS, *COUNTS])
-def test_there_and_back(unit: str) -> None:
-    assert from_si(to_si(3.7, unit), unit) == pytest.approx(3.7)
 
 
 def test_radius_from_linear_density() -> None:

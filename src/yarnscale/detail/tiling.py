@@ -96,11 +96,6 @@ class YarnLayout:
         """Number of yarn vertices on the cloth."""
         return len(self.vertex)
 
-    @property
-    def curve_of_vertex(self) -> Integers:
-        """Number of the curve of every vertex, (n,)."""
-        return np.repeat(np.arange(len(self.yarn)), np.diff(self.offsets))
-
     def without_snippets(self, pattern: YarnPattern, mesh: TriangleMesh) -> YarnLayout:
         """Without pieces that are too short; at a seam three vertices suffice.
 

@@ -112,7 +112,7 @@ def at_rest(
     drawn, periods, solves, stages = cell.pattern, np.ones(2), 0, _Stages(near)
     low, high = drawn.rest_length * (1.0 - LENGTH_BOUND), drawn.rest_length * (1.0 + LENGTH_BOUND)
     if draw_in is not None and rule.rounds:
-        found = _drawn_in(cell, draw_in, stages)
+        found = drawn_in(cell, draw_in, stages)
         if not found.relaxed:
             return found
         cell, solves, periods = found.cell, found.solves, 1.0 + found.change
@@ -139,17 +139,14 @@ def at_rest(
     return RestedCell(cell, periods - 1.0, solves, found.relaxed, tuple(stages.passed))
 
 
-def drawn_in(cell: PeriodicCell, share: float) -> RestedCell:
+def drawn_in(cell: PeriodicCell, share: float, stages: _Stages | None = None) -> RestedCell:
     """A cell drawn anew at a share, 0 to 1, of the change of periods that frees straight yarn of coarse stress.
 
     Its yarns forget as much of the drawing: rest curvatures and twists are by that share those of the new shape, else
     those of the drawing. Rest lengths stay. share 0: the drawing at equilibrium.
+    stages: two, the periods of straight yarn and the new shape.
     """
-    return _drawn_in(cell, share, _Stages(None))
-
-
-def _drawn_in(cell: PeriodicCell, share: float, stages: _Stages) -> RestedCell:
-    """``drawn_in`` in two stages: the periods of straight yarn, and the new shape."""
+    stages = _Stages(None) if stages is None else stages
     drawn, change, solves = cell.pattern, np.zeros(2), 0
     if share > 0.0:
         end = _released(replace(cell, pattern=_set(drawn, 0.0)), stages)

@@ -137,12 +137,6 @@ class TriangleMesh:
         return np.unique(np.sort(pairs, axis=1), axis=0)
 
     @property
-    def boundary_edges(self) -> Integers:
-        """Edges of one triangle only, shape (nb, 2), with the panel on their left."""
-        pairs = np.stack([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)], axis=1)
-        return pairs[~self.has_neighbour]
-
-    @property
     def seams(self) -> NDArray[np.bool_]:
         """Whether an edge of a triangle is sewn to another part of the fabric, shape (nt, 3), order as stencils."""
         material_neighbour = twin_edges(self.corners, len(self.material)) >= 0

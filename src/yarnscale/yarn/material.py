@@ -213,11 +213,6 @@ class YarnMaterial:
             raise InputError("unknown material preset", expected=", ".join(PRESETS), found=repr(name))
         return PRESETS[name]
 
-    @staticmethod
-    def preset_names() -> tuple[str, ...]:
-        """Names that `preset` takes."""
-        return tuple(PRESETS)
-
 
 NUMBERS = ("young_modulus", "shear_modulus", "bending_scale", "contact_stiffness", "density")
 """Fields of `YarnMaterial` that hold numbers."""

@@ -243,15 +243,6 @@ class YarnPattern:
         edge[:, :2] += self.edges[:, 2:] * self.period
         return edge
 
-    def unwrapped_yarn(self, index: int) -> np.ndarray:
-        """One yarn as a continuous line, closed by its image one period on, shape (k + 1, 3) [m]."""
-        chain = self.yarns[index]
-        points = self.vertices[chain].copy()
-        points[:, :2] += self.tile_along_yarn[chain] * self.period
-        end = points[:1].copy()
-        end[:, :2] += self.yarn_shift[index] * self.period
-        return np.concatenate([points, end])
-
     # --- changed copies -------------------------------------------------------------------------------
 
     def repeated(self, courses: int, wales: int) -> YarnPattern:

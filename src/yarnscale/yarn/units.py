@@ -62,13 +62,6 @@ def to_si(value: float, unit: str) -> float:
     return value * _factor(unit)
 
 
-def from_si(value: float, unit: str) -> float:
-    """A value in SI units, in a unit of `FACTORS` or, for a linear density [kg/m], a count of `COUNTS`."""
-    if unit in COUNTS:
-        return COUNTS[unit] / _positive("linear density", value)
-    return value / _factor(unit)
-
-
 def yarn_radius(linear_density: float, *, fibre_density: float, packing_fraction: float = 0.5) -> float:
     """Radius [m] of a round yarn of `linear_density` [kg/m] made of fibres of `fibre_density` [kg/m³].
 
