@@ -59,17 +59,17 @@ def _scene(options: argparse.Namespace) -> Scene:
     from yarnscale.shell.scenes.ready import READY, ready_scene
 
     if options.scene in READY:
-        if options.material is None:
+        if options.shell is None:
             raise InputError(
-                "ready scene", where=options.scene, expected="--material MATERIAL.json", found="none"
+                "ready scene", where=options.scene, expected="--shell MATERIAL.json", found="none"
             )
-        scene = ready_scene(options.scene, read_material(options.material), spacing=options.spacing)
+        scene = ready_scene(options.scene, read_material(options.shell), spacing=options.spacing)
         return replace(scene, notices=(sizes_of(scene.cloth),))
     if not Path(options.scene).exists():
         raise InputError(
             "no such scene", where=options.scene, expected="a scene file or one of " + ", ".join(READY)
         )
-    for name in ("material", "spacing"):
+    for name in ("shell", "spacing"):
         if getattr(options, name) is not None:
             raise InputError(f"option --{name}", where=options.scene, expected="it in the scene file")
     return read_scene(options.scene)

@@ -43,7 +43,7 @@ def add_cloth_commands(add: Add) -> None:
         help="scene file (.toml, see yarnscale help scene) or: stretch-course, stretch-wale, drape, drape-on-ball, "
         "hang, twist, ring, scarf, tshirt, sweater",
     )  # fmt: skip
-    option("--material", type=Path, metavar="MATERIAL.json", help="shell material of a ready scene")
+    option("--shell", type=Path, metavar="MATERIAL.json", help="shell material of a ready scene")
     option("--spacing", type=number, metavar="H", help="edge length of the triangles of a ready scene [m]")
 
     about = "Put the relaxed yarns of a pattern on the frames of a simulated cloth."

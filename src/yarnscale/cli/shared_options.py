@@ -101,11 +101,16 @@ def add_overwrite(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_workers(command: argparse.ArgumentParser) -> None:
-    """Processes, and going on after a kill."""
+def add_processes(command: argparse.ArgumentParser) -> None:
+    """``--workers``."""
     command.add_argument(
         "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
     )
+
+
+def add_workers(command: argparse.ArgumentParser) -> None:
+    """``--workers`` and ``--resume``."""
+    add_processes(command)
     add_resume(command)
 
 

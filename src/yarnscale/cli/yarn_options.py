@@ -11,6 +11,7 @@ from yarnscale.cli.shared_options import (
     add_free_sliding,
     add_json,
     add_overwrite,
+    add_processes,
     add_starts,
     add_yarns,
 )
@@ -33,7 +34,7 @@ def add_yarn_commands(add: Add) -> None:
     option("--picture", type=Path, metavar="FILE.png", help="draw it too")
 
     about = "Write a page of patterns, each drawn, at rest and stretched."
-    option = add("gallery", "gallery", about, add_as_drawn, add_overwrite, add_json)
+    option = add("gallery", "gallery", about, add_as_drawn, add_processes, add_overwrite, add_json)
     names = "names of built-in patterns and .chart, .wif or .k files (default: all built-in ones)"
     option("patterns", nargs="*", metavar="PATTERN", help=names)
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the page and its pictures")

@@ -32,8 +32,6 @@ _PATCH = 5.0
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-5, 1e-2
 """A step starts with the regularisation of the one before, within these bounds."""
 _SHIFT = ShiftRule(start=_LEAST_SHIFT, growth=10.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
-OFF_PLACE = 1.0
-"""Distance of what is held from its place, in yarn radii, from which a grip has left its motion."""
 _STABLE_SHARE = 0.6
 """Explicit steps over the longest stable one."""
 
@@ -93,7 +91,7 @@ class FabricDynamics(Body[FabricMotion]):
 
     def __post_init__(self) -> None:
         energy = self.energy
-        self.tolerance, self.off_place = self.settings.tolerance, OFF_PLACE * energy.radius
+        self.tolerance, self.off_place = self.settings.tolerance, energy.radius
         self.method = self.settings.method
         mass = energy.masses() * energy.radius**2 / energy.unit
         spin = np.where(energy.spins() > 0, energy.spins(), 1.0) / energy.unit

@@ -35,8 +35,6 @@ _MOST_DENSE = 300
 """Control points of a volume up to which Γ is multiplied as a dense matrix."""
 _STABLE_SHARE = 0.7
 """Explicit steps over the longest stable one."""
-OFF_PLACE = 1.0
-"""Distance of what is held from its place, in yarn radii, from which a grip has left its motion."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 
 
@@ -124,7 +122,7 @@ class SplineMotion(Body[YarnMotion]):
         self.fabric, self.volume, self.damping = fabric, volume, damping
         self.tolerance, self.iterations = tolerance, iterations
         self.method: Method = method
-        self.halvings, self.off_place = 4 if method == "implicit" else 0, OFF_PLACE * fabric.radius
+        self.halvings, self.off_place = 4 if method == "implicit" else 0, fabric.radius
         self.held = held
         self.energy = energy if energy is not None else SplineEnergy(fabric)
         self.gravity = np.asarray(gravity, dtype=np.float64)

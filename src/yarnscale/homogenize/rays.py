@@ -63,7 +63,7 @@ class Ray:
                 {
                     "stress": list(loads.stress),
                     "tensions": [list(pair) for pair in loads.tensions],
-                    "held": np.column_stack([prescribed.matrix, prescribed.values]).tolist(),
+                    "prescribed": np.column_stack([prescribed.matrix, prescribed.values]).tolist(),
                 }
                 for loads, prescribed in self.levels
             ],
@@ -74,7 +74,7 @@ class Ray:
         """From what ``plain`` gives; KeyError, TypeError or ValueError for anything else."""
         levels = []
         for level in entry["levels"]:
-            rows = np.asarray(level["held"], np.float64).reshape(-1, 7)
+            rows = np.asarray(level["prescribed"], np.float64).reshape(-1, 7)
             tensions = tuple((float(angle), float(load)) for angle, load in level["tensions"])
             levels.append((Loads(tuple(level["stress"]), tensions), Prescribed(rows[:, :6], rows[:, 6])))
         return cls(str(entry["kind"]), tuple(levels), int(entry["origin"]))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from yarnscale.cell import Equilibrium, PeriodicCell
@@ -58,11 +60,12 @@ def write_gallery(
     at_rest: bool = False,
     size: tuple[int, int] = SIZE,
     progress: Callable[[int, int, str], None] | None = None,
+    executor: Executor | None = None,
 ) -> list[Exhibit]:
     """Build, relax and draw patterns; ``index.html`` and pictures in ``folder``.
 
     names: of library patterns (all by default), and files of structures. progress: gets patterns done, all of them, and
-    the name of the last.
+    the name of the last. executor: relaxes patterns side by side.
 
     Every state is relaxed from the one before it. at_rest: first give every pattern the rest shape and periods at
     which it is free of stress (`cell.rest.settled`); takes longer. Raises InputError for an unknown name or a
@@ -71,10 +74,11 @@ def write_gallery(
     folder = Path(folder)
     names = checked_names(library.names() if names is None else names)
     exhibits, sections = [], []
-    for number, name in enumerate(names, start=1):
-        drawn, material, definition = _drawn(name)
-        rest = settled(drawn, material) if at_rest else None
-        exhibit = relaxed(drawn if rest is None else rest.pattern, material, states=states, rest=rest)
+    made = (map if executor is None else executor.map)(
+        partial(_exhibit, states=states, at_rest=at_rest), names
+    )
+    for number, (name, exhibit) in enumerate(zip(names, made, strict=True), start=1):
+        drawn, _, definition = _drawn(name)
         exhibits.append(exhibit)
         sections.append(_section(folder / Path(name).stem, drawn, definition, exhibit, size))
         if progress is not None:
@@ -118,14 +122,10 @@ def _drawn(source: str) -> tuple[YarnPattern, YarnMaterial, list[str]]:
     return drawn, YarnMaterial.preset(preset), [structure.definition, rows]
 
 
-def relaxed(
-    pattern: YarnPattern,
-    material: YarnMaterial,
-    *,
-    states: Mapping[str, ShellStrain] = STATES,
-    rest: RestShape | None = None,
-) -> Exhibit:
-    """A pattern with its equilibria."""
+def _exhibit(name: str, *, states: Mapping[str, ShellStrain], at_rest: bool) -> Exhibit:
+    drawn, material, _ = _drawn(name)
+    rest = settled(drawn, material) if at_rest else None
+    pattern = drawn if rest is None else rest.pattern
     cell, found, last = PeriodicCell(pattern, material), {}, None
     for caption, strain in states.items():
         last = cell.relax(strain, start=last)
