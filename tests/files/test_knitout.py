@@ -86,7 +86,7 @@ def test_tucks_carriers_and_plated_yarns_are_drawn(tmp_path: Path) -> None:
     path = write(tmp_path, lines)
     structure = structure_of(path)
     assert structure is not None and sorted(structure.chart) == ["kk", "tk"]
-    assert sorted(structure.sizes["yarns"]) == ["BA", "C"]  # type: ignore[call-overload]
+    assert sorted(structure.sizes["yarns"]) == ["BA", "C"]
     pattern = read_pattern(path)
     assert pattern.yarn_material is not None and sorted(pattern.yarn_material.tolist()) == [0, 1, 2]
 
@@ -128,6 +128,11 @@ LACE = [*piece(FRONT, FRONT), "xfer f3 b3", "rack 1", "xfer b3 f4", "rack 0", *p
 REFUSED = {
     "lace": (LACE, ":30: 'xfer b3 f4' moves a loop to another wale (a cable or lace)"),
     "stacked": ([*piece(BOTH, BOTH), "xfer f3 b3", *passes(BOTH, "-")], "puts a loop on a needle that holds one"),
+    "two beds": (
+        [*piece(BOTH, BOTH[1:]), "drop f0", "xfer b0 f0", *passes(["f0", *BOTH[2:]], "-")],
+        "'drop f0' drops a loop",
+    ),
+    "changed beds": ([*piece(BOTH[1:], BOTH[1:]), "xfer b0 f0", *passes(["f0", *BOTH[2:]], "-")], "changes beds"),
     "split": ([*piece(FRONT, FRONT), "split + f3 b3 1", *passes(FRONT, "-")], ":28: 'split + f3 b3 1' splits"),
     "dropped": ([*piece(FRONT, FRONT), "drop f3", *passes(FRONT, "-")], ":28: 'drop f3' drops a loop"),
     "increase": ([*piece(FRONT, FRONT), *passes([*FRONT, "f8"], "-")], ":28: 'knit - f8 1' makes a loop on an"),
@@ -149,14 +154,14 @@ REFUSED = {
     ),
     "no fabric": (HEAD + passes(FRONT, "-", "tuck"), ": file knits no fabric"),
     "opcode": ([*HEAD, "knot + f1 1"], ":4: unknown instruction; expected knit, tuck"),
-    "no needle": ([*HEAD, "knit + g1 1"], ":4: knit: no needle; expected f or b and a number"),
-    "huge needle": ([*HEAD, "knit + f1000000000 1"], ":4: knit: no needle"),
-    "far needle": ([*HEAD, "knit + f9999 1"], ":4: knit: no needle"),
-    "no direction": ([*HEAD, "knit f1 1"], ":4: instruction is incomplete; expected as in knit + f1"),
-    "cut off": ([*HEAD, "knit +"], ":4: instruction is incomplete"),
-    "half a transfer": ([*HEAD, "xfer f1"], ":4: instruction is incomplete; expected as in xfer f1 b1"),
-    "carrier": ([*HEAD, "knit + f1 9"], ":4: knit: unknown carrier; expected one of ;;Carriers: 1 2 3"),
-    "rack": ([*HEAD, "rack left"], ":4: rack; expected a number of needles; found 'left'"),
+    "no needle": ([*HEAD, "knit + g1 1"], ":4: bad instruction; expected as in knit + f1 1; found 'knit + g1 1'"),
+    "huge needle": ([*HEAD, "knit + f1000000000 1"], ":4: bad instruction"),
+    "far needle": ([*HEAD, "knit + f9999 1"], ":4: bad instruction"),
+    "no direction": ([*HEAD, "knit f1 1"], ":4: bad instruction; expected as in knit + f1"),
+    "cut off": ([*HEAD, "knit +"], ":4: bad instruction"),
+    "half a transfer": ([*HEAD, "xfer f1"], ":4: bad instruction; expected as in xfer f1 b1"),
+    "carrier": ([*HEAD, "knit + f1 9"], ":4: unknown carrier; expected one of ;;Carriers: 1 2 3"),
+    "rack": ([*HEAD, "rack left"], ":4: bad instruction; expected as in rack 1; found 'rack left'"),
     "no repeat": (
         piece(*[[f"f{n}" for n in range(8) if row == "1" * 8 or row[n] == "1"] for row in
                 [f"{(37 * i * i + 11 * i) % 251 | 129:08b}" for i in range(150)]]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class Structure:
     definition: str
     chart: tuple[str, ...] = ()
     draft: np.ndarray | None = None
-    sizes: Mapping[str, float | str] = field(default_factory=dict)
+    sizes: Mapping[str, Any] = field(default_factory=dict)
     material: str = "hylc2020-stockinette"
 
     @property

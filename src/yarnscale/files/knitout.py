@@ -1,7 +1,7 @@
 """`.k` files: knitout, instructions of flat knitting machines, described in docs/reference/draft_format.md.
 
 The instructions are carried out on needles that hold loops or none. A carriage pass is a course; from the first that
-knits held loops all across the fabric to the last such course is the fabric, the rest is cast-on and bind-off.
+knits held loops all across the fabric to the last one all across is the fabric, the rest is cast-on and bind-off.
 """
 
 from __future__ import annotations
@@ -19,350 +19,252 @@ from pathlib import Path
 from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.stitches import LARGEST_CHART
-from yarnscale.errors import InputError, notify, quoted
-from yarnscale.files.repeats import repeat_of
+from yarnscale.errors import InputError, quoted
+from yarnscale.files.repeats import one_repeat
 from yarnscale.files.source_text import read_source
 from yarnscale.files.structure_file import StructureFile
 
-LARGEST_NEEDLE, LARGEST_PIECE = 2000, 20_000
-"""Largest number of a needle, left or right of 0, and most courses of a file."""
-NEEDLE = re.compile(r"([fb])(s?)(-?[0-9]{1,6})")
-STITCHES = ("knit", "tuck", "miss")
-IGNORED = ("in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss")
-OPCODES = (*STITCHES, "split", "drop", "xfer", "rack", *IGNORED)
+LARGEST_PIECE = 20_000
+"""Most courses of a file; needles have numbers from -1999 to 1999."""
+EDGE = 2
+"""Wales at either edge that need not belong to the repeat, and that a course may leave out."""
 TWO_BEDS = {"wale_spacing": 5.0, "course_spacing": 3.5}
 """Size of a stitch of two beds that face each other [r]."""
-Needle = tuple[str, int]
-
-
-@dataclass(frozen=True)
-class _Stitch:
-    """A stitch on a needle, whose front needle ``wale`` faces it; empty: the needle holds no loop."""
-
-    kind: str
-    bed: str
-    wale: int
-    empty: bool
-
-
-@dataclass
-class _Course:
-    """A carriage pass. beds: of the loop that each wale holds before it, "f", "b" or "fb"."""
-
-    line: int
-    text: str
-    carriers: tuple[str, ...]
-    direction: str
-    beds: dict[int, str] = field(default_factory=dict)
-    stitches: list[_Stitch] = field(default_factory=list)
-    fault: str = ""
-
-    @property
-    def loops(self) -> list[_Stitch]:
-        """Its stitches that make loops."""
-        return [stitch for stitch in self.stitches if stitch.kind != "miss"]
-
-
-@dataclass(frozen=True)
-class _Fault:
-    """An instruction between two courses that a chart cannot have."""
-
-    line: int
-    text: str
-    fault: str
+_BEDS = {"f": 1, "b": 2, "fs": 4, "bs": 8}
+"""Front, back and their sliders; sums stand for several."""
+_SYMBOLS = {("f", "knit"): "k", ("b", "knit"): "p", ("f", "tuck"): "t", ("b", "tuck"): "t"}
+_WAY, _NEEDLE, _CARRIERS = r" (?P<way>[+-])", r" ([fb]s?)(-?[01]?\d{1,3})", r"(?P<carriers>( \S+)*)"
+_STITCHES = ("knit", "tuck", "miss")
+_FORMS = {
+    **{code: (_WAY + _NEEDLE + _CARRIERS, f"{code} + f1 1") for code in _STITCHES},
+    "split": (_WAY + 2 * _NEEDLE + _CARRIERS, "split + f1 b1 1"),
+    "xfer": (2 * _NEEDLE, "xfer f1 b1"),
+    "drop": (_NEEDLE, "drop f1"),
+    "rack": (r" (?P<rack>[+-]?\d{1,3}(\.\d*)?)", "rack 1"),
+    **dict.fromkeys(
+        ("in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss"), (".*", "")
+    ),
+}
+"""Parameters of each instruction, and an example."""
 
 
 @dataclass(frozen=True)
 class _Instruction:
-    """The words of a line, and the racking of the beds [needles]."""
+    """A line; needles: bed and number. rack: of the beds when it is carried out [needles]."""
 
     line: int
-    words: list[str]
+    text: str
+    code: str
+    way: str
+    needles: list[tuple[str, int]]
+    carriers: tuple[str, ...]
     rack: float
 
+
+@dataclass
+class _Course:
+    """A carriage pass, or without stitches an instruction between two that a chart cannot have.
+
+    stitches: bed, wale and kind. held: the beds on which each wale holds loops before it, from wale ``first`` on.
+    fault: why it cannot be within the fabric. moved: a transfer since the last course.
+    """
+
+    start: _Instruction
+    fault: str = ""
+    held: bytes = b""
+    first: int = 0
+    moved: _Instruction | None = None
+    stitches: list[tuple[str, int, str]] = field(default_factory=list)
+
     @property
-    def text(self) -> str:
-        return " ".join(self.words)[:60]
+    def loops(self) -> dict[tuple[str, int], str]:
+        """Kind of the stitches that make loops, by bed and wale."""
+        return {(bed, wale): kind for bed, wale, kind in self.stitches if kind != "miss"}
 
 
 def read_knitout(path: str | os.PathLike[str]) -> StructureFile:
-    """One repeat of stitches of a file, without its cast-on and bind-off.
+    """One repeat of stitches of a file, without its cast-on and bind-off; carriers are kinds of yarn.
 
-    Carriers are kinds of yarn. Raises InputError with file, line and instruction for what a chart cannot have:
-    transfers to other wales, racking, splits, short rows, intarsia.
+    Raises InputError with file, line and instruction for what a chart cannot have: transfers to other wales, racking,
+    splits, short rows, intarsia.
     """
     path = Path(path)
-    instructions = list(_instructions(path))
-    body = _body(path, _Machine(instructions).run(path))
-    two_beds = any(bed == "fb" for course in body for bed in course.beds.values())
-    rows, wales = _rows(body, two_beds)
-    looks = [(row, course.carriers) for row, course in zip(rows, body, strict=True)]
-    courses = _repeat(path, "courses", looks, margin=len(looks) // 3)
-    columns = list(zip(*rows[courses], strict=True))
-    part = _repeat(path, "wales", columns, margin=2, largest=LARGEST_CHART // (2 if two_beds else 1))
-    looks = [(row[part], course.carriers) for row, course in zip(rows, body, strict=True)]
-    courses = _repeat(path, "courses", looks, margin=len(looks) // 3)
-    left = len(body) - _covered(looks, courses)
-    if left:
-        notify(f"{path}: {left} of {len(body)} courses lie outside the repeat and are left off")
-    chart = tuple(_text(row[part], two_beds) for row in rows[courses])
-    if two_beds and not any({s.bed for s in course.loops} == {"f", "b"} for course in body[courses]):
-        where = f"{path}:{body[courses][0].line}"
-        raise InputError(
-            "front and back are two layers", where=where, expected="a course that knits on both beds"
-        )
-    sizes: dict = {"name": path.stem, **(TWO_BEDS if two_beds else {})}
-    used = sorted({carrier for course in body[courses] for carrier in course.carriers}, key=_natural)
-    if len(used) > len(string.ascii_letters):
-        raise InputError("too many carriers", where=path, expected="at most 52", found=len(used))
+    body = _fabric(path, _carried_out(path, list(_instructions(path))))
+    beds = 2 if any(held & 3 == 3 for course in body for held in set(course.held)) else 1
+    for course in body[1:] if beds == 2 else ():
+        if course.moved:
+            where, expected = (
+                f"{path}:{course.moved.line}",
+                "no transfers where facing needles both hold loops",
+            )
+            raise InputError(f"{course.moved.text!r} changes beds", where=where, expected=expected)
+    rows = _rows(body, beds)
+    carriers = [course.start.carriers for course in body]
+    # Selvedges would hide a shorter repeat.
+    inner = slice(EDGE * beds, -EDGE * beds) if len(rows[0]) > 4 * EDGE * beds else slice(None)
+    looks = [(row[inner], names) for row, names in zip(rows, carriers, strict=True)]
+    courses = one_repeat(path, "courses", looks, LARGEST_CHART, len(rows) // 3)
+    columns = list(zip(*(row[bed::beds] for row in rows[courses] for bed in range(beds)), strict=True))
+    wales = one_repeat(path, "wales", columns, LARGEST_CHART // beds, EDGE)
+    chart = tuple("|".join(row[bed::beds][wales] for bed in range(beds)) for row in rows[courses])
+    sizes: dict = {"name": path.stem, **(TWO_BEDS if beds == 2 else {})}
+    if beds == 2 and not any({bed for bed, _ in course.loops} == {"f", "b"} for course in body[courses]):
+        where, expected = f"{path}:{body[courses][0].start.line}", "a course that knits on both beds"
+        raise InputError("front and back are two layers", where=where, expected=expected)
+    used = sorted({name for names in carriers[courses] for name in names}, key=lambda name: (len(name), name))
     if len(used) > 1:
         letters = dict(zip(used, string.ascii_uppercase + string.ascii_lowercase, strict=False))
-        sizes["yarns"] = ["".join(letters[carrier] for carrier in c.carriers) for c in body[courses]]
+        sizes["yarns"] = ["".join(letters.get(name, "?") for name in names) for names in carriers[courses]]
 
     def place(error: InputError) -> str:
         row = error.row if isinstance(error, ChartError) and error.row is not None else 0
-        return f"{path}:{body[courses][row].line}"
+        return f"{path}:{body[courses][row].start.line}"
 
-    size = f"{len(columns[part])} wales × {len(chart)} courses"
-    definition = f"One repeat of {path.name}: {size} of {len(wales)} × {len(body)}"
-    return StructureFile(path, Structure(definition, chart, sizes=sizes), place)
+    size = f"{len(columns[wales])} wales × {len(chart)} courses of {len(columns)} × {len(rows)}"
+    return StructureFile(path, Structure(f"One repeat of {path.name}: {size}", chart, sizes=sizes), place)
 
 
 def _instructions(path: Path) -> Iterator[_Instruction]:
     """The lines with instructions, checked."""
-    rack, carriers = 0.0, None
+    rack, known = 0.0, None
     for number, line in enumerate(read_source(path, other_encodings=True).splitlines(), start=1):
         if line.startswith(";;Carriers:"):
-            carriers = line.partition(":")[2].split()
-        words = line.split(";", 1)[0].split()
-        if not words or words[0].startswith("x-"):
+            known = line.partition(":")[2].split()
+        code, *words = line.split(";", 1)[0].split() or [""]
+        if not code or code.startswith("x-"):
             continue
-        where, code = f"{path}:{number}", words[0]
-        if code not in OPCODES:
-            raise InputError(
-                "unknown instruction", where=where, expected=", ".join(OPCODES), found=quoted(code)
-            )
-        if code == "rack":
-            rack = _racking(where, words)
-        needles = {"split": 2, "xfer": 2, "drop": 1, "knit": 1, "tuck": 1, "miss": 1}.get(code, 0)
-        directed = code in (*STITCHES, "split")
-        named = words[1 + directed : 1 + directed + needles]
-        if (directed and words[1:2] not in (["+"], ["-"])) or len(named) < needles:
-            usual = f"{code}{' +' if directed else ''}{' f1' * (needles > 0)}{' b1' * (needles > 1)}"
-            raise InputError(
-                "instruction is incomplete",
-                where=where,
-                expected=f"as in {usual}",
-                found=quoted(" ".join(words)),
-            )
-        for name in named:
-            match = NEEDLE.fullmatch(name)
-            if match is None or abs(int(match[3])) > LARGEST_NEEDLE:
-                expected = f"f or b and a number up to {LARGEST_NEEDLE}"
-                raise InputError(f"{code}: no needle", where=where, expected=expected, found=quoted(name))
-        for carrier in words[1 + directed + needles :] if directed else ():
-            if carriers is not None and carrier not in carriers:
-                expected = f"one of ;;Carriers: {' '.join(carriers)}"[:80]
-                raise InputError(
-                    f"{code}: unknown carrier", where=where, expected=expected, found=quoted(carrier)
-                )
-        yield _Instruction(number, words, rack)
+        where, text = f"{path}:{number}", " ".join([code, *words])
+        if code not in _FORMS:
+            expected = ", ".join(_FORMS)
+            raise InputError("unknown instruction", where=where, expected=expected, found=quoted(code))
+        form, example = _FORMS[code]
+        match = re.fullmatch(code + form, text, re.ASCII)
+        if match is None:
+            raise InputError("bad instruction", where=where, expected=f"as in {example}", found=quoted(text))
+        named = match.groupdict()
+        rack = float(named.get("rack", rack))
+        listed = named.get("carriers", "")
+        carriers = tuple(listed.split())
+        if known is not None and (unknown := [name for name in carriers if name not in known]):
+            expected = f"one of ;;Carriers: {' '.join(known)}"[:80]
+            raise InputError("unknown carrier", where=where, expected=expected, found=quoted(unknown[0]))
+        needles = [(bed, int(place)) for bed, place in re.findall(_NEEDLE, text.removesuffix(listed))]
+        yield _Instruction(number, text[:60], code, named.get("way", ""), needles, carriers, rack)
 
 
-def _racking(where: str, words: list[str]) -> float:
-    try:
-        value = float(words[1])
-    except (IndexError, ValueError):
-        value = math.nan
-    if not abs(value) <= LARGEST_NEEDLE:
-        raise InputError(
-            "rack", where=where, expected="a number of needles", found=quoted(" ".join(words[1:]))
-        )
-    return value
+def _carried_out(path: Path, instructions: list[_Instruction]) -> list[_Course]:
+    """Courses, and what lies between them that a chart cannot have.
 
-
-class _Machine:
-    """Two needle beds that carry out the instructions of a file.
-
-    base: the racking at which the file knits, in whole needles; back needle n faces front needle n + base, or is a
-    little to the right of it.
+    Most of a file is knitted at one racking R: back needle n faces front needle n + R, or is a little to its right.
     """
-
-    def __init__(self, instructions: list[_Instruction]) -> None:
-        self.instructions = instructions
-        back = [i for i in instructions if i.words[0] in STITCHES and i.words[2].startswith("b")]
-        self.base = Counter(math.floor(i.rack) for i in back).most_common(1)[0][0] if back else 0
-        self.held: set[Needle] = set()
-        self.events: list[_Course | _Fault] = []
-        self.open: _Course | None = None
-
-    def run(self, path: Path) -> list[_Course | _Fault]:
-        """Courses, and what lies between them that a chart cannot have."""
-        for instruction in self.instructions:
-            code = instruction.words[0]
-            if code in STITCHES and len(instruction.words) > 3:
-                self._stitch(instruction)
-            elif code in ("knit", "drop"):
-                needle = self._needle(instruction.words[-1])
-                if needle in self.held:
-                    self._fault(instruction, "drops a loop")
-                self.held.discard(needle)
-            elif code in ("xfer", "split"):
-                self._move(instruction)
-            if len(self.events) > LARGEST_PIECE:
-                where = f"{path}:{instruction.line}"
-                raise InputError("file is too long", where=where, expected=f"at most {LARGEST_PIECE} courses")
-        return self.events
-
-    def _needle(self, name: str) -> Needle:
-        """Bed and wale; sliders are another bed."""
-        match = NEEDLE.fullmatch(name)
-        assert match is not None
-        return match[1] + match[2], int(match[3]) + (self.base if match[1] == "b" else 0)
-
-    def _fault(self, instruction: _Instruction, fault: str) -> None:
-        self.events.append(_Fault(instruction.line, instruction.text, fault))
-        self.open = None
-
-    def _stitch(self, instruction: _Instruction) -> None:
-        code, direction, name, *carriers = instruction.words
-        bed, wale = needle = self._needle(name)
-        course = self.open
-        if course is None or not self._goes_on(course, direction, tuple(carriers), needle):
-            course = _Course(instruction.line, instruction.text, tuple(carriers), direction)
-            for side, number in self.held:
-                course.beds[number] = "".join(sorted({side, course.beds.get(number, side)}, reverse=True))
-            self.events.append(course)
-            self.open = course
-        stitch = _Stitch(code, bed, wale, needle not in self.held)
-        course.stitches.append(stitch)
-        if code == "miss":
-            return
-        self.held.add(needle)
-        if stitch.empty:
-            course.fault = course.fault or "makes a loop on an empty needle"
-        if len(bed) > 1:
-            course.fault = course.fault or "uses a slider"
-        if bed == "b" and math.floor(instruction.rack) != self.base:
-            course.fault = course.fault or f"knits with the beds racked by {instruction.rack:g}"
-        if len(carriers) > 2:
-            course.fault = course.fault or "has more than two yarns"
-
-    def _goes_on(self, course: _Course, direction: str, carriers: tuple[str, ...], needle: Needle) -> bool:
-        """Whether a stitch belongs to the pass: same yarns, and further in the same direction."""
-        if (direction, carriers) != (course.direction, course.carriers):
-            return False
-        last, sign = course.stitches[-1], 1 if direction == "+" else -1
-        ahead = sign * (needle[1] - last.wale)
-        return ahead > 0 or (ahead == 0 and needle[0] != last.bed)
-
-    def _move(self, instruction: _Instruction) -> None:
-        """A transfer: allowed to the empty needle that faces it, so that the loop stays in its wale."""
-        words = instruction.words
-        if words[0] == "split" and len(words) > 4:
-            self._fault(instruction, "splits a loop")
-            return
-        source, target = (self._needle(name) for name in words[-2:])
-        if source not in self.held:
-            return
-        if {source[0], target[0]} != {"f", "b"}:
-            self._fault(instruction, "moves a loop to a slider or along its bed")
-        elif source[1] != target[1]:
-            self._fault(instruction, "moves a loop to another wale (a cable or lace)")
-        elif target in self.held:
-            self._fault(instruction, "puts a loop on a needle that holds one")
-        self.held.discard(source)
-        self.held.add(target)
-        self.open = None
+    back = [math.floor(i.rack) for i in instructions if i.code in _STITCHES and i.needles[0][0] == "b"]
+    base = Counter(back).most_common(1)[0][0] if back else 0
+    used = [place + base * bed.startswith("b") for i in instructions for bed, place in i.needles]
+    first = min(used, default=0)
+    held = bytearray(max(used, default=0) - first + 1)
+    courses: list[_Course] = []
+    going_on, moved = False, None
+    for step in instructions:
+        needles = [(bed, place + base * bed.startswith("b")) for bed, place in step.needles]
+        full = [bool(held[wale - first] & _BEDS[bed]) for bed, wale in needles]
+        if step.code in _STITCHES and step.carriers:
+            if not (going_on and _goes_on(courses[-1], step, *needles[0])):
+                courses.append(_Course(step, "", bytes(held), first, moved))
+            course, going_on, moved = courses[-1], True, None
+            course.stitches.append((*needles[0], step.code))
+            if step.code != "miss":
+                course.fault = course.fault or _stitch_fault(step, base, full[0])
+                held[needles[0][1] - first] |= _BEDS[needles[0][0]]
+        elif step.code in ("knit", "drop", "xfer", "split") and full[0]:
+            going_on = False
+            if fault := _transfer_fault(step, needles, full[-1]) if len(needles) > 1 else "drops a loop":
+                courses.append(_Course(step, fault))
+            held[needles[0][1] - first] &= ~_BEDS[needles[0][0]]
+            for bed, wale in needles[1:]:
+                held[wale - first] |= _BEDS[bed]
+                moved = step
+        if len(courses) > LARGEST_PIECE:
+            expected = f"at most {LARGEST_PIECE} courses"
+            raise InputError("file is too long", where=f"{path}:{step.line}", expected=expected)
+    return courses
 
 
-def _body(path: Path, events: list[_Course | _Fault]) -> list[_Course]:
-    """The courses of the fabric; InputError for what lies among them and is no course all across."""
-    courses = [event for event in events if isinstance(event, _Course) and event.loops]
-    wales = [stitch.wale for course in courses for stitch in course.loops]
+def _goes_on(course: _Course, step: _Instruction, bed: str, wale: int) -> bool:
+    """Whether a stitch belongs to a pass: same yarns, and further in the same direction."""
+    last_bed, last, _ = course.stitches[-1]
+    ahead = (wale - last) * (1 if step.way == "+" else -1)
+    same = (step.way, step.carriers) == (course.start.way, course.start.carriers)
+    return same and (ahead > 0 or (ahead == 0 and bed != last_bed))
+
+
+def _stitch_fault(step: _Instruction, base: int, held: bool) -> str:
+    bed = step.needles[0][0]
+    if len(bed) > 1:
+        return "uses a slider"
+    if bed == "b" and math.floor(step.rack) != base:
+        return f"knits with the beds racked by {step.rack:g}"
+    if len(step.carriers) > 2:
+        return "has more than two yarns"
+    return "" if held else "makes a loop on an empty needle"
+
+
+def _transfer_fault(step: _Instruction, needles: list[tuple[str, int]], full: bool) -> str:
+    """A loop may move to the empty needle that faces its own, so that it stays in its wale."""
+    (bed, wale), (other, target) = needles
+    if step.carriers:
+        return "splits a loop"
+    if {bed, other} != {"f", "b"}:
+        return "moves a loop to a slider or along its bed"
+    if wale != target:
+        return "moves a loop to another wale (a cable or lace)"
+    return "puts a loop on a needle that holds one" if full else ""
+
+
+def _fabric(path: Path, courses: list[_Course]) -> list[_Course]:
+    """The courses between cast-on and bind-off; InputError for what lies among them and is no course all across."""
+    wales = [wale for course in courses for _, wale in course.loops]
+    edges = min(wales, default=0), max(wales, default=0)
     across = []
-    for course in courses:
-        short = _short(course, min(wales), max(wales))
+    for number, course in enumerate(courses):
+        short = _short(course, *edges) if course.loops else ""
         course.fault = course.fault or short
-        if not short and any(stitch.kind == "knit" for stitch in course.loops):
-            across.append(course)
-    good = [course for course in across if not course.fault]
-    if not good:
+        if "knit" in course.loops.values() and not short:
+            across.append(number)
+    first = next((number for number in across if not courses[number].fault), None)
+    if first is None:
         expected = "a course that knits all across on needles with loops"
         raise InputError("file knits no fabric", where=path, expected=expected)
-    body = []
-    for event in events[events.index(good[0]) : events.index(across[-1]) + 1]:
-        if event.fault:
-            what = f"{event.text!r} {event.fault}"
-            expected = "between cast-on and bind-off: knit, tuck and miss across the fabric"
-            raise InputError(what, where=f"{path}:{event.line}", expected=expected)
-        if isinstance(event, _Course) and event.loops:
-            body.append(event)
+    body = [course for course in courses[first : across[-1] + 1] if course.loops or course.fault]
+    for course in body:
+        if course.fault:
+            where, expected = f"{path}:{course.start.line}", "knit, tuck and miss all across the fabric"
+            raise InputError(f"{course.start.text!r} {course.fault}", where=where, expected=expected)
     return body
 
 
 def _short(course: _Course, first: int, last: int) -> str:
     """The fault of a course that leaves out more needles at an edge than between its stitches."""
-    loops = sorted({stitch.wale for stitch in course.loops})
-    reached = [stitch.wale for stitch in course.stitches]
-    inner = max((b - a for a, b in pairwise(loops)), default=1)
-    if max(min(reached) - first, last - max(reached)) > max(inner - 1, 2):
-        reach = f"needles {min(reached)} to {max(reached)} of {first} to {last}"
-        return f"begins a course of {reach} (short row or intarsia)"
-    return ""
+    loops = sorted({wale for _, wale in course.loops})
+    reached = [wale for _, wale, _ in course.stitches]
+    between = max((b - a for a, b in pairwise(loops)), default=1) - 1
+    if max(min(reached) - first, last - max(reached)) <= max(between, EDGE):
+        return ""
+    return f"begins a course of needles {min(reached)} to {max(reached)} of {first} to {last} (short row or intarsia)"
 
 
-def _rows(body: list[_Course], two_beds: bool) -> tuple[list[list[str]], list[int]]:
-    """The symbols of every course, of two beds in pairs, and the wales; equal gaps between needles are no wales."""
-    used = sorted({stitch.wale for course in body for stitch in course.loops})
-    pitch = math.gcd(*(wale - used[0] for wale in used)) or 1
-    wales = list(range(used[0], used[-1] + 1, pitch))
-    working, rows = set(used), []
+def _rows(body: list[_Course], beds: int) -> list[str]:
+    """The symbols of every course, of two beds front and back in turn; equal gaps between needles are no wales."""
+    used = {wale for course in body for _, wale in course.loops}
+    pitch = math.gcd(*(wale - min(used) for wale in used)) or 1
+    wales = range(min(used), max(used) + 1, pitch)
+    # A float lies between the beds: behind a front needle, in front of a back needle.
+    floats = "-" * 4 if beds == 2 else "-bf-"
+    rows = []
     for course in body:
-        made = {(stitch.bed, stitch.wale): stitch.kind for stitch in course.loops}
-        row = []
+        row, loops = [], course.loops
         for wale in wales:
-            front, back = made.get(("f", wale)), made.get(("b", wale))
-            symbols = (
-                {"knit": "k", "tuck": "t"}.get(front or "", ""),
-                {"knit": "p", "tuck": "t"}.get(back or "", ""),
-            )
-            if two_beds:
-                row.append((symbols[0] or "-") + (symbols[1] or "-"))
-            else:
-                held = course.beds.get(wale) if wale in working else None
-                row.append("".join(symbols) or {"f": "b", "b": "f", None: "-"}[held])
-        rows.append(row)
-    return rows, wales
-
-
-def _text(row: list[str], two_beds: bool) -> str:
-    """A row of a chart; of two beds as front|back."""
-    if not two_beds:
-        return "".join(row)
-    return "|".join("".join(pair[bed] for pair in row) for bed in (0, 1))
-
-
-def _repeat(path: Path, what: str, items: list, *, margin: int, largest: int = LARGEST_CHART) -> slice:
-    items = [tuple(item) if isinstance(item, list) else item for item in items]
-    repeat = repeat_of([str(item) for item in items], largest, margin)
-    if repeat is None:
-        raise InputError(
-            f"the {len(items)} {what} have no repeat", where=path, expected=f"one of at most {largest}"
-        )
-    return repeat
-
-
-def _covered(looks: list, repeat: slice) -> int:
-    """How many courses the repeat goes on for, before and after itself."""
-    period = repeat.stop - repeat.start
-    first, last = repeat.start, repeat.stop
-    while first > 0 and looks[first - 1] == looks[first - 1 + period]:
-        first -= 1
-    while last < len(looks) and looks[last] == looks[last - period]:
-        last += 1
-    return last - first
-
-
-def _natural(carrier: str) -> tuple[int, str]:
-    return (int(carrier) if carrier.isdecimal() and len(carrier) < 9 else 10**9, carrier)
+            passed = floats[course.held[wale - course.first] & 3] if wale in used else "-"
+            made = [_SYMBOLS.get((bed, loops.get((bed, wale), ""))) for bed in "fb"]
+            row += [kind or passed for kind in made] if beds == 2 else [made[0] or made[1] or passed]
+        rows.append("".join(row))
+    return rows

@@ -18,6 +18,7 @@ from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.files.source_text import read_source
 from yarnscale.files.structure_export import write_structure
+from yarnscale.files.structure_file import StructureFile
 from yarnscale.files.wif import read_wif
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
@@ -37,8 +38,8 @@ def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
     """
     if isinstance(source, str) and source in library.names():
         return library.build(source)
-    suffix = _format(source)
-    return DRAWN[suffix](source).pattern() if suffix in DRAWN else READERS[suffix](Path(source))
+    drawn = _drawn(source)
+    return drawn.pattern() if drawn else READERS[_format(source)](Path(source))
 
 
 def structure_of(source: str | os.PathLike[str]) -> Structure | None:
@@ -48,8 +49,8 @@ def structure_of(source: str | os.PathLike[str]) -> Structure | None:
     """
     if isinstance(source, str) and source in library.names():
         return library.structure(source)
-    suffix = _format(source)
-    return DRAWN[suffix](source).structure if suffix in DRAWN else None
+    drawn = _drawn(source)
+    return drawn.structure if drawn else None
 
 
 def stitches_of(source: str | os.PathLike[str]) -> StitchChart | None:
@@ -60,8 +61,14 @@ def stitches_of(source: str | os.PathLike[str]) -> StitchChart | None:
     if isinstance(source, str) and source in library.names():
         chart = library.structure(source).chart
         return StitchChart.read(chart) if chart else None
+    drawn = _drawn(source)
+    return drawn.stitches() if drawn else None
+
+
+def _drawn(source: str | os.PathLike[str]) -> StructureFile | None:
+    """What a file of a structure says; None of files of yarns."""
     suffix = _format(source)
-    return DRAWN[suffix](source).stitches() if suffix in DRAWN else None
+    return DRAWN[suffix](source) if suffix in DRAWN else None
 
 
 def read_yarns(source: str | os.PathLike[str]) -> Materials | None:

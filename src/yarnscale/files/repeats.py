@@ -1,44 +1,46 @@
-"""The repeat of a sequence of threads, courses or wales."""
+"""The repeat of the threads of a web, or of the courses and wales of a knitted piece."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from yarnscale.errors import InputError, notify
 
-def repeat_of(items: Sequence[Hashable], largest: int, margin: int = 0) -> slice | None:
-    """One repeat of at most `largest` items; None where there is none.
 
-    A period that holds throughout for one and a half repeats or more comes first, the shortest of them. The next is
-    one that holds but for up to `margin` items at either end, over half of the items, for two repeats (three of one
-    or two items). Otherwise all items together are the repeat.
+def one_repeat(path: Path, what: str, items: Sequence[Hashable], largest: int, margin: int) -> slice:
+    """``repeat_of`` the threads, courses or wales of a file; a notice if some lie outside, InputError without one."""
+    found = repeat_of(items, largest, margin)
+    if found is None:
+        raise InputError(
+            f"the {len(items)} {what} have no repeat", where=path, expected=f"one of at most {largest}"
+        )
+    repeat, outside = found
+    if outside:
+        notify(f"{path}: {outside} of {len(items)} {what} lie outside the repeat and are left off")
+    return repeat
+
+
+def repeat_of(items: Sequence[Hashable], largest: int, margin: int = 0) -> tuple[slice, int] | None:
+    """One repeat of at most ``largest`` items, and how many items lie outside of what it repeats; None without one.
+
+    The shortest period that holds throughout for one and a half repeats; else one that holds over half of the items
+    for two repeats (three of one or two items) but for up to ``margin`` at either end; else all items together.
     """
     known = {item: number for number, item in enumerate(dict.fromkeys(items))}
     numbers = np.array([known[item] for item in items])
     count, inner = len(numbers), None
     for period in range(1, min(largest, count - 1) + 1):
-        start, stop = _longest_run(numbers[:-period] == numbers[period:])
-        stop += period
-        if stop - start == count and 3 * period <= 2 * count:
-            return slice(0, period)
-        repeats = 3 if period < 3 else 2
-        if (
-            inner is None
-            and max(start, count - stop) <= margin
-            and stop - start >= max(repeats * period, count // 2 + 1)
-        ):
-            inner = slice(start, start + period)
-    if inner is not None:
-        return inner
-    return slice(0, count) if count <= largest else None
-
-
-def _longest_run(alike: np.ndarray) -> tuple[int, int]:
-    """Start and stop of the longest run of True; both 0 where there is none."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], alike, [False]])))
-    starts, stops = edges[::2], edges[1::2]
-    if not len(starts):
-        return 0, 0
-    longest = int(np.argmax(stops - starts))
-    return int(starts[longest]), int(stops[longest])
+        # The longest run of items that are alike one period apart.
+        edges = np.flatnonzero(np.diff(np.pad(numbers[:-period] == numbers[period:], 1).astype(int)))
+        runs = edges.reshape(-1, 2) + np.array([0, period])
+        start, stop = runs[np.argmax(np.ptp(runs, axis=1))].tolist() if len(runs) else (0, 0)
+        length, repeats = stop - start, 3 if period < 3 else 2
+        if length == count and 3 * period <= 2 * count:
+            return slice(0, period), 0
+        inside = max(start, count - stop) <= margin and length >= repeats * period and 2 * length > count
+        if inner is None and inside:
+            inner = slice(start, start + period), count - length
+    return inner or ((slice(0, count), 0) if count <= largest else None)

@@ -30,9 +30,7 @@ def write_structure(structure: Structure, pattern: YarnPattern, path: str | os.P
     suffix = Path(path).suffix.lower()
     if suffix != ".chart" and structure.woven != (suffix == ".wif"):
         expected, found = ("a weave", "a knit") if suffix == ".wif" else ("a knit", "a weave")
-        raise InputError(
-            f"a {suffix} file holds no such structure", where=path, expected=expected, found=found
-        )
+        raise InputError(f"structure of a {suffix} file", where=path, expected=expected, found=found)
     with located(path):
         text = WRITERS[suffix](structure, pattern)
     write_text(path, text)
@@ -91,9 +89,8 @@ def wif_text(structure: Structure, pattern: YarnPattern) -> str:
         "COLOR TABLE": _numbered(COLOURS[kind % len(COLOURS)] for kind in range(colours.max() + 1)),
     }
     for system, axis, own in (("WARP", 0, slice(picks, None)), ("WEFT", 1, slice(picks))):
-        spacings = _spacings(
-            structure.sizes.get(f"{system.lower()}_spacing"), len(radii[own]), pattern.period[axis]
-        )
+        gaps = structure.sizes.get(f"{system.lower()}_spacing")
+        spacings = _spacings(gaps, radii[own], pattern.period[axis])
         values = {"Spacing": 100 * spacings, "Thickness": 200 * radii[own], "Color": colours[own] + 1}
         first = {key: _decimal(value[0]) for key, value in values.items()}
         sections[system] = {"Threads": len(spacings), "Units": "centimeters", **first}
@@ -126,12 +123,13 @@ def _decimal(value: float) -> str:
     return f"{value:.12g}"
 
 
-def _spacings(gaps: object, count: int, length: float) -> np.ndarray:
-    """Width that each thread takes up [m]; neighbours are half the sum of theirs apart."""
-    if not isinstance(gaps, Sequence):
-        return np.full(count, length / count)
-    mean = 0.5 * (np.eye(count) + np.roll(np.eye(count), 1, axis=1))
-    widths = np.linalg.lstsq(mean, np.asarray(gaps, dtype=float))[0]
+def _spacings(gaps: object, radii: np.ndarray, length: float) -> np.ndarray:
+    """Width that each thread takes up [m]; neighbours are half the sum of theirs apart. Equal gaps: as its radius."""
+    widths = radii
+    if isinstance(gaps, Sequence):
+        halves = 0.5 * np.eye(len(radii))
+        widths = np.linalg.lstsq(halves + np.roll(halves, 1, axis=1), np.asarray(gaps, dtype=float))[0]
+        widths = np.maximum(widths, 0.01 * widths.mean())
     return widths * length / widths.sum()
 
 
@@ -159,12 +157,8 @@ class _Piece:
         header = [
             ";!knitout-2", f";;Carriers: {' '.join(self.carriers.values())}", f"; {' '.join(name.split())} by yarnscale"
         ]  # fmt: skip
-        facing = self.chart.beds == 2 and any(
-            row[c] not in "bf-" and row[c + 1] not in "bf-"
-            for row in self.chart.rows
-            for c in range(0, len(row), 2)
-        )
-        if facing:
+        pairs = [row[n : n + 2] for row in self.chart.rows for n in range(0, len(row), 2)]
+        if self.chart.beds == 2 and any(not set(pair) & set("bf-") for pair in pairs):
             self.lines.append("rack 0.25")
         for row in range(self.chart.courses * self.repeats[1]):
             self._course(row % self.chart.courses)
@@ -179,9 +173,7 @@ class _Piece:
             bed = "fb"[column % 2]
             if symbol not in ("kt-b" if bed == "f" else "pt-f"):
                 what = f"chart {chart.place(row, column)} needs a transfer to the other bed"
-                raise InputError(
-                    what, expected="k, t or - on the front bed, p, t or - on the back bed", found=symbol
-                )
+                raise InputError(what, expected="k, t, - on the front, p, t, - on the back bed", found=symbol)
             return bed
         if symbol in "kb":
             return "f"

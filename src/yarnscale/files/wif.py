@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import string
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.weave import LARGEST_DRAFT, side_changes
 from yarnscale.errors import InputError, notify, quoted
-from yarnscale.files.repeats import repeat_of
+from yarnscale.files.repeats import one_repeat
 from yarnscale.files.source_text import read_source
 from yarnscale.files.structure_file import StructureFile
 
@@ -29,28 +28,12 @@ SPACING, CLOSEST = 3.2, 2.8
 """Distance of neighbouring threads over their mean radius: where a file has no thickness, and where threads that
 change sides between the two still have room."""
 WARP, WEFT = "WARP", "WEFT"
+_READ = (
+    "WIF", "CONTENTS", "WEAVING", WARP, WEFT, "THREADING", "TIEUP", "TREADLING", "LIFTPLAN",
+    *(f"{system} {what}" for system in (WARP, WEFT) for what in ("COLORS", "SPACING", "THICKNESS")),
+)  # fmt: skip
+_TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
 Array = np.ndarray
-
-
-@dataclass(frozen=True)
-class _Threads:
-    """The threads of a warp or weft; spacing and radius [m] are None where the file has none."""
-
-    colour: list[int | None]
-    spacing: Array | None
-    radius: Array | None
-
-    def part(self, repeat: slice) -> _Threads:
-        def cut(values: Array | None) -> Array | None:
-            return None if values is None else values[repeat]
-
-        return _Threads(self.colour[repeat], cut(self.spacing), cut(self.radius))
-
-    def looks(self) -> list[tuple]:
-        """What tells one thread from another."""
-        count = len(self.colour)
-        spacing, radius = ([None] * count if v is None else v.tolist() for v in (self.spacing, self.radius))
-        return list(zip(self.colour, spacing, radius, strict=True))
 
 
 def read_wif(path: str | os.PathLike[str]) -> StructureFile:
@@ -59,165 +42,145 @@ def read_wif(path: str | os.PathLike[str]) -> StructureFile:
     Threads of one colour and thickness are one kind of yarn. Raises InputError with file and line or section.
     """
     path = Path(path)
-    wif = _Wif.read(path)
+    wif = _Wif(path)
     up = _drawdown(wif)
     warp, weft = _threads(wif, WARP, up.shape[1]), _threads(wif, WEFT, up.shape[0])
-    # Hems would hide the repeat of the ends, and ends of borders that of the picks.
-    picks = _repeat(path, "picks", up, weft)
-    ends = _repeat(path, "ends", up[picks].T, warp)
-    picks = _repeat(path, "picks", up[:, ends], weft)
+
+    def repeat(system: str, rows: Array, threads: Array) -> slice:
+        looks = [row.tobytes() + thread.tobytes() for row, thread in zip(rows, threads, strict=True)]
+        # A web that can be drawn whole is left whole; larger ones may have hems and selvedges.
+        margin = 0 if len(looks) <= LARGEST_DRAFT else len(looks) // 6
+        return one_repeat(path, system, looks, LARGEST_DRAFT, margin)
+
+    picks = repeat("picks", up, weft)
+    ends = repeat("ends", up[picks].T, warp)
     draft = up[picks, ends].astype(int)
-    _check_lifted(wif, draft, picks, ends)
-    sizes = {"name": path.stem, **_sizes(path, draft, warp.part(ends), weft.part(picks))}
+    lifts = "LIFTPLAN" if wif.sections.get("LIFTPLAN") else "TREADLING"
+    for section, axis, first in (("THREADING", 0, ends.start), (lifts, 1, picks.start)):
+        for thread in np.flatnonzero(np.ptp(draft, axis=axis) == 0) + first + 1:
+            if not any(wif.integers(section, str(thread))):
+                raise wif.fault(
+                    section, thread, expected="a shaft or treadle; without one it is not woven in"
+                )
 
     def place(error: InputError) -> str:
         if isinstance(error, ChartError) and error.column is not None:
             return wif.place("THREADING", ends.start + error.column + 1)
         if isinstance(error, ChartError) and error.row is not None:
-            return wif.place("LIFTPLAN" if wif.has_liftplan else "TREADLING", picks.start + error.row + 1)
+            return wif.place(lifts, picks.start + error.row + 1)
         return wif.place(WARP, "spacing")
 
-    size = f"{draft.shape[1]} ends × {draft.shape[0]} picks"
-    definition = f"One repeat of {path.name}: {size} of {up.shape[1]} × {up.shape[0]}"
-    return StructureFile(path, Structure(definition, draft=draft, sizes=sizes), place)
+    size = f"{draft.shape[1]} ends × {draft.shape[0]} picks of {up.shape[1]} × {up.shape[0]}"
+    sizes = {"name": path.stem, **_sizes(path, draft, warp[ends], weft[picks])}
+    return StructureFile(
+        path, Structure(f"One repeat of {path.name}: {size}", draft=draft, sizes=sizes), place
+    )
 
 
-@dataclass
 class _Wif:
     """Sections by name in capitals; of each, keys in small letters with their line and value."""
 
-    path: Path
-    sections: dict[str, dict[str, tuple[int, str]]] = field(default_factory=dict)
-    lines: dict[str, int] = field(default_factory=dict)
-
-    @classmethod
-    def read(cls, path: Path) -> _Wif:
-        wif, section = cls(path), ""
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.sections: dict[str, dict[str, tuple[int, str]]] = {}
+        self.lines: dict[str, int] = {}
+        section = ""
         for number, line in enumerate(read_source(path, other_encodings=True).splitlines(), start=1):
-            text = line.strip()
+            where, text = f"{path}:{number}", line.strip()
+            key, equals, value = (part.strip() for part in text.partition("="))
             if text.startswith("[") and text.endswith("]"):
-                section = text[1:-1].strip().upper()
-                if section in wif.lines and section in _READ:
-                    what = f"[{section}] stands twice"
-                    raise InputError(
-                        what, where=f"{path}:{number}", expected=f"only line {wif.lines[section]}"
-                    )
-                wif.lines[section] = number
-                wif.sections[section] = {}
+                section, key = text[1:-1].strip().upper(), ""
+                if section in _READ and section in self.lines:
+                    raise InputError(f"[{section}] stands twice", where=where, expected="every section once")
+                self.lines[section], self.sections[section] = number, {}
             elif section in _READ and text and not text.startswith(";"):
-                key, equals, value = (part.strip() for part in text.partition("="))
-                key = key.lower()
-                if not equals or not key:
-                    expected = "key=value"
-                    raise InputError(
-                        f"[{section}] line is no setting",
-                        where=f"{path}:{number}",
-                        expected=expected,
-                        found=quoted(text),
-                    )
-                if key in wif.sections[section]:
-                    what = f"[{section}] {quoted(key)} stands twice"
-                    expected = f"only line {wif.sections[section][key][0]}"
-                    raise InputError(what, where=f"{path}:{number}", expected=expected)
-                wif.sections[section][key] = (number, value)
-        if "WIF" not in wif.sections:
+                if not equals or key.lower() in self.sections[section]:
+                    fault = "stands twice" if equals else "is no setting"
+                    expected = "key=value, every key once"
+                    raise InputError(f"[{section}] {quoted(text)} {fault}", where=where, expected=expected)
+                self.sections[section][key.lower()] = (number, value)
+        if "WIF" not in self.sections:
             raise InputError("file is no weaving draft", where=path, expected="a section [WIF]")
         for name in _READ:
-            if wif.text("CONTENTS", name.lower()).lower() in _TRUE and name not in wif.sections:
+            if self.text("CONTENTS", name.lower()).lower() in _TRUE and name not in self.sections:
                 raise InputError(
                     f"[{name}] is missing", where=path, expected="the section that [CONTENTS] names"
                 )
-        return wif
-
-    @property
-    def has_liftplan(self) -> bool:
-        """Whether shafts are lifted pick by pick and not by treadles."""
-        return bool(self.sections.get("LIFTPLAN"))
 
     def place(self, section: str, key: object) -> str:
         """File and line of a key, of its section without it, or the file alone."""
         line = self.sections.get(section, {}).get(str(key), (self.lines.get(section), ""))[0]
         return str(self.path) if line is None else f"{self.path}:{line}"
 
-    def fault(self, section: str, key: object, *, expected: object, found: object = None) -> InputError:
-        where = self.place(section, key)
-        return InputError(f"[{section}] {key}", where=where, expected=expected, found=found)
+    def fault(self, section: str, key: object, *, expected: object) -> InputError:
+        """The error of a key, ready to raise."""
+        found = quoted(self.text(section, str(key))) if self.text(section, str(key)) else None
+        return InputError(
+            f"[{section}] {key}", where=self.place(section, key), expected=expected, found=found
+        )
 
     def text(self, section: str, key: str) -> str:
         """A value, empty where there is none."""
         return self.sections.get(section, {}).get(key, (0, ""))[1]
 
-    def number(self, section: str, key: str) -> float | None:
-        """A positive number, None where there is none."""
+    def number(self, section: str, key: str) -> float:
+        """A positive number, nan where there is none."""
         text = self.text(section, key)
-        if not text:
-            return None
         try:
-            value = float(text) if text.isascii() and "_" not in text else math.nan
+            value = float(text or "nan") if text.isascii() and "_" not in text else -1.0
         except ValueError:
-            value = math.nan
-        if not 0.0 < value < math.inf:
-            raise self.fault(section, key, expected="a positive number", found=quoted(text))
+            value = -1.0
+        if text and not 0.0 < value < math.inf:
+            raise self.fault(section, key, expected="a positive number")
         return value
-
-    def count(self, section: str, key: str) -> int | None:
-        """A number of threads, shafts or treadles, None where there is none."""
-        numbers = self.integers(section, key)
-        return numbers[0] if numbers else None
 
     def integers(self, section: str, key: str) -> list[int]:
         """Whole numbers from 0 to ``LARGEST_WEB``, separated by commas."""
-        found = []
-        for word in (word.strip() for word in self.text(section, key).split(",")):
-            if word and not (
-                word.isascii() and word.isdecimal() and len(word) < 10 and int(word) <= LARGEST_WEB
-            ):
-                expected = f"whole numbers from 0 to {LARGEST_WEB}"
-                raise self.fault(section, key, expected=expected, found=quoted(word))
-            found += [int(word)] if word else []
-        return found
+        words = [word.strip() for word in self.text(section, key).split(",")]
+        numbers = [_whole(word) for word in words if word]
+        if any(number is None or number > LARGEST_WEB for number in numbers):
+            raise self.fault(section, key, expected=f"whole numbers from 0 to {LARGEST_WEB}")
+        return [number for number in numbers if number is not None]
 
-    def keys(self, section: str, largest: int | None) -> list[int]:
-        """The numbers of the threads or treadles of a section, at most ``largest``."""
-        most = LARGEST_WEB if largest is None else largest
-        numbers = []
+    def count(self, section: str, key: str) -> int:
+        """A number of threads, shafts or treadles, 0 where there is none."""
+        return next(iter(self.integers(section, key)), 0)
+
+    def keys(self, section: str, largest: int) -> list[int]:
+        """The numbers of the threads or treadles of a section, from 1 to ``largest`` (0: any)."""
+        most = largest or LARGEST_WEB
         for key in self.sections.get(section, {}):
-            if not (key.isascii() and key.isdecimal() and len(key) < 10 and 1 <= int(key) <= most):
+            if not 1 <= (_whole(key) or 0) <= most:
                 raise self.fault(section, key, expected=f"a number from 1 to {most}")
-            numbers.append(int(key))
-        return numbers
+        return [int(key) for key in self.sections.get(section, {})]
 
-    def table(self, section: str, largest: int | None) -> dict[int, list[int]]:
+    def table(self, section: str, largest: int) -> dict[int, list[int]]:
         """Numbers of shafts or treadles by thread or treadle, without zeros, which stand for none."""
-        return {
-            key: [number for number in self.integers(section, str(key)) if number]
-            for key in self.keys(section, largest)
-        }
+        return {n: [s for s in self.integers(section, str(n)) if s] for n in self.keys(section, largest)}
 
 
-_READ = (
-    "WIF", "CONTENTS", "WEAVING", WARP, WEFT, "THREADING", "TIEUP", "TREADLING", "LIFTPLAN", "WARP COLORS",
-    "WEFT COLORS", "WARP SPACING", "WEFT SPACING", "WARP THICKNESS", "WEFT THICKNESS",
-)  # fmt: skip
-_TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
+def _whole(word: str) -> int | None:
+    return int(word) if word.isascii() and word.isdecimal() and len(word) < 10 else None
 
 
 def _drawdown(wif: _Wif) -> Array:
     """Whether each end lies over each pick, shape (picks, ends)."""
     ends, picks = wif.count(WARP, "threads"), wif.count(WEFT, "threads")
     threading = wif.table("THREADING", ends)
-    if not threading:
-        raise InputError("[THREADING] is missing", where=wif.path, expected="end=shaft, a line each")
-    lifted = _lifted(wif, picks)
-    shafts = wif.count("WEAVING", "shafts") or 0
+    lifted = wif.table("LIFTPLAN", picks)
+    for name in ("THREADING", *(() if lifted else ("TIEUP", "TREADLING"))):
+        if not wif.sections.get(name):
+            expected = "[THREADING], and [LIFTPLAN] or [TIEUP] and [TREADLING]"
+            raise InputError(f"[{name}] is missing or empty", where=wif.path, expected=expected)
+    if not lifted:
+        tied, treadling = wif.table("TIEUP", 0), wif.table("TREADLING", picks)
+        _check_numbers(wif, "TREADLING", treadling, wif.count("WEAVING", "treadles"), set(tied))
+        lifted = {pick: [s for t in numbers for s in tied.get(t, ())] for pick, numbers in treadling.items()}
     raised = {shaft for numbers in lifted.values() for shaft in numbers}
-    for end, numbers in threading.items():
-        if stray := [shaft for shaft in numbers if shaft > shafts and shaft not in raised]:
-            expected = f"a shaft from 1 to {shafts}, or one that is lifted"
-            raise wif.fault("THREADING", end, expected=expected, found=stray[0])
-    count = max([0, *raised, *(shaft for numbers in threading.values() for shaft in numbers)]) + 1
-    on = np.zeros((count, ends or max(threading)), dtype=np.float32)
-    lifts = np.zeros((picks or max(lifted), count), dtype=np.float32)
+    _check_numbers(wif, "THREADING", threading, wif.count("WEAVING", "shafts"), raised)
+    shafts = max({0}.union(raised, *threading.values())) + 1
+    on = np.zeros((shafts, ends or max(threading)), dtype=np.float32)
+    lifts = np.zeros((picks or max(lifted), shafts), dtype=np.float32)
     for end, numbers in threading.items():
         on[numbers, end - 1] = 1.0
     for pick, numbers in lifted.items():
@@ -225,137 +188,83 @@ def _drawdown(wif: _Wif) -> Array:
     up = lifts @ on > 0.0
     rising = wif.text("WEAVING", "rising shed").lower()
     if rising not in ("", *_TRUE, *_FALSE):
-        raise wif.fault("WEAVING", "rising shed", expected="true or false", found=quoted(rising))
+        raise wif.fault("WEAVING", "rising shed", expected="true or false")
     # Of a sinking shed the tie-up says which shafts go down.
     return ~up if rising in _FALSE else up
 
 
-def _check_lifted(wif: _Wif, draft: Array, picks: slice, ends: slice) -> None:
-    """InputError for an end on no shaft and a pick that lifts none (or all)."""
-    for thread in np.flatnonzero(np.ptp(draft, axis=0) == 0):
-        end = ends.start + int(thread) + 1
-        if not wif.table("THREADING", None).get(end):
-            raise wif.fault(
-                "THREADING", end, expected="a shaft: an end on none lies on one side of all picks"
-            )
-    for thread in np.flatnonzero(np.ptp(draft, axis=1) == 0):
-        section, pick = "LIFTPLAN" if wif.has_liftplan else "TREADLING", picks.start + int(thread) + 1
-        if not wif.table(section, None).get(pick):
-            raise wif.fault(section, pick, expected="a shed: a pick without one lies on one side of all ends")
+def _check_numbers(wif: _Wif, section: str, table: dict[int, list[int]], most: int, used: set[int]) -> None:
+    """InputError for a shaft or treadle beyond the count of the file that does nothing."""
+    for thread, numbers in table.items():
+        if any(number > most and number not in used for number in numbers):
+            raise wif.fault(section, thread, expected=f"numbers from 0 to {most}, or others in use")
 
 
-def _lifted(wif: _Wif, picks: int | None) -> dict[int, list[int]]:
-    """Shafts that each pick lifts, by the liftplan or by the treadles and their tie-up."""
-    if wif.has_liftplan:
-        return wif.table("LIFTPLAN", picks)
-    treadles = wif.count("WEAVING", "treadles") or 0
-    tied, treadling = wif.table("TIEUP", None), wif.table("TREADLING", picks)
-    if not tied or not treadling:
-        missing = "TREADLING" if tied else "TIEUP"
-        expected = "[LIFTPLAN], or [TIEUP] and [TREADLING]"
-        raise InputError(f"[{missing}] is missing", where=wif.path, expected=expected)
-    for pick, numbers in treadling.items():
-        if stray := [treadle for treadle in numbers if treadle > treadles and treadle not in tied]:
-            expected = f"a treadle from 1 to {treadles}, or one that is tied up"
-            raise wif.fault("TREADLING", pick, expected=expected, found=stray[0])
-    return {
-        pick: [shaft for treadle in numbers for shaft in tied.get(treadle, ())]
-        for pick, numbers in treadling.items()
-    }
+def _threads(wif: _Wif, system: str, count: int) -> Array:
+    """Colour (-1: none), spacing and thickness [m] (nan: none) of each thread, shape (count, 3)."""
+    unit = UNITS.get(wif.text(system, "units").lower(), 0.0)
+    threads = np.full((count, 3), -1.0)
+    for column, name in ((0, "color"), (1, "spacing"), (2, "thickness")):
+        section = f"{system} {name}{'s' * (column == 0)}".upper()
+        if column == 0:
+            threads[:, 0] = next(iter(wif.integers(system, name)), -1)
+            for thread in wif.keys(section, count):
+                threads[thread - 1, 0] = next(
+                    iter(wif.integers(section, str(thread))), threads[thread - 1, 0]
+                )
+            continue
+        threads[:, column] = wif.number(system, name)
+        for thread in wif.keys(section, count):
+            threads[thread - 1, column] = wif.number(section, str(thread))
+        none = np.isnan(threads[:, column])
+        if none.any() and not none.all():
+            expected = f"a size, or {name} of all threads in [{system}]"
+            raise wif.fault(section, int(np.argmax(none)) + 1, expected=expected)
+        if not none.all() and not unit:
+            raise wif.fault(system, "units", expected=f"one of {', '.join(UNITS)}")
+        threads[:, column] *= unit or 1.0
+    return threads
 
 
-def _threads(wif: _Wif, system: str, count: int) -> _Threads:
-    colours: list[int | None] = [next(iter(wif.integers(system, "color")), None)] * count
-    for thread in wif.keys(f"{system} COLORS", count):
-        colours[thread - 1] = next(iter(wif.integers(f"{system} COLORS", str(thread))), colours[thread - 1])
-    unit_name = wif.text(system, "units").lower()
-    unit = UNITS.get(unit_name)
-    if unit is None and unit_name:
-        raise wif.fault(system, "units", expected=", ".join(UNITS), found=quoted(unit_name))
-
-    def sizes(kind: str) -> Array | None:
-        section = f"{system} {kind}".upper()
-        default, keys = wif.number(system, kind), wif.keys(section, count)
-        if default is None and not keys:
-            return None
-        if unit is None:
-            notify(f"{wif.place(system, kind)}: [{system}] has no units: its {kind} is not used")
-            return None
-        values = np.full(count, math.nan if default is None else default)
-        for thread in keys:
-            values[thread - 1] = wif.number(section, str(thread)) or math.nan
-        if np.isnan(values).any():
-            thread = int(np.flatnonzero(np.isnan(values))[0]) + 1
-            raise wif.fault(section, thread, expected=f"a size, or {kind} of all threads in [{system}]")
-        return values * unit
-
-    thickness = sizes("thickness")
-    return _Threads(colours, sizes("spacing"), None if thickness is None else 0.5 * thickness)
-
-
-def _repeat(path: Path, system: str, rows: Array, threads: _Threads) -> slice:
-    looks = [
-        (row.tobytes(), look) for row, look in zip(np.ascontiguousarray(rows), threads.looks(), strict=True)
-    ]
-    # A web that can be drawn whole is left whole; larger ones may have hems and selvedges.
-    margin = 0 if len(looks) <= LARGEST_DRAFT else len(looks) // 6
-    repeat = repeat_of(looks, LARGEST_DRAFT, margin)
-    if repeat is None:
-        expected = f"one of at most {LARGEST_DRAFT}, in crossings, colours, spacing and thickness"
-        raise InputError(f"the {len(looks)} {system} have no repeat", where=path, expected=expected)
-    return repeat
-
-
-def _sizes(path: Path, draft: Array, warp: _Threads, weft: _Threads) -> dict:
+def _sizes(path: Path, draft: Array, warp: Array, weft: Array) -> dict:
     """Parameters of `weave`: radii [m], kinds of yarn, and spacings in radii."""
-    pairs = ((warp, weft), (weft, warp))
-    high, thick = (_radii(own, other) for own, other in pairs)
+    high, thick = _radii(warp, weft), _radii(weft, warp)
     gaps = []
-    for own, radius in ((warp, high), (weft, thick)):
-        spacing = SPACING * radius if own.spacing is None else own.spacing
+    for threads, radii in ((warp, high), (weft, thick)):
+        spacing = np.where(np.isnan(threads[:, 1]), SPACING * radii, threads[:, 1])
         gaps.append(0.5 * (spacing + np.roll(spacing, -1)))
     room = min(_room(gaps[0], high, thick, draft), _room(gaps[1], thick, high, draft.T))
     if room < 1.0:
         share = room * CLOSEST / SPACING
-        if warp.radius is not None or weft.radius is not None:
+        if not np.isnan([*warp[:, 2], *weft[:, 2]]).all():
+            size = f"{2e3 * max(high.max(), thick.max()):.3g} mm"
             notify(
-                f"{path}: threads of {2e3 * max(high.max(), thick.max()):.3g} mm have no room at this spacing: "
-                f"all are drawn {share:.2f} times as thick"
+                f"{path}: no room for {size} at this spacing: threads are drawn {share:.2f} times as thick"
             )
         high, thick = high * share, thick * share
-    keys = [
-        list(zip(own.colour, radius.tolist(), strict=True)) for own, radius in ((warp, high), (weft, thick))
-    ]
-    kinds = sorted({*keys[0], *keys[1]}, key=lambda kind: (kind[0] or 0, kind[1]))
+    radius = float(max(high.max(), thick.max()))
+    keys = [list(zip(threads[:, 0], radii, strict=True)) for threads, radii in ((warp, high), (weft, thick))]
+    kinds = sorted({*keys[0], *keys[1]})
     letters = dict(zip(kinds, string.ascii_uppercase + string.ascii_lowercase, strict=False))
     if len(kinds) > len(letters):
         expected = f"at most {len(letters)} colours and thicknesses in a repeat"
         raise InputError("too many kinds of yarn", where=path, expected=expected, found=len(kinds))
-    radius = float(max(high.max(), thick.max()))
-    sizes: dict = {
-        "radius": radius,
-        "warp_spacing": _shortened(gaps[0] / radius, high, thick),
-        "weft_spacing": _shortened(gaps[1] / radius, high, thick),
-    }
-    if len(kinds) > 1:
-        sizes["warp_yarns"], sizes["weft_yarns"] = ([letters[key] for key in own] for own in keys)
-    if any(kind[1] != radius for kind in kinds):
-        sizes["yarn_radius"] = {letters[kind]: kind[1] for kind in kinds}
-    return sizes
+    equal = all(kind[1] == radius for kind in kinds)
+    sizes: dict = {"radius": radius}
+    for system, own, distances in zip(("warp", "weft"), keys, gaps, strict=True):
+        single = equal and np.ptp(distances) < 1e-9 * radius
+        sizes[f"{system}_spacing"] = float(distances[0]) / radius if single else (distances / radius).tolist()
+        if len(kinds) > 1:
+            sizes[f"{system}_yarns"] = [letters[key] for key in own]
+    return sizes if equal else {**sizes, "yarn_radius": {letters[kind]: float(kind[1]) for kind in kinds}}
 
 
-def _radii(own: _Threads, other: _Threads) -> Array:
+def _radii(own: Array, other: Array) -> Array:
     """Radius of each thread [m]: half its thickness, else by the spacing, the other threads, or 1 mm."""
-    if own.radius is not None:
-        return own.radius
-    radius = 1e-3
-    if own.spacing is not None:
-        radius = own.spacing.mean() / SPACING
-    elif other.radius is not None:
-        radius = other.radius.mean()
-    elif other.spacing is not None:
-        radius = other.spacing.mean() / SPACING
-    return np.full(len(own.colour), radius)
+    if not np.isnan(own[:, 2]).any():
+        return 0.5 * own[:, 2]
+    guesses = (own[:, 1].mean() / SPACING, 0.5 * other[:, 2].mean(), other[:, 1].mean() / SPACING, 1e-3)
+    return np.full(len(own), next(guess for guess in guesses if not math.isnan(guess)))
 
 
 def _room(gaps: Array, own: Array, others: Array, table: Array) -> float:
@@ -363,9 +272,3 @@ def _room(gaps: Array, own: Array, others: Array, table: Array) -> float:
     mean = 0.5 * (own + np.roll(own, -1))
     needs = np.where(side_changes(table), 0.5 * CLOSEST * (mean + others[:, None]), 2.0 * mean)
     return float((gaps / needs.max(axis=0)).min())
-
-
-def _shortened(gaps: Array, *radii: Array) -> float | list[float]:
-    """One number for equal distances of equal threads."""
-    alike = np.ptp(gaps) < 1e-9 and np.ptp(np.concatenate(radii)) == 0.0
-    return float(gaps[0]) if alike else gaps.tolist()
