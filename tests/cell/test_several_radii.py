@@ -1,4 +1,4 @@
-"""Yarns of several radii in one pattern: stiffness, mass and contact follow each yarn's own."""
+"""Yarns of several radii in one pattern: stiffness, mass, contact and sensitivities follow each yarn's own."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from yarnscale.errors import InputError
 from yarnscale.files.patterns import read_pattern, write_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.clearance import closest_approach
-from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.material import ContactRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
 WOOL = YarnMaterial.preset("wool")
@@ -53,6 +53,25 @@ def test_yarns_touch_at_the_sum_of_their_radii() -> None:
         energy = PeriodicCell(pattern, WOOL).energy(ShellStrain())
         assert (energy.value(energy.start()) > 0.0) == touching
         assert closest_approach(pattern).distance / 2e-3 == pytest.approx(gap / RADII.sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("rule", [ContactRule(), ContactRule("est2022")])
+def test_sensitivities_follow_each_radius(rule: ContactRule) -> None:
+    material = replace(WOOL, contact=rule)
+    pattern = woven()
+    state = PeriodicCell(pattern, material, tolerance=1e-10).relax(ShellStrain(s_x=0.05))
+    found = PeriodicCell(pattern, material).sensitivities(state)
+    for name in ("young_modulus", "bending_scale"):
+        step = 1e-4 * getattr(material, name)
+        energies = [
+            PeriodicCell(
+                pattern, replace(material, **{name: getattr(material, name) + sign * step}), tolerance=1e-10
+            )
+            .relax(ShellStrain(s_x=0.05), start=state)
+            .energy_density
+            for sign in (1, -1)
+        ]
+        assert found.energy[name] == pytest.approx((energies[0] - energies[1]) / (2 * step), rel=1e-3)
 
 
 def test_drawings_keep_room_for_every_radius() -> None:

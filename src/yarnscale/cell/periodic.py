@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
-from yarnscale.cell.moduli import moduli
 from yarnscale.cell.passages import jump_is_safe, linked_differently, passed, safe_move
 from yarnscale.cell.poisson import cell_midsurface
+from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
@@ -345,4 +345,9 @@ class PeriodicCell:
 
         One solve per component with one factorisation. Units follow ``stress``; holds at every equilibrium.
         """
-        return moduli(self.energy(state.strain), state, self.backend)
+        return response(self.energy(state.strain), state, self.backend).moduli
+
+    @checked
+    def sensitivities(self, state: Equilibrium) -> Sensitivities:
+        """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium."""
+        return sensitivities(self.energy(state.strain), state, self.backend)
