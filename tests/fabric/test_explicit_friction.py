@@ -50,7 +50,7 @@ def _slide(dynamics: FabricDynamics, seconds: float) -> tuple[float, float]:
     count = round(seconds / step)
     for _ in range(count):
         motion = dynamics.step(motion, seconds / count).state
-    free = dynamics.holds(0.0).wells(dynamics.energy).weight[: 3 * dynamics.energy.count : 3] == 0
+    free = dynamics.holds(0.0).springs(dynamics.energy).weight[: 3 * dynamics.energy.count : 3] == 0
     weight = dynamics.mass[: 3 * dynamics.energy.count : 3] * free
     weight = weight / weight.sum()
     moved = dynamics.energy.positions(motion.x - rest.x)

@@ -12,7 +12,7 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricMotion, MotionSettings
-from yarnscale.fabric.direct_objective import FabricObjective, Wells
+from yarnscale.fabric.direct_objective import FabricObjective
 from yarnscale.fabric.direct_static import equilibrium
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
@@ -20,6 +20,7 @@ from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.numerics.affine import MappedObjective
 from yarnscale.numerics.newton import Status
+from yarnscale.numerics.sums import Springs
 from yarnscale.yarn.material import YarnMaterial
 
 
@@ -49,7 +50,8 @@ def test_moves_yarns_affinely_and_keeps_their_shape(energy: FabricEnergy, volume
     )  # any shape, not only the sheet's own
     matrix, shift = 0.1 * random.standard_normal((3, 3)), random.standard_normal(3)
     control = volume.volume.control_at_rest / energy.radius
-    there = volume.map_from(x).expand((control @ matrix.T + shift).ravel())
+    nodes, positions = volume.maps_from(x)
+    there = positions.expand(nodes.expand((control @ matrix.T + shift).ravel()))
     places = energy.sheet.vertices / energy.radius
     moved = energy.positions(there) - energy.positions(x)
     np.testing.assert_allclose(moved, places @ matrix.T + shift, atol=1e-11)
@@ -66,17 +68,18 @@ def test_pulls_gradients_and_matrices_back(energy: FabricEnergy, volume: RodVolu
     random, x = np.random.default_rng(1), energy.start()
     energy.anchor(x)
     weight = random.random(len(x))
-    objective = FabricObjective(energy, Wells(weight, x + 1.0), np.zeros(len(x)))
-    within = volume.map_from(x)
-    reduced = MappedObjective(objective, within)
+    objective = FabricObjective(energy, [Springs(weight, x + 1.0)], np.zeros(len(x)))
+    nodes, positions = volume.maps_from(x)
+    reduced = MappedObjective(MappedObjective(objective, positions), nodes)
     free = 1e-3 * random.standard_normal(volume.unknowns)
     _, gradient, model = reduced.quadratic(free)
     direction = random.standard_normal(volume.unknowns)
     ahead, behind = (reduced.value(free + sign * 1e-5 * direction) for sign in (1, -1))
     assert gradient @ direction == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
-    whole = objective.quadratic(within.expand(free))[2]
+    whole = objective.quadratic(positions.expand(nodes.expand(free)))[2]
     for shift in (0.0, 0.1):
-        basis = np.stack([within.along(unit) for unit in np.eye(volume.unknowns)[::7]], 1)
+        moves = np.kron(volume.weights, np.eye(3))[:, ::7]
+        basis = np.concatenate([moves, np.zeros((energy.count, moves.shape[1]))])
         expected = basis.T @ whole.pattern.multiply(whole.values(shift), basis)
         found = model.pattern.multiply(model.values(shift), np.eye(volume.unknowns)[::7].T)[::7]
         np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())

@@ -20,10 +20,10 @@ from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import LinearConstraints
 from yarnscale.numerics.newton import Reuse
 from yarnscale.numerics.null_space import ChainConstraints
+from yarnscale.numerics.sums import ShiftedHessian
 from yarnscale.yarn.close_pairs import pair_gaps, safe_fraction
 from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.pattern import YarnPattern
@@ -55,21 +55,6 @@ def _unit(vectors: Array) -> Array:
 def _size(vector: Array) -> float:
     """Euclidean norm; BLAS would share these long sums among threads, which takes a thousand times as long."""
     return math.sqrt(float(np.square(vector).sum()))
-
-
-@dataclass(eq=False)
-class CellModel:
-    """H + shift·D of a cell, D scaled separately for positions and twists."""
-
-    pattern: SymmetricPattern
-    entries: Array
-    scale: Array
-
-    def values(self, shift: float) -> Array:
-        """Entries of the regularised Hessian."""
-        values = self.entries.copy()
-        values[self.pattern.diagonal] += shift * self.scale
-        return values
 
 
 @dataclass(eq=False)
@@ -261,7 +246,7 @@ class CellEnergy:
             value += stencils.gradient(full, forces[-1])
         return self._summed(value, forces)
 
-    def quadratic(self, x: Array) -> tuple[float, Array, CellModel]:
+    def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
         """Energy, gradient and exact Hessian by the free vector."""
         full = self.nodes.expand(x)
         contacts = self.contacts(x, full)
@@ -275,7 +260,7 @@ class CellEnergy:
             forces.append(np.zeros(len(full)))
             value += stencils.hessian(full, forces[-1], slots, self.nodes.rotation, entries)
         value, gradient = self._summed(value, forces)
-        return value, gradient, CellModel(block.pattern, entries, self._scale)
+        return value, gradient, ShiftedHessian(block.pattern, entries, self._scale)
 
     def _summed(self, value: float, forces: list[Array]) -> tuple[float, Array]:
         """Energy and gradient from the forces of each term on all copies; sets ``residual_scale``."""

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.factor import SymmetricPattern, factorisation
+from yarnscale.numerics.affine import FreeUnknowns, KeptPull, MappedObjective
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.kernel import BLOCK
-from yarnscale.numerics.newton import ShiftRule, Solution, minimise
+from yarnscale.numerics.kkt import ConstrainedSolver
+from yarnscale.numerics.newton import Objective, ShiftRule, Solution, minimise
+from yarnscale.numerics.sums import Load, ShiftedHessian, SumOfEnergies
 from yarnscale.shell.elastic.element_loops import gradient_of_blocks
-from yarnscale.shell.elastic.energy import Linearisation, ShellEnergy
+from yarnscale.shell.elastic.energy import Linearisation, ShellEnergy, ShellObjective
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh
@@ -73,8 +74,9 @@ class HeldShell:
         self.mesh = mesh
         self.energy = ShellEnergy(mesh, OrthotropicMaterial(1.0, 0.0, 1.0, 1.0))
         self.free = np.flatnonzero(free.ravel())
-        self.pattern, self._chosen = _restricted(self.energy.pattern, self.free)
-        self._factor = factorisation(self.pattern)
+        self._elastic = ShellObjective(self.energy)
+        self._pull = KeptPull(FreeUnknowns(self.free, np.zeros(free.size)))
+        self._linear = ConstrainedSolver(None, None)
 
     def solve(
         self,
@@ -87,12 +89,14 @@ class HeldShell:
         """Equilibrium from positions (nv, 3) whose held coordinates stay; gravity [m/s²]."""
         self.energy.material = material
         self.energy.follow(start)
-        objective = _HeldObjective(self, np.array(start, np.float64), self._load(material, gravity))
+        free = FreeUnknowns(self.free, start.ravel().astype(np.float64))
+        whole = SumOfEnergies(self._elastic, [Load(self._load(material, gravity).ravel(), free.state)])
         solution = minimise(
-            objective, start.ravel()[self.free], after_step=lambda x: self._follow(objective.full(x)),
-            tolerance=TOLERANCE, max_iterations=iterations, shift=EXACT_FIRST,
+            _HeldObjective(whole, free, self._pull), free.state[self.free],
+            after_step=lambda x: self._follow(free.expand(x).reshape(-1, 3)), tolerance=TOLERANCE,
+            max_iterations=iterations, shift=EXACT_FIRST, linear=self._linear,
         )  # fmt: skip
-        positions = objective.full(solution.x)
+        positions = free.expand(solution.x).reshape(-1, 3)
         stable = solution.converged and self._is_minimum(positions)
         return Equilibrium(positions, solution, stable)
 
@@ -111,7 +115,6 @@ class HeldShell:
         """d(measure)/d(constant) at an equilibrium, shape (measures, constants)."""
         self.energy.material = material
         linear = self.energy.linearise(positions)
-        model = _HeldModel(self, linear)
         exact = linear.hessian("exact")
         directions = []
         for measure in measures:
@@ -119,7 +122,7 @@ class HeldShell:
             if measure.held is not None:
                 right += self.energy.pattern.multiply(exact, measure.held.ravel())
             directions.append(right[self.free])
-        adjoint = ConstrainedInverse(model, shift=0.0).apply(np.column_stack(directions))
+        adjoint = ConstrainedInverse(self._free_part(exact), shift=0.0).apply(np.column_stack(directions))
         mixed = self._gradients_by(material, linear, constants)
         result = -adjoint.T @ mixed[:, self.free].T
         for row, measure in enumerate(measures):
@@ -162,7 +165,12 @@ class HeldShell:
         return result.reshape(len(constants), -1)
 
     def _is_minimum(self, positions: Array) -> bool:
-        return self._factor.factor(_HeldModel(self, self.energy.linearise(positions)).values(0.0))
+        exact = self.energy.linearise(positions).hessian("exact")
+        return self._linear.factorise(self._free_part(exact), 0.0)
+
+    def _free_part(self, entries: Array) -> ShiftedHessian:
+        pull = self._pull.of(self.energy.pattern)
+        return ShiftedHessian(pull.pattern, pull.entries(entries))
 
     def _follow(self, positions: Array) -> None:
         self.energy.follow(positions)
@@ -171,73 +179,19 @@ class HeldShell:
         return material.density * self.mesh.vertex_areas[:, None] * np.asarray(gravity, np.float64)
 
 
-@dataclass(eq=False)
-class _HeldObjective:
+class _HeldObjective(MappedObjective):
     """Energy of the free coordinates; residuals are relative to the forces that hold the others."""
 
-    shell: HeldShell
-    positions: Array
-    load: Array
-    residual_scale: float = 1.0
-
-    def full(self, x: Array) -> Array:
-        positions = self.positions.copy().ravel()
-        positions[self.shell.free] = x
-        return positions.reshape(-1, 3)
-
-    def value(self, x: Array) -> float:
-        positions = self.full(x)
-        return self.shell.energy.value(positions) - float(np.vdot(self.load, positions - self.positions))
-
-    def gradient(self, x: Array) -> tuple[float, Array]:
-        return self._linearise(x)[:2]
-
-    def quadratic(self, x: Array) -> tuple[float, Array, _HeldModel]:
-        value, gradient, linear = self._linearise(x)
-        return value, gradient, _HeldModel(self.shell, linear)
-
-    def _linearise(self, x: Array) -> tuple[float, Array, Linearisation]:
-        positions = self.full(x)
-        linear = self.shell.energy.linearise(positions)
-        gradient = (linear.gradient - self.load).ravel()
-        free = gradient[self.shell.free]
-        self.residual_scale = max(float(np.sqrt(max(gradient @ gradient - free @ free, 0.0))), 1e-12)
-        value = linear.value - float(np.vdot(self.load, positions - self.positions))
-        return value, free, linear
-
-
-@dataclass(eq=False)
-class _HeldModel:
-    """Hessian of the free coordinates, exact + shift·(positive − exact)."""
-
-    shell: HeldShell
-    linear: Linearisation
+    def __init__(self, whole: Objective, free: FreeUnknowns, pull: KeptPull) -> None:
+        super().__init__(whole, free, pull=pull)
+        self._holding = 1.0
 
     @property
-    def pattern(self) -> SymmetricPattern:
-        return self.shell.pattern
+    def residual_scale(self) -> float:
+        """Norm of the forces that hold the other coordinates [N]."""
+        return self._holding
 
-    @cached_property
-    def exact(self) -> Array:
-        return self.linear.hessian("exact")[self.shell._chosen]
-
-    @cached_property
-    def positive(self) -> Array:
-        return self.linear.hessian("positive")[self.shell._chosen]
-
-    def values(self, shift: float) -> Array:
-        share = min(max(shift, 0.0), 1.0)
-        return self.exact.copy() if share == 0.0 else (1.0 - share) * self.exact + share * self.positive
-
-
-def _restricted(
-    pattern: SymmetricPattern, free: NDArray[np.int64]
-) -> tuple[SymmetricPattern, NDArray[np.int64]]:
-    """Pattern of the rows and columns ``free``, and which entries of the whole it keeps."""
-    number = np.full(pattern.size, -1)
-    number[free] = np.arange(len(free))
-    columns = number[np.repeat(np.arange(pattern.size), np.diff(pattern.starts))]
-    rows = number[pattern.rows]
-    chosen = np.flatnonzero((columns >= 0) & (rows >= 0))
-    keys = columns[chosen] * len(free) + rows[chosen]
-    return SymmetricPattern.from_keys(len(free), keys), chosen
+    def _pulled(self, gradient: Array) -> Array:
+        free = super()._pulled(gradient)
+        self._holding = max(float(np.sqrt(max(gradient @ gradient - free @ free, 0.0))), 1e-12)
+        return free

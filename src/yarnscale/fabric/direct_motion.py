@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, no_passages
-from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
+from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ class FabricDynamics(Body[FabricMotion]):
         self._begin(state, settings.friction, until)
         ahead = state.x + duration * state.velocity if inertia else state.x
         objective = FabricObjective(
-            energy, Wells(weight, ahead).with_(self.holds(until).wells(energy)), self.load, self.obstacles,
+            energy, [Springs(weight, ahead), self.holds(until).springs(energy)], self.load, self.obstacles,
             force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
         # From where the fabric is: the way ahead may press yarns into each other, and Newton's method knows inertia.
@@ -195,14 +196,14 @@ class FabricDynamics(Body[FabricMotion]):
         """One step of symplectic Euler [s]."""
         energy = self.energy
         self._begin(motion, None, motion.time)
-        objective = FabricObjective(energy, Wells.none(energy.count), self.load, self.obstacles)
+        objective = FabricObjective(energy, [], self.load, self.obstacles)
         value, gradient = objective.gradient(motion.x)
         if not (math.isfinite(value) and np.isfinite(gradient).all()):
             return Step(motion, Status.INVALID, duration)
         velocity = motion.velocity - duration * gradient / self.mass
         velocity = self._damped(motion.x, velocity, duration)
         # Stiff springs would shorten the steps: what is held goes to its place.
-        holds = self.holds(motion.time + duration).wells(energy)
+        holds = self.holds(motion.time + duration).springs(energy)
         held = holds.weight > 0
         led = (holds.centre[held] - motion.x[held]) / duration
         velocity[held] = led

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.sums import Load, ShiftedHessian, Springs, SumOfEnergies, add_diagonal_blocks
 
 Array = NDArray[np.float64]
 
@@ -36,118 +37,79 @@ class NodeForce(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Wells:
-    """Springs of all unknowns to where they should be, ½ Σ weight (x − centre)²; both (4n,)."""
+class _NodeTerm:
+    """A force on the vertices as a term of a sum of energies."""
 
-    weight: Array
-    centre: Array
+    force: NodeForce
+    size: int
 
-    @classmethod
-    def none(cls, count: int) -> Wells:
-        """No springs of ``count`` vertices."""
-        return cls(np.zeros(4 * count), np.zeros(4 * count))
+    def value(self, x: Array) -> float:
+        return self.force.at(x[: self.size].reshape(-1, 3))[0]
 
-    def with_(self, other: Wells) -> Wells:
-        """Both, up to a constant energy."""
-        weight = self.weight + other.weight
-        centre = self.weight * self.centre + other.weight * other.centre
-        return Wells(weight, np.divide(centre, weight, out=np.zeros_like(centre), where=weight > 0))
+    def gradient(self, x: Array, gradient: Array) -> float:
+        value, pull, _ = self.force.at(x[: self.size].reshape(-1, 3))
+        gradient[: self.size] += pull.ravel()
+        return value
 
-
-@dataclass(eq=False)
-class FabricModel:
-    """H + shift·(D + T): D diagonal, scaled separately for positions and twists, T ties of yarns to each other."""
-
-    pattern: SymmetricPattern
-    entries: Array
-    scale: Array
-    ties: Array | None = None
-
-    def values(self, shift: float) -> Array:
-        """Entries of the regularised Hessian."""
-        if shift == 0.0:
-            return self.entries
-        values = self.entries.copy() if self.ties is None else self.entries + shift * self.ties
-        values[self.pattern.diagonal] += shift * self.scale
-        return values
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
+        value, pull, blocks = self.force.at(x[: self.size].reshape(-1, 3))
+        gradient[: self.size] += pull.ravel()
+        add_diagonal_blocks(pattern, entries, blocks)
+        return value
 
 
-@dataclass(eq=False)
-class FabricObjective:
-    """Energy + wells − load·x + obstacles; an objective for ``numerics.newton``.
+class _Yarns:
+    """The energy of the yarns with its regularisation; pull: how strongly its terms pull against each other."""
+
+    def __init__(self, energy: FabricEnergy, *, tied: bool) -> None:
+        self._energy, self._tied, self.pull = energy, tied, 0.0
+        stiffness = energy.stiffness
+        self._scale = np.concatenate([np.repeat(stiffness.position_scale(), 3), stiffness.twist_scale()])
+        # At the end of an open yarn no edge has a twist; its unknown stands still.
+        self._idle = 3 * energy.count + np.flatnonzero(energy.sheet.following < 0)
+
+    def value(self, x: Array) -> float:
+        return self._energy.value(x)
+
+    def gradient(self, x: Array) -> tuple[float, Array]:
+        value, gradient, self.pull = self._energy.gradient(x)
+        return value, gradient
+
+    def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
+        value, gradient, self.pull, block, entries = self._energy.hessian(x)
+        entries[block.pattern.diagonal[self._idle]] += self._scale[self._idle]
+        if not self._tied:
+            return value, gradient, ShiftedHessian(block.pattern, entries, self._scale)
+        scale = self._scale.copy()
+        scale[: 3 * self._energy.count] *= _LOOSE
+        return value, gradient, ShiftedHessian(block.pattern, entries, scale, self._energy.ties(x))
+
+
+class FabricObjective(SumOfEnergies):
+    """Energy of the yarns + springs − load·x + obstacles; an objective for ``numerics.newton``.
 
     load: (4n,) force on every unknown. force_floor: gradient norm that counts as 1 where nothing pulls.
     pull_share: how much the terms' pulling against each other counts, on top of that. tied: regularise what yarns do
     against each other rather than every motion, so that a step cut short is no step through honey.
     """
 
-    energy: FabricEnergy
-    wells: Wells
-    load: Array
-    obstacles: Sequence[NodeForce] = ()
-    force_floor: float = 1e-9
-    pull_share: float = 1.0
-    tied: bool = False
-    residual_scale: float = field(init=False, default=1.0)
-
-    def __post_init__(self) -> None:
-        stiffness = self.energy.stiffness
-        self._scale = np.concatenate([np.repeat(stiffness.position_scale(), 3), stiffness.twist_scale()])
-        # At the end of an open yarn no edge has a twist; its unknown stands still.
-        self._idle = 3 * self.energy.count + np.flatnonzero(self.energy.sheet.following < 0)
-        self._block: object = None
-
-    def value(self, x: Array) -> float:
-        """Energy [E π r³]; inf where two yarns meet."""
-        away = x - self.wells.centre
-        outer = 0.5 * float((self.wells.weight * away) @ away) - float(self.load @ x)
-        positions = self.energy.positions(x)
-        return self.energy.value(x) + outer + sum(o.at(positions)[0] for o in self.obstacles)
-
-    def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy and gradient."""
-        value, gradient, pull = self.energy.gradient(x)
-        return self._completed(x, value, gradient, pull, None, None)
-
-    def quadratic(self, x: Array) -> tuple[float, Array, FabricModel]:
-        """Energy, gradient and exact Hessian."""
-        value, gradient, pull, block, entries = self.energy.hessian(x)
-        diagonal = block.pattern.diagonal
-        entries[diagonal] += self.wells.weight
-        entries[diagonal[self._idle]] += self._scale[self._idle]
-        value, gradient = self._completed(x, value, gradient, pull, entries, diagonal)
-        if not self.tied:
-            return value, gradient, FabricModel(block.pattern, entries, self._scale)
-        scale = self._scale.copy()
-        scale[: 3 * self.energy.count] *= _LOOSE
-        return value, gradient, FabricModel(block.pattern, entries, scale, self.energy.ties(x))
-
-    def _completed(
+    def __init__(
         self,
-        x: Array,
-        value: float,
-        gradient: Array,
-        pull: float,
-        entries: Array | None,
-        diagonal: NDArray[np.int64] | None,
-    ) -> tuple[float, Array]:
-        away = x - self.wells.centre
-        spring = self.wells.weight * away
-        value += 0.5 * float(spring @ away) - float(self.load @ x)
-        gradient = gradient + spring - self.load
-        n = self.energy.count
-        for obstacle in self.obstacles:
-            extra, force, hessian = obstacle.at(self.energy.positions(x))
-            value += extra
-            gradient[: 3 * n] += force.ravel()
-            if entries is not None and diagonal is not None:
-                _add_blocks(entries, diagonal[: 3 * n].reshape(-1, 3), hessian)
-        self.residual_scale = self.pull_share * pull + self.force_floor
-        return value, gradient
+        energy: FabricEnergy,
+        springs: Sequence[Springs],
+        load: Array,
+        obstacles: Sequence[NodeForce] = (),
+        *,
+        force_floor: float = 1e-9,
+        pull_share: float = 1.0,
+        tied: bool = False,
+    ) -> None:
+        self._yarns = _Yarns(energy, tied=tied)
+        pushes = [_NodeTerm(force, 3 * energy.count) for force in obstacles]
+        super().__init__(self._yarns, [*springs, Load(load), *pushes], force_floor)
+        self._pull_share = pull_share
 
-
-def _add_blocks(entries: Array, diagonal: NDArray[np.int64], hessian: Array) -> None:
-    """Add symmetric 3×3 blocks of vertices; a column's entries begin with the rest of its vertex."""
-    for column in range(3):
-        for row in range(column, 3):
-            entries[diagonal[:, column] + row - column] += hessian[:, row, column]
+    @property
+    def residual_scale(self) -> float:
+        """Gradient norm that counts as 1, at the state evaluated last."""
+        return self._pull_share * self._yarns.pull + self._scale

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount
-from yarnscale.fabric.direct_objective import FabricObjective, NodeForce, Wells
+from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 
 Array = NDArray[np.float64]
@@ -47,14 +48,14 @@ class Holds:
     def _weight(self, energy: FabricEnergy) -> Array:
         return HOLD * energy.stiffness.position_scale()[self.nodes, None] * np.array(self.axes, np.float64)
 
-    def wells(self, energy: FabricEnergy) -> Wells:
+    def springs(self, energy: FabricEnergy) -> Springs:
         """Stiff springs to the targets."""
         weight, centre = np.zeros((energy.count, 3)), np.zeros((energy.count, 3))
         weight[self.nodes] = self._weight(energy)
         centre[self.nodes] = self.targets / energy.radius
         spin, angle = np.zeros(energy.count), np.zeros(energy.count)
         spin[self.spun], angle[self.spun] = HOLD * energy.stiffness.twist_scale()[self.spun], self.angles
-        return Wells(np.concatenate([weight.ravel(), spin]), np.concatenate([centre.ravel(), angle]))
+        return Springs(np.concatenate([weight.ravel(), spin]), np.concatenate([centre.ravel(), angle]))
 
     def forces(self, energy: FabricEnergy, x: Array) -> Array:
         """Force with which each held vertex is held (k, 3) [N]."""
@@ -123,7 +124,7 @@ def equilibrium(
     began = time.perf_counter()
     load = np.zeros(len(start)) if load is None else load
     objective = FabricObjective(
-        energy, holds.wells(energy), load, obstacles, force_floor=1e-6 + float(np.linalg.norm(load))
+        energy, [holds.springs(energy)], load, obstacles, force_floor=1e-6 + float(np.linalg.norm(load))
     )
     solver = ConstrainedSolver(None, None) if linear is None else linear
     energy.anchor(start)

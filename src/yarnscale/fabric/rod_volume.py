@@ -18,8 +18,7 @@ from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion
 from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_objective import FabricObjective
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.numerics.affine import MappedObjective, NodeMap
-from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.affine import FreeUnknowns, MappedObjective, NodeMap
 from yarnscale.numerics.newton import Objective, ShiftRule, Solution, minimise
 
 Array = NDArray[np.float64]
@@ -27,44 +26,6 @@ Array = NDArray[np.float64]
 _MOST_DENSE = 300
 """Control points up to which Γ is multiplied as a dense matrix."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
-
-
-@dataclass(frozen=True, eq=False)
-class YarnMap:
-    """Displacements of control points (3c,) [r] to a state (4n,) of the yarns; twist: (n,) as they stay."""
-
-    nodes: NodeMap
-    twist: Array
-
-    def expand(self, free: Array) -> Array:
-        """State of the yarns."""
-        return np.concatenate([self.nodes.expand(free), self.twist])
-
-    def along(self, step: Array) -> Array:
-        """Change of the state for a change of the free unknowns."""
-        return np.concatenate([self.nodes.expand(step) - self.nodes.offset, np.zeros(len(self.twist))])
-
-    def pull_gradient(self, gradient: Array) -> Array:
-        """Gradient by the free unknowns."""
-        return self.nodes.pull_gradient(gradient[: 3 * len(self.twist)])
-
-    def pulled(self, inner: SymmetricPattern) -> _PositionPull:
-        """How matrices of this pattern are pulled back."""
-        return _PositionPull(self.nodes, inner, 3 * len(self.twist))
-
-
-class _PositionPull:
-    """The part of a matrix that belongs to positions, pulled back."""
-
-    def __init__(self, nodes: NodeMap, inner: SymmetricPattern, size: int) -> None:
-        columns = np.repeat(np.arange(inner.size), np.diff(inner.starts))
-        self._kept = np.flatnonzero((inner.rows < size) & (columns < size))
-        starts = np.searchsorted(columns[self._kept], np.arange(size + 1))
-        self._pull = nodes.pulled(SymmetricPattern(size, starts, inner.rows[self._kept]))
-        self.pattern = self._pull.pattern
-
-    def entries(self, values: Array) -> Array:
-        return self._pull.entries(values[self._kept])
 
 
 class RodVolume:
@@ -81,10 +42,10 @@ class RodVolume:
         """Coordinates of control points."""
         return 3 * self.volume.count
 
-    def map_from(self, x: Array) -> YarnMap:
-        """Displacements of the volume from a state (4n,)."""
-        positions = 3 * self.energy.count
-        return YarnMap(NodeMap(self.weights, x[:positions].copy()), x[positions:].copy())
+    def maps_from(self, x: Array) -> tuple[NodeMap, FreeUnknowns]:
+        """Displacements of the volume (3c,) [r] to positions, and these to states (4n,), from one of them."""
+        places = np.arange(3 * self.energy.count)
+        return NodeMap(self.weights, x[places]), FreeUnknowns(places, x.copy())
 
     @cached_property
     def _inverse(self) -> Array:
@@ -109,20 +70,28 @@ class RodVolume:
         count: PassageCount | None = None,
     ) -> Solution:
         """Minimise an objective of the yarns by the volume alone, from a state (4n,); the solution is a state."""
-        energy, within = self.energy, self.map_from(start)
+        energy, (nodes, positions) = self.energy, self.maps_from(start)
+
+        def state(free: Array) -> Array:
+            return positions.expand(nodes.expand(free))
+
+        def bound(free: Array, step: Array) -> float:
+            move = np.zeros_like(start)
+            move[positions.places] = nodes.expand(step) - nodes.offset
+            return energy.bound(state(free), move)
 
         def after(free: Array) -> None:
-            x = within.expand(free)
+            x = state(free)
             energy.anchor(x)
             if count is not None:
                 count.follow(x)
 
         solution = minimise(
-            MappedObjective(objective, within), np.zeros(self.unknowns),
-            bound=lambda free, step: energy.bound(within.expand(free), within.along(step)), after_step=after,
-            tolerance=tolerance, enough=enough, max_iterations=max_iterations, shift=_SHIFT, check_minimum=False,
+            MappedObjective(MappedObjective(objective, positions), nodes), np.zeros(self.unknowns),
+            bound=bound, after_step=after, tolerance=tolerance, enough=enough, max_iterations=max_iterations,
+            shift=_SHIFT, check_minimum=False,
         )  # fmt: skip
-        return replace(solution, x=within.expand(solution.x))
+        return replace(solution, x=state(solution.x))
 
 
 @dataclass(eq=False)

@@ -11,8 +11,8 @@ from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_yarn import SEGMENT_MASS, SPLINE_SEGMENT, shape_at_rest
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.energy import lower_triangle
 from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.sums import ShiftedHessian
 
 Array = NDArray[np.float64]
 
@@ -50,20 +50,20 @@ class SplineEnergy:
         """Mass of every segment [kg], spread evenly over its parameter."""
         self.mass_entries = self._mass_entries()
 
-    def value(self, control: Array) -> float:
+    def value(self, x: Array) -> float:
         """Energy [J]."""
-        return self._stencils.value(control)
+        return self._stencils.value(x)
 
-    def gradient(self, control: Array) -> tuple[float, Array]:
+    def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (3n,) [N]."""
         gradient = np.zeros(self.size)
-        return self._stencils.gradient(control, gradient), gradient
+        return self._stencils.gradient(x, gradient), gradient
 
-    def hessian(self, control: Array) -> tuple[float, Array, Array]:
-        """Energy [J], gradient (3n,) [N] and entries of the Hessian in ``pattern`` [N/m]."""
+    def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
+        """Energy [J], gradient (3n,) [N] and Hessian in ``pattern`` [N/m]."""
         gradient, entries = np.zeros(self.size), np.zeros(self.pattern.entries)
-        value = self._stencils.hessian(control, gradient, self._slots, _NO_ROTATION, entries)
-        return value, gradient, entries
+        value = self._stencils.hessian(x, gradient, self._slots, _NO_ROTATION, entries)
+        return value, gradient, ShiftedHessian(self.pattern, entries)
 
     def weight(self, acceleration: Array) -> Array:
         """Generalised force of a uniform acceleration (3,) [m/s²] on the control points, (3n,) [N]."""
@@ -80,14 +80,9 @@ class SplineEnergy:
         return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))
 
     def _mass_entries(self) -> Array:
-        lower = lower_triangle(12)
-        entries = np.zeros(self.pattern.entries)
-        wide = np.kron(SEGMENT_MASS, np.eye(3))
-        for k, (i, j) in enumerate(lower):
-            if wide[i, j] != 0.0:
-                slots = self._slots[:, k, :].ravel()[: len(self.masses)]
-                np.add.at(entries, slots, self.masses * wide[i, j])
-        return entries
+        rows, columns = self.pattern.rows, np.repeat(np.arange(self.size), np.diff(self.pattern.starts))
+        of_points = np.asarray(self.mass_matrix()[rows // 3, columns // 3]).ravel()
+        return np.where(rows % 3 == columns % 3, of_points, 0.0)
 
 
 def point_rows(fabric: SplineFabric, points: CurvePoints) -> csr_array:

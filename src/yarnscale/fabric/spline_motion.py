@@ -22,10 +22,10 @@ from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
-from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints
 from yarnscale.numerics.newton import Objective, ShiftRule, Status, minimise
 from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
+from yarnscale.numerics.sums import Load, MatrixSprings, ShiftedHessian, SumOfEnergies
 
 Array = NDArray[np.float64]
 
@@ -49,48 +49,6 @@ class YarnMotion:
     velocities: Array
     time: float = 0.0
     knots: Array = field(default_factory=lambda: np.empty((0, 2)))
-
-
-class _StepObjective:
-    """½ w |q − centre|²_M + E(q) − load·q of a step, w = 1/Δt² + damping/Δt."""
-
-    def __init__(self, moving: SplineMotion, weight: float, centre: Array) -> None:
-        self._moving, self._weight, self._centre = moving, weight, centre
-        self.residual_scale = moving.force_scale
-
-    def value(self, x: Array) -> float:
-        moving, away = self._moving, x - self._centre
-        elastic = moving.energy.value(x)
-        return elastic - float(moving.load @ x) + 0.5 * self._weight * float(away @ moving.times_mass(away))
-
-    def gradient(self, x: Array) -> tuple[float, Array]:
-        moving = self._moving
-        elastic, gradient = moving.energy.gradient(x)
-        return self._add(x, elastic, gradient)
-
-    def quadratic(self, x: Array) -> tuple[float, Array, _StepModel]:
-        elastic, gradient, entries = self._moving.energy.hessian(x)
-        entries += self._weight * self._moving.energy.mass_entries
-        return *self._add(x, elastic, gradient), _StepModel(self._moving.energy.pattern, entries)
-
-    def _add(self, x: Array, elastic: float, gradient: Array) -> tuple[float, Array]:
-        away = x - self._centre
-        pull = self._weight * self._moving.times_mass(away)
-        load = self._moving.load
-        return elastic - float(load @ x) + 0.5 * float(away @ pull), gradient - load + pull
-
-
-@dataclass(frozen=True, eq=False)
-class _StepModel:
-    pattern: SymmetricPattern
-    entries: Array
-
-    def values(self, shift: float) -> Array:
-        if shift == 0.0:
-            return self.entries
-        values = self.entries.copy()
-        values[self.pattern.diagonal] += shift * float(np.abs(values[self.pattern.diagonal]).mean())
-        return values
 
 
 class SplineMotion(Body[YarnMotion]):
@@ -147,7 +105,7 @@ class SplineMotion(Body[YarnMotion]):
         self._pull = None if self.map is None else KeptPull(self.map)
         self._linear = self._new_linear()
         self._mass_solve: ConstrainedSolver | SaddleSolver | None = None
-        self._mass_model: _StepModel | None = None
+        self._mass_model: ShiftedHessian | None = None
 
     def counts(self) -> dict[str, int]:
         """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume."""
@@ -237,7 +195,7 @@ class SplineMotion(Body[YarnMotion]):
         """Longest stable explicit step at a state [s]: 2/ω of the fastest vibration, by power iteration."""
         self._aim_constraints(motion)
         solver, shape = self._mass_solver(), motion.positions.shape
-        _, _, entries = self.energy.hessian(self.yarns(motion).positions.ravel())
+        _, _, model = self.energy.quadratic(self.yarns(motion).positions.ravel())
         vector = np.random.default_rng(0).standard_normal(shape).ravel()
         square = 0.0
         for _ in range(iterations):
@@ -245,7 +203,7 @@ class SplineMotion(Body[YarnMotion]):
             full = (
                 vector if self.map is None else np.asarray(self.map.weights @ vector.reshape(shape)).ravel()
             )
-            image = solver.step(self._pulled(self.energy.pattern.multiply(entries, full)), None)
+            image = solver.step(self._pulled(model.pattern.multiply(model.entries, full)), None)
             square, vector = float(vector @ image), image
         return 2.0 / math.sqrt(square) if square > 0 else math.inf
 
@@ -290,7 +248,10 @@ class SplineMotion(Body[YarnMotion]):
         return rate / duration, self.yarns(replace(motion, positions=centre)).positions.ravel()
 
     def _objective(self, weight: float, centre: Array) -> Objective:
-        objective = _StepObjective(self, weight, centre)
+        inertia = MatrixSprings(
+            lambda away: weight * self.times_mass(away), weight * self.energy.mass_entries, centre
+        )
+        objective = SumOfEnergies(self.energy, [Load(self.load), inertia], self.force_scale)
         return objective if self.map is None else MappedObjective(objective, self.map, pull=self._pull)
 
     def _pulled(self, force: Array) -> Array:
@@ -331,7 +292,7 @@ class SplineMotion(Body[YarnMotion]):
             if self._pull is not None:
                 pull = self._pull.of(pattern)
                 pattern, entries = pull.pattern, pull.entries(entries)
-            self._mass_model, self._mass_solve = _StepModel(pattern, entries), self._new_linear()
+            self._mass_model, self._mass_solve = ShiftedHessian(pattern, entries), self._new_linear()
             self._factorise_mass()
         elif isinstance(self._constraints, SparseConstraints):
             self._mass_solve.constraints = self._constraints  # type: ignore[assignment]

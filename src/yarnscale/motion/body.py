@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, Literal, Protocol, TypeVar
 
 from yarnscale.errors import InputError
-from yarnscale.numerics.newton import Status
+from yarnscale.numerics.newton import Solution, Status
 
 Method = Literal["explicit", "implicit"]
 
@@ -41,6 +41,13 @@ class Step(Generic[State]):
     factorisations: int = 0
     residual: float = 0.0
     unrest: float = 0.0
+
+    @classmethod
+    def of(cls, state: State, solution: Solution, duration: float, unrest: float) -> Step[State]:
+        """An implicit step, by the outcome of its minimisation."""
+        return cls(
+            state, solution.status, duration, solution.iterations, solution.factorisations, solution.residual, unrest
+        )  # fmt: skip
 
 
 class Body(ABC, Generic[State]):

@@ -1,8 +1,8 @@
 """Affine parametrisation q = B y + d of full degrees of freedom by free ones (theory §7).
 
-``NodeMap`` has nodes that are weighted sums of others, as in a bounding volume. ``CopiedNodes`` is the case where every
-full node is a turned and shifted copy of one free node, as periodic images are; its pull-back happens stencil by
-stencil (``assembly``).
+``NodeMap`` has nodes that are weighted sums of others, as in a bounding volume. ``FreeUnknowns`` are some of the full
+degrees of freedom. ``CopiedNodes`` is the case where every full node is a turned and shifted copy of one free node, as
+periodic images are; its pull-back happens stencil by stencil (``assembly``).
 """
 
 from __future__ import annotations
@@ -89,6 +89,36 @@ class _NodePull:
         return whole.reshape(3 * self._count, -1)[self._row, self._column]
 
 
+@dataclass(frozen=True, eq=False)
+class FreeUnknowns:
+    """Some of the degrees of freedom, ``places`` (k,) increasing; the others stay as in ``state`` (n,)."""
+
+    places: NDArray[np.int64]
+    state: Array
+
+    def expand(self, free: Array) -> Array:
+        """All degrees of freedom, (n,)."""
+        full = self.state.copy()
+        full[self.places] = free
+        return full
+
+    def pull_gradient(self, gradient: Array) -> Array:
+        """Gradient by the free ones, (k,)."""
+        return gradient[self.places]
+
+    def pulled(self, inner: SymmetricPattern) -> _PartPull:
+        """How matrices of this pattern are pulled back."""
+        return _PartPull(self.places, inner)
+
+
+class _PartPull:
+    def __init__(self, places: NDArray[np.int64], inner: SymmetricPattern) -> None:
+        self.pattern, self._chosen = inner.part(places)
+
+    def entries(self, values: Array) -> Array:
+        return values[self._chosen]
+
+
 class MatrixPull(Protocol):
     """How the entries of matrices of one pattern become those of another."""
 
@@ -164,12 +194,15 @@ class MappedObjective:
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy and Bᵀ g."""
         value, gradient = self._objective.gradient(self._affine.expand(x))
-        return value, self._affine.pull_gradient(gradient)
+        return value, self._pulled(gradient)
 
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
         """Energy, Bᵀ g and the model Bᵀ H B."""
         value, gradient, model = self._objective.quadratic(self._affine.expand(x))
-        return value, self._affine.pull_gradient(gradient), _PulledModel(model, self._pull.of(model.pattern))
+        return value, self._pulled(gradient), _PulledModel(model, self._pull.of(model.pattern))
+
+    def _pulled(self, gradient: Array) -> Array:
+        return self._affine.pull_gradient(gradient)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,15 @@ class SymmetricPattern:
         rows = np.concatenate([self.rows, self.size + np.arange(count)])
         return SymmetricPattern(self.size + count, starts, rows)
 
+    def part(self, kept: NDArray[np.int64]) -> tuple[SymmetricPattern, NDArray[np.int64]]:
+        """Pattern of the rows and columns ``kept`` (increasing), and which entries of the whole it has."""
+        number = np.full(self.size, -1)
+        number[kept] = np.arange(len(kept))
+        columns = number[np.repeat(np.arange(self.size), np.diff(self.starts))]
+        rows = number[self.rows]
+        chosen = np.flatnonzero((columns >= 0) & (rows >= 0))
+        return SymmetricPattern.from_keys(len(kept), columns[chosen] * len(kept) + rows[chosen]), chosen
+
     @property
     def entries(self) -> int:
         """Number of stored entries."""
@@ -169,4 +178,6 @@ def factorisation(pattern: SymmetricPattern, backend: str | None = None) -> Fact
         raise InputError(
             "factorisation back end cholmod", expected="the extra 'fast' (cvxopt) installed", found="none"
         )
+    # After a large block was freed, glibc takes the arrays of later factorisations from the heap, without page faults.
+    np.empty(4_000_000)
     return BACKENDS[name](pattern)

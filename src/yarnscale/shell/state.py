@@ -8,18 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.motion.integrator import Earlier
+from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.shell.mesh import TriangleMesh
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Earlier:
-    """The state before a state: positions [m], velocities [m/s], both (nv, 3), and the step between them [s]."""
-
-    positions: Floats
-    velocities: Floats
-    duration: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,3 +84,20 @@ class Attachment:
         stiffness = self.stiffness / stretch
         energy = self.stiffness * float((square / (stretch + 1.0)).sum())
         return energy, stiffness[:, None] * gap, stiffness
+
+    def value(self, x: Floats) -> float:
+        """Energy [J] at the coordinates of all vertices; a term of a sum of energies, see ``numerics.sums``."""
+        return self.forces(x.reshape(-1, 3))[0]
+
+    def gradient(self, x: Floats, gradient: Floats) -> float:
+        """Energy [J]; adds the gradient [N]."""
+        energy, pull, _ = self.forces(x.reshape(-1, 3))
+        np.add.at(gradient.reshape(-1, 3), self.vertices, pull)
+        return energy
+
+    def hessian(self, x: Floats, gradient: Floats, pattern: SymmetricPattern, entries: Floats) -> float:
+        """``gradient``; adds the stiffnesses [N/m] too."""
+        stiffness = self.forces(x.reshape(-1, 3))[2]
+        places = pattern.diagonal[: len(x)].reshape(-1, 3)[self.vertices]
+        np.add.at(entries, places, stiffness[:, None])
+        return self.gradient(x, gradient)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.sums import add_diagonal_blocks
 from yarnscale.shell.mesh import TriangleMesh
 
 Floats = NDArray[np.float64]
@@ -34,9 +35,5 @@ def drag_entries(
     blocks = normals[:, :, None] * normals[:, None, :]
     blocks *= (drag * size * np.abs(np.einsum("ni,ni->n", velocities, normals)))[:, None, None]
     entries = np.zeros(pattern.entries)
-    # Rows are sorted and a vertex has its whole block: below the diagonal of a column come the rows of its vertex.
-    diagonal = pattern.diagonal.reshape(-1, 3)
-    for column in range(3):
-        for row in range(column, 3):
-            entries[diagonal[:, column] + row - column] = blocks[:, row, column]
+    add_diagonal_blocks(pattern, entries, blocks)
     return entries

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,18 +18,19 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Step
+from yarnscale.motion.integrator import Earlier, Integrator, StepRule, checked_integrator, step_rule
 from yarnscale.motion.obstacles import current_points, obstacle_name
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
+from yarnscale.numerics.sums import Load, MatrixSprings, Springs, Term
 from yarnscale.shell.contact.cloth_contact import ClothContact
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosses
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
-from yarnscale.shell.dynamics.integrator import Integrator, StepRule, checked_integrator, step_rule
-from yarnscale.shell.dynamics.step import PatternGrowth, Resistance, StepObjective
-from yarnscale.shell.elastic.energy import ShellEnergy
-from yarnscale.shell.state import ClothState, Earlier
+from yarnscale.shell.dynamics.step import PatternGrowth, StepObjective
+from yarnscale.shell.elastic.energy import ShellEnergy, ShellObjective
+from yarnscale.shell.state import Attachment, ClothState
 
 Floats = NDArray[np.float64]
 
@@ -81,6 +83,8 @@ class SolverOptions:
             raise InputError("iterations", expected="at least 1", found=self.iterations)
 
 
+STATIC_SOFTNESS = 1e-8
+"""Share of the largest diagonal entry that is added to all, in equilibria."""
 OFF_PLACE, OFF_PLACE_SHARE = 5e-4, 0.05
 """How far from its place a handle or body has left its motion: this [m], or this share of an edge if that is less."""
 
@@ -99,7 +103,8 @@ class ClothSolver(Body[ClothState]):
             ClothContact(cloth.mesh, cloth.contact, cloth.obstacles) if cloth.contact and touching else None
         )
         guests = self.contact.guests if self.contact is not None else 0
-        self.growth = PatternGrowth(self.energy.pattern.widened(3 * guests))
+        self.elastic = ShellObjective(self.energy, guests=guests)
+        self.growth = PatternGrowth(self.elastic.pattern)
         self.linear = ConstrainedSolver(None, None)
         strength = float(np.linalg.norm(cloth.gravity)) or GRAVITY
         self.scale = float(np.linalg.norm(self.masses)) * strength
@@ -112,27 +117,40 @@ class ClothSolver(Body[ClothState]):
         if self.contact is not None:
             self.contact.start_step(begin, min(duration, 1.0), state.time, state.slips)
         static = math.isinf(duration)
-        rule = None if static else step_rule(self.options.integrator, state, duration, inertia=inertia)
-        objective = self._objective(state, rule, until)
+        rule = step_rule(
+            self.options.integrator,
+            state.positions,
+            state.velocities,
+            state.before,
+            duration,
+            inertia=inertia,
+        )
+        weight, centre = rule.inertia(self.cloth.damping)
+        masses = Springs(np.repeat(weight * self.masses, 3), centre.ravel())
+        held = self._attachments(until)
+        load = Load((self.masses[:, None] * np.asarray(self.cloth.gravity)).ravel(), centre.ravel())
+        # Without inertia nothing but its own stiffness holds the cloth.
+        self.elastic.softness = STATIC_SOFTNESS if weight == 0.0 else 0.0
+        objective = StepObjective(
+            self.elastic, [masses, load, *held, *self._viscosity(state, rule)], self.scale,
+            contact=self.contact, growth=self.growth,
+        )  # fmt: skip
         moved = duration * state.velocities if inertia else np.zeros_like(state.velocities)
-        start = self._start(begin, self._with_obstacle_steps(begin, moved, objective)).ravel()
+        start = self._start(begin, self._with_obstacle_steps(begin, moved, held)).ravel()
         limit = self.options.iterations if iterations is None else iterations
         solution = self._minimise(objective, start, limit, static=static)
         positions, obstacles = np.split(solution.x.reshape(-1, 3), [len(self.masses)])
         new = ClothState(
             positions,
-            rule.velocity(positions) if rule is not None and inertia else np.zeros_like(positions),
+            rule.velocity(positions) if inertia else np.zeros_like(positions),
             until,
             self.energy.elements.reference_angles,
-            Earlier(state.positions, state.velocities, duration) if rule is not None and inertia else None,
+            Earlier(state.positions, state.velocities, duration) if inertia else None,
             obstacles if len(obstacles) else None,
             self.contact.slips(solution.x.reshape(-1, 3)) if self.contact is not None else None,
         )
-        inertial = objective.weights[:, None] * (positions - objective.centre)
-        unrest = float(np.linalg.norm(inertial)) / self.scale
-        return Step(
-            new, solution.status, duration, solution.iterations, solution.factorisations, solution.residual, unrest
-        )  # fmt: skip
+        inertial = masses.weight * (positions - centre).ravel()
+        return Step.of(new, solution, duration, float(np.linalg.norm(inertial)) / self.scale)
 
     def keeps(self, step: Step[ClothState]) -> bool:
         """Whether the residual is acceptable."""
@@ -244,11 +262,11 @@ class ClothSolver(Body[ClothState]):
         places = self.contact.places(state.time) if state.obstacles is None else state.obstacles
         return np.concatenate([state.positions, places])
 
-    def _with_obstacle_steps(self, begin: Floats, moved: Floats, objective: StepObjective) -> Floats:
+    def _with_obstacle_steps(self, begin: Floats, moved: Floats, held: list[Attachment]) -> Floats:
         """A step of the cloth and, after it, the ways of the obstacles' points to their places."""
         if self.contact is None or not self.contact.guests:
             return moved
-        return np.concatenate([moved, objective.attachments[-1].targets - begin[len(moved) :]])
+        return np.concatenate([moved, held[-1].targets - begin[len(moved) :]])
 
     def _bound(self, x: Floats, step: Floats) -> float:
         assert self.contact is not None
@@ -264,39 +282,23 @@ class ClothSolver(Body[ClothState]):
             fraction *= 0.25
         return positions
 
-    def _viscosity(self, state: ClothState) -> Floats:
-        """Force against the velocity of the start of a step, by stiffness and by the air, as entries [kg/s]."""
-        cloth, entries = self.cloth, np.zeros(self.energy.pattern.entries)
+    def _viscosity(self, state: ClothState, rule: StepRule) -> list[Term]:
+        """Damping by stiffness and by the air, against the velocity of the step, if there is any."""
+        cloth, pattern = self.cloth, self.energy.pattern
+        if rule.rate == 0.0 or not (cloth.stiffness_damping > 0 or cloth.air_drag > 0):
+            return []
+        entries = np.zeros(pattern.entries)
         if cloth.stiffness_damping > 0:
             linear = self.energy.linearise(state.positions)
             entries += cloth.stiffness_damping * self.energy.rate_stiffness(linear)
         if cloth.air_drag > 0:
-            entries += drag_entries(
-                cloth.mesh, self.energy.pattern, state.positions, state.velocities, cloth.air_drag
-            )
-        return entries
+            entries += drag_entries(cloth.mesh, pattern, state.positions, state.velocities, cloth.air_drag)
+        entries *= rule.rate
+        return [MatrixSprings(partial(pattern.multiply, entries), entries, rule.positions.ravel())]
 
-    def _objective(self, state: ClothState, rule: StepRule | None, time: float) -> StepObjective:
-        cloth = self.cloth
-        weights, centre, resistance = np.zeros_like(self.masses), state.positions, None
-        if rule is not None:
-            inertia, drag = rule.rate**2, cloth.damping * rule.rate
-            # ½ (inertia |x − y|² + drag |x − past|²) is one square about a point between the two.
-            centre = (inertia * rule.coasting + drag * rule.positions) / (inertia + drag)
-            weights = (inertia + drag) * self.masses
-            if cloth.stiffness_damping > 0 or cloth.air_drag > 0:
-                resistance = Resistance(rule.rate * self._viscosity(state), rule.positions)
-        held = [handle.attachment(time) for handle in cloth.handles]
+    def _attachments(self, time: float) -> list[Attachment]:
+        """What holds handles and, last, the points of moving obstacles."""
+        held = [handle.attachment(time) for handle in self.cloth.handles]
         if self.contact is not None and self.contact.guests:
             held.append(self.contact.attachment(time))
-        return StepObjective(
-            self.energy,
-            weights,
-            centre,
-            self.masses[:, None] * np.asarray(cloth.gravity),
-            tuple(held),
-            self.contact,
-            self.scale,
-            self.growth,
-            resistance,
-        )
+        return held

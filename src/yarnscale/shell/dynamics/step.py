@@ -12,7 +12,7 @@ is positive, costs one matrix a step, and vanishes for rigid motions, so that mo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.shell.elastic.energy import Floats, Linearisation, ShellEnergy
-from yarnscale.shell.state import Attachment
+from yarnscale.numerics.kkt import QuadraticModel
+from yarnscale.numerics.sums import SumOfEnergies, Term
+from yarnscale.shell.elastic.energy import Floats, ShellObjective
 
 ROUND_OFF = 1e-9
 """Share of the diagonal that is added to the positive model."""
@@ -51,106 +52,50 @@ class ContactEnergy(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class Resistance:
-    """The quadratic energy ½ |x − origin|² in a positive matrix: entries in the pattern of the elastic energy [N/m]."""
-
-    entries: Floats
-    origin: Floats
-
-
-@dataclass(eq=False)
-class StepObjective:
+class StepObjective(SumOfEnergies):
     """The energy of a step for ``numerics.newton.minimise``, in the coordinates of the vertices.
 
     Unknowns: the nv vertices of the cloth and, after them, the points of moving obstacles, which have no other
-    terms than contact and the attachment that places them.
-
-    weights: masses·rate² [N/m], (nv,), zero for a static equilibrium; centre: y (nv, 3); load: constant forces
-    (nv, 3) [N]; scale: gradient norm that counts as 1 [N]; resistance: damping by stiffness and by the air, if any.
+    terms than contact and the attachment that places them. terms: inertia, load, attachments, damping; scale: gradient
+    norm that counts as 1 [N]; growth: of the elastic pattern, by contacts.
     """
 
-    energy: ShellEnergy
-    weights: Floats
-    centre: Floats
-    load: Floats
-    attachments: tuple[Attachment, ...] = ()
-    contact: ContactEnergy | None = None
-    scale: float = 1.0
-    growth: PatternGrowth | None = None
-    resistance: Resistance | None = None
-    _memory: Linearisation | None = field(default=None, repr=False)
-    _trial: Linearisation | None = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        if self.growth is None:
-            self.growth = PatternGrowth(self.energy.pattern)
-
-    @property
-    def residual_scale(self) -> float:
-        """Gradient norm that counts as 1 [N]."""
-        return self.scale
+    def __init__(
+        self,
+        elastic: ShellObjective,
+        terms: Sequence[Term],
+        scale: float,
+        *,
+        contact: ContactEnergy | None = None,
+        growth: PatternGrowth | None = None,
+    ) -> None:
+        super().__init__(elastic, terms, scale)
+        self._contact = contact
+        self._growth = PatternGrowth(elastic.pattern) if growth is None else growth
 
     def value(self, x: Floats) -> float:
         """Energy [J]; inf where the state is not admissible."""
-        positions = x.reshape(-1, 3)
-        total = self._simple_terms(positions)[0]
-        if self.contact is not None:
-            total += self.contact.value(positions)
-        return total + self.energy.value(self.cloth_rows(positions)) if math.isfinite(total) else math.inf
+        touching = 0.0 if self._contact is None else self._contact.value(x.reshape(-1, 3))
+        return touching + super().value(x) if math.isfinite(touching) else math.inf
 
     def gradient(self, x: Floats) -> tuple[float, Floats]:
         """Energy [J] and gradient (3nv,) [N]."""
-        # Its own memory: a model made by ``quadratic`` may still be in use.
-        value, gradient, self._trial = self._linearise(x, self._trial)
-        return value, gradient
+        return self._with_contact(x, *super().gradient(x))
 
     def quadratic(self, x: Floats) -> tuple[float, Floats, StepModel]:
         """Energy, gradient and the second-order model, which is valid until the next call."""
-        value, gradient, self._memory = self._linearise(x, self._memory)
-        return value, gradient, StepModel(self, self._memory, x.reshape(-1, 3).copy())
+        value, gradient, model = super().quadratic(x)
+        touching = None
+        if (contact := self._contact) is not None:
+            keys, entries = contact.hessian(x.reshape(-1, 3))
+            touching = self._growth.admit(keys, lambda: contact.room(x.reshape(-1, 3))), entries
+        return *self._with_contact(x, value, gradient), StepModel(model, self._growth, touching)
 
-    def cloth_rows(self, rows: Floats) -> Floats:
-        """Those rows that belong to the cloth."""
-        return rows[: len(self.weights)]
-
-    def _linearise(self, x: Floats, memory: Linearisation | None) -> tuple[float, Floats, Linearisation]:
-        positions = x.reshape(-1, 3)
-        linear = self.energy.linearise(self.cloth_rows(positions), memory)
-        value, gradient = self._simple_terms(positions)
-        self.cloth_rows(gradient)[:] += linear.gradient
-        value += linear.value
-        if self.contact is not None:
-            touching, push = self.contact.gradient(positions)
-            value, gradient = value + touching, gradient + push
-        return value, gradient.ravel(), linear
-
-    def _simple_terms(self, positions: Floats) -> tuple[float, Floats]:
-        """Inertia, load, attachments and damping by stiffness."""
-        away = self.cloth_rows(positions) - self.centre
-        pull = self.weights[:, None] * away
-        value = 0.5 * float(np.vdot(pull, away)) - float(np.vdot(self.load, away))
-        gradient = np.zeros_like(positions)
-        self.cloth_rows(gradient)[:] = pull - self.load
-        for held in self.attachments:
-            energy, force, _ = held.forces(positions)
-            value += energy
-            np.add.at(gradient, held.vertices, force)
-        if self.resistance is not None:
-            moved = (self.cloth_rows(positions) - self.resistance.origin).ravel()
-            force = self.energy.pattern.multiply(self.resistance.entries, moved)
-            value += 0.5 * float(moved @ force)
-            self.cloth_rows(gradient)[:] += force.reshape(-1, 3)
-        return value, gradient
-
-    def diagonal(self, positions: Floats) -> Floats:
-        """Diagonal of the terms that have no other entries [N/m], one per unknown."""
-        assert self.growth is not None
-        weights = np.zeros(self.growth.base.size // 3)
-        self.cloth_rows(weights)[:] = self.weights
-        for held in self.attachments:
-            np.add.at(weights, held.vertices, held.forces(positions)[2])
-        return np.repeat(weights, 3)
+    def _with_contact(self, x: Floats, value: float, gradient: Floats) -> tuple[float, Floats]:
+        if self._contact is None:
+            return value, gradient
+        touching, push = self._contact.gradient(x.reshape(-1, 3))
+        return value + touching, gradient + push.ravel()
 
 
 @dataclass(eq=False)
@@ -195,56 +140,26 @@ class PatternGrowth:
 
 @dataclass(eq=False)
 class StepModel:
-    """Hessian H_exact + shift·(H_positive − H_exact), with each part made when needed; shift from 0.
+    """The model of a sum with the entries of contacts, and where they are in the grown pattern.
 
-    From 1 on the diagonal grows by (shift − 1) of itself, at least by ``ROUND_OFF``: where triangles have hardly
+    From shift 1 on the diagonal grows by (shift − 1) of itself, at least by ``ROUND_OFF``: where triangles have hardly
     any area, entries are so far apart that round-off makes even the positive model indefinite.
     """
 
-    objective: StepObjective
-    linear: Linearisation
-    positions: Floats
-    _parts: dict[str, Floats] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        contact = self.objective.contact
-        growth = self.objective.growth
-        assert growth is not None
-        self._growth = growth
-        self._touching = None
-        if contact is not None:
-            keys, entries = contact.hessian(self.positions)
-            # Let the pattern grow before it is asked for.
-            self._touching = growth.admit(keys, lambda: contact.room(self.positions)), entries
+    summed: QuadraticModel
+    growth: PatternGrowth
+    touching: tuple[NDArray[np.int64], Floats] | None
 
     @property
     def pattern(self) -> SymmetricPattern:
         """Pattern of the matrix; the same object until contacts make it grow."""
-        return self._growth.pattern
+        return self.growth.pattern
 
     def values(self, shift: float) -> Floats:
         """Entries in ``pattern`` [N/m]."""
-        share = min(max(shift, 0.0), 1.0)
-        elastic = np.zeros(self._growth.base.entries)
-        for kind, part in (("exact", 1.0 - share), ("positive", share)):
-            if part:
-                values = self._part(kind)
-                elastic[: len(values)] += part * values
-        diagonal = self._growth.base.diagonal
-        if not self.objective.weights.any():
-            # Flat cloth at rest has no stiffness across its plane; the step of Newton stays finite.
-            elastic[diagonal] += 1e-8 * float(np.abs(elastic[diagonal]).max())
-        elastic[diagonal] += self.objective.diagonal(self.positions)
-        if self.objective.resistance is not None:
-            damping = self.objective.resistance.entries
-            elastic[: len(damping)] += damping
-        if self._touching is not None:
-            elastic = self._growth.spread(elastic, *self._touching)
+        values = self.summed.values(shift)
+        if self.touching is not None:
+            values = self.growth.spread(values, *self.touching)
         if shift >= 1.0:
-            elastic[self.pattern.diagonal] *= max(shift, 1.0 + ROUND_OFF)
-        return elastic
-
-    def _part(self, kind: str) -> Floats:
-        if kind not in self._parts:
-            self._parts[kind] = self.linear.hessian("exact" if kind == "exact" else "positive")
-        return self._parts[kind]
+            values[self.pattern.diagonal] *= max(shift, 1.0 + ROUND_OFF)
+        return values

@@ -197,7 +197,7 @@ def scatter_gradient(element: NDArray, stencils: NDArray, out: NDArray) -> None:
 
 @numba.njit(**FAST)
 def scatter_hessian(element: NDArray, slots: NDArray, out: NDArray) -> None:
-    """Add element Hessians (171, n) to matrix entries through slots (n, 171)."""
+    """Add element Hessians (171, n) to matrix entries through slots (n, 171), −1: of no interest."""
     for n in range(slots.shape[0]):
         for k in range(171):
             out[slots[n, k]] += element[k, n]

@@ -8,13 +8,14 @@ membrane's geometric term. Newton's method uses exact + shift·(positive − exa
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
 from yarnscale.numerics.kernel import BLOCK, Kernel
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.elastic.density_loops import shared_densities, spline_densities
@@ -24,7 +25,7 @@ from yarnscale.shell.elastic.element_loops import (
     forms_of_blocks,
     gradient_of_blocks,
 )
-from yarnscale.shell.elastic.elements import FreeEdges, ShellElements, shell_elements
+from yarnscale.shell.elastic.elements import FreeEdges, shell_elements
 from yarnscale.shell.elastic.moduli import positive_moduli
 from yarnscale.shell.elastic.strain import follow_angles, form_kernels
 from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -72,12 +73,19 @@ class ShellEnergy:
     ) -> None:
         self.mesh, self.material = mesh, material
         self.elements = shell_elements(mesh, free_edges=free_edges)
-        self.pattern, self._slots = _pattern_and_slots(self.elements, mesh.vertex_count)
-        blocks = self.elements.blocks
-        self._forms, self._densities = np.empty((blocks, 6, BLOCK)), np.empty((blocks, BLOCK))
+        unknowns = np.where(
+            np.repeat(self.elements.present, 3, axis=2),
+            (3 * self.elements.stencils[..., None] + np.arange(3)).reshape(-1, BLOCK, 18),
+            SKIPPED,
+        ).reshape(-1, 18)
+        blocks = BlockPattern.of(np.full(mesh.vertex_count, 3), [unknowns])
+        self.pattern = blocks.pattern
+        self._slots = np.ascontiguousarray(blocks.slots(unknowns).transpose(0, 2, 1))
+        count = self.elements.blocks
+        self._forms, self._densities = np.empty((count, 6, BLOCK)), np.empty((count, BLOCK))
         self._nothing = np.empty((0, 0, 0))
-        count = min(available_threads() if threads is None else threads, max(1, blocks // LEAST_BLOCKS))
-        ends = np.linspace(0, blocks, count + 1).round().astype(int)
+        parts = min(available_threads() if threads is None else threads, max(1, count // LEAST_BLOCKS))
+        ends = np.linspace(0, count, parts + 1).round().astype(int)
         self._parts = [slice(begin, end) for begin, end in pairwise(ends)]
 
     @property
@@ -142,7 +150,7 @@ class ShellEnergy:
         address = form_kernels().curvature.address
 
         def part(blocks: slice) -> Floats:
-            values = np.zeros(self.pattern.entries + 1)  # the last one collects what belongs nowhere
+            values = np.zeros(self.pattern.entries + 1)  # the last one, at −1, collects what is skipped
             exact_hessian_of_blocks(
                 linear.positions, elements.stencils[blocks], elements.geometry[blocks], elements.areas[blocks],
                 linear.jacobian[blocks], linear.stress[blocks], linear.moduli[blocks], address,
@@ -226,19 +234,60 @@ class Linearisation:
         return self.energy.exact_hessian(self) if kind == "exact" else self.energy.positive_hessian(self)[0]
 
 
-def _pattern_and_slots(
-    elements: ShellElements, vertex_count: int
-) -> tuple[SymmetricPattern, NDArray[np.int32]]:
-    """Pattern of the 3nv unknowns, and slots of the 171 entries of each element, (nb, B, 171)."""
-    size = 3 * vertex_count
-    stencils = elements.stencils.reshape(-1, 6)
-    unknowns = (3 * stencils[:, :, None] + np.arange(3)).reshape(-1, 18)
-    present = np.repeat(elements.present.reshape(-1, 6), 3, axis=1)
-    row, column = np.tril_indices(18)
-    first, second = unknowns[:, row], unknowns[:, column]
-    keys = np.minimum(first, second) * size + np.maximum(first, second)
-    matters = present[:, row] & present[:, column]
-    diagonal = np.arange(size) * (size + 1)
-    unique = np.unique(np.concatenate([keys[matters], diagonal]))
-    slots = np.where(matters, np.searchsorted(unique, keys), len(unique)).astype(np.int32)
-    return SymmetricPattern.from_keys(size, unique), slots.reshape(*elements.areas.shape, 171)
+class ShellObjective:
+    """An elastic energy as one of the coordinates of its vertices, for sums of energies.
+
+    guests: points after those of the cloth that have no elastic energy. softness: share of the largest diagonal entry
+    that is added to all of them: flat cloth at rest has no stiffness across its plane.
+    """
+
+    def __init__(self, energy: ShellEnergy, *, guests: int = 0, softness: float = 0.0) -> None:
+        self._energy, self._guests, self.softness = energy, 3 * guests, softness
+        self._size = energy.pattern.size
+        self.pattern = energy.pattern.widened(3 * guests) if guests else energy.pattern
+        self.entries = np.empty(self.pattern.entries)
+        self._model: Linearisation | None = None
+        self._trial: Linearisation | None = None
+
+    def value(self, x: Floats) -> float:
+        """Energy [J]."""
+        return self._energy.value(x[: self._size].reshape(-1, 3))
+
+    def gradient(self, x: Floats) -> tuple[float, Floats]:
+        """Energy [J] and gradient [N]."""
+        # Its own memory: a model made by ``quadratic`` may still be in use.
+        self._trial = self._energy.linearise(x[: self._size].reshape(-1, 3), self._trial)
+        return self._trial.value, self._padded(self._trial.gradient)
+
+    def quadratic(self, x: Floats) -> tuple[float, Floats, ShellModel]:
+        """Energy, gradient and second-order model, which is valid until the next call."""
+        self._model = self._energy.linearise(x[: self._size].reshape(-1, 3), self._model)
+        return self._model.value, self._padded(self._model.gradient), ShellModel(self, self._model)
+
+    def _padded(self, gradient: Floats) -> Floats:
+        return np.concatenate([gradient.ravel(), np.zeros(self._guests)])
+
+
+class ShellModel:
+    """Hessian H + shift·(P − H), P the positive model, each made when it is needed; shift from 0, 1 and more alike."""
+
+    def __init__(self, objective: ShellObjective, linear: Linearisation) -> None:
+        self.pattern, self._softness = objective.pattern, objective.softness
+        self.entries = objective.entries
+        self.entries.fill(0.0)
+        self._hessian = cache(linear.hessian)
+
+    def values(self, shift: float) -> Floats:
+        """Entries in ``pattern`` [N/m]."""
+        share, values = min(max(shift, 0.0), 1.0), self.entries.copy()
+        if share in (0.0, 1.0):
+            elastic = self._hessian("positive" if share else "exact")
+        else:
+            elastic = (1.0 - share) * self._hessian("exact") + share * self._hessian("positive")
+        values[: len(elastic)] += elastic
+        if self._softness:
+            diagonal = self.pattern.diagonal
+            values[diagonal] += self._softness * float(
+                np.abs(elastic[diagonal[diagonal < len(elastic)]]).max()
+            )
+        return values

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.shell.state import ClothState
 
 Floats = NDArray[np.float64]
 Integrator = Literal["euler", "bdf2"]
@@ -40,10 +39,22 @@ def checked_integrator(name: str) -> Integrator:
 
 
 @dataclass(frozen=True, eq=False)
+class Earlier:
+    """The state before a state: positions [m], velocities [m/s], of one shape, and the step between them [s].
+
+    Of rods, positions are in radii and with twists [rad].
+    """
+
+    positions: Floats
+    velocities: Floats
+    duration: float
+
+
+@dataclass(frozen=True, eq=False)
 class StepRule:
     """A rule on one step: v = rate·(x − positions), a = rate·(v − velocities).
 
-    rate: [1/s]; positions: past(x) [m], velocities: past(v) [m/s], both (nv, 3).
+    rate: [1/s], 0 for an equilibrium; positions: past(x) [m], velocities: past(v) [m/s], of one shape.
     """
 
     rate: float
@@ -51,28 +62,39 @@ class StepRule:
     velocities: Floats
 
     def velocity(self, positions: Floats) -> Floats:
-        """Velocities [m/s] that go with new positions, (nv, 3)."""
+        """Velocities [m/s] that go with new positions."""
         return self.rate * (positions - self.positions)
 
-    @property
-    def coasting(self) -> Floats:
-        """Positions without any force, (nv, 3)."""
-        return self.positions + self.velocities / self.rate
+    def inertia(self, damping: float = 0.0) -> tuple[float, Floats]:
+        """Weight w [1/s²] and centre of the energy ½ w |x − centre|²_M of a step: inertia, and drag by ``damping``.
+
+        ½ (rate² |x − y|² + damping·rate |x − past|²) is one square about a point between the two.
+        """
+        total = self.rate + damping
+        return self.rate * total, self.positions + self.velocities / total if total else self.positions
 
 
 def step_rule(
-    integrator: Integrator, state: ClothState, duration: float, *, inertia: bool = True
+    integrator: Integrator,
+    positions: Floats,
+    velocities: Floats,
+    before: Earlier | None,
+    duration: float,
+    *,
+    inertia: bool = True,
 ) -> StepRule:
-    """The rule for a step of ``duration`` [s] from a state; without inertia, implicit Euler from rest."""
+    """The rule for a step of ``duration`` [s] from a state; without inertia, implicit Euler from rest.
+
+    before: the state before that one, if there is one. duration: inf for an equilibrium.
+    """
     if not inertia:
-        return StepRule(1.0 / duration, state.positions, np.zeros_like(state.velocities))
-    before = state.before
+        return StepRule(1.0 / duration, positions, np.zeros_like(velocities))
     if integrator == "euler" or before is None or duration >= LARGEST_GROWTH * before.duration:
-        return StepRule(1.0 / duration, state.positions, state.velocities)
+        return StepRule(1.0 / duration, positions, velocities)
     growth = duration / before.duration
     near, far = (1.0 + growth) ** 2 / (1.0 + 2.0 * growth), growth**2 / (1.0 + 2.0 * growth)
     return StepRule(
         (1.0 + 2.0 * growth) / ((1.0 + growth) * duration),
-        near * state.positions - far * before.positions,
-        near * state.velocities - far * before.velocities,
+        near * positions - far * before.positions,
+        near * velocities - far * before.velocities,
     )

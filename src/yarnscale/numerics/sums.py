@@ -1,0 +1,188 @@
+"""Sums of energies: what a cell, a step of cloth, of rods or of splines minimises.
+
+    E(x) + Σ ½ (x − c)ᵀ W (x − c) − load·x + …
+
+E is an energy of stencils with a sparse Hessian. The other terms (inertia, springs, loads, contact with bodies) are
+cheap; their Hessians have a place in the pattern of that of E. Newton's method asks for H + shift·M.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.kkt import QuadraticModel
+
+Array = NDArray[np.float64]
+
+
+class SummedModel(QuadraticModel, Protocol):
+    """A second-order model that further terms can be added to."""
+
+    entries: Array
+    """Entries in ``pattern`` of what every shift has in common."""
+
+
+class Energy(Protocol):
+    """An energy of n unknowns with a sparse Hessian; inf where the state is not admissible."""
+
+    def value(self, x: Array) -> float:
+        """Energy."""
+        ...
+
+    def gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy and gradient (n,), which is the caller's."""
+        ...
+
+    def quadratic(self, x: Array) -> tuple[float, Array, SummedModel]:
+        """Energy, gradient (n,) and second-order model, both the caller's."""
+        ...
+
+
+class Term(Protocol):
+    """An energy whose Hessian has a place in the pattern of another."""
+
+    def value(self, x: Array) -> float:
+        """Energy."""
+        ...
+
+    def gradient(self, x: Array, gradient: Array) -> float:
+        """Energy; adds the gradient to ``gradient``."""
+        ...
+
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
+        """``gradient``; adds the Hessian too, or a positive model of it, to the entries of a matrix."""
+        ...
+
+
+@dataclass(eq=False)
+class ShiftedHessian:
+    """H + shift·(D + T): entries of H, D diagonal, T further entries in ``pattern``.
+
+    diagonal: (n,) of D; None: the mean magnitude of the diagonal of H. ties: of T; None: there are none.
+    """
+
+    pattern: SymmetricPattern
+    entries: Array
+    diagonal: Array | None = None
+    ties: Array | None = None
+
+    def values(self, shift: float) -> Array:
+        """Entries of the regularised Hessian."""
+        if shift == 0.0:
+            return self.entries
+        values = self.entries.copy() if self.ties is None else self.entries + shift * self.ties
+        places = self.pattern.diagonal
+        values[places] += shift * (np.abs(values[places]).mean() if self.diagonal is None else self.diagonal)
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """½ Σ weight (x − centre)² of the first k unknowns, both (k,): springs, or lumped masses in an implicit step."""
+
+    weight: Array
+    centre: Array
+
+    def value(self, x: Array) -> float:
+        away = x[: len(self.weight)] - self.centre
+        return 0.5 * float((self.weight * away) @ away)
+
+    def gradient(self, x: Array, gradient: Array) -> float:
+        away = x[: len(self.weight)] - self.centre
+        pull = self.weight * away
+        gradient[: len(pull)] += pull
+        return 0.5 * float(pull @ away)
+
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
+        entries[pattern.diagonal[: len(self.weight)]] += self.weight
+        return self.gradient(x, gradient)
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixSprings:
+    """½ (x − centre)ᵀ W (x − centre) of the first k unknowns, centre (k,).
+
+    times: the product of W with a vector (k,). entries: of W, in a pattern that the pattern of the sum begins with.
+    """
+
+    times: Callable[[Array], Array]
+    entries: Array
+    centre: Array
+
+    def value(self, x: Array) -> float:
+        away = x[: len(self.centre)] - self.centre
+        return 0.5 * float(self.times(away) @ away)
+
+    def gradient(self, x: Array, gradient: Array) -> float:
+        away = x[: len(self.centre)] - self.centre
+        pull = self.times(away)
+        gradient[: len(pull)] += pull
+        return 0.5 * float(pull @ away)
+
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
+        entries[: len(self.entries)] += self.entries
+        return self.gradient(x, gradient)
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Energy −force·(x − origin) of constant forces on the first k unknowns (k,)."""
+
+    force: Array
+    origin: Array | float = 0.0
+
+    def value(self, x: Array) -> float:
+        return -float(self.force @ (x[: len(self.force)] - self.origin))
+
+    def gradient(self, x: Array, gradient: Array) -> float:
+        gradient[: len(self.force)] -= self.force
+        return self.value(x)
+
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
+        return self.gradient(x, gradient)
+
+
+class SumOfEnergies:
+    """An energy and further terms; an objective for ``newton.minimise``. residual_scale: gradient norm that is 1."""
+
+    def __init__(self, energy: Energy, terms: Sequence[Term], residual_scale: float = 1.0) -> None:
+        self.energy, self.terms, self._scale = energy, terms, residual_scale
+
+    @property
+    def residual_scale(self) -> float:
+        """Gradient norm that counts as 1."""
+        return self._scale
+
+    def value(self, x: Array) -> float:
+        """Energy; inf where the state is not admissible."""
+        total = sum(term.value(x) for term in self.terms)
+        return total + self.energy.value(x) if math.isfinite(total) else math.inf
+
+    def gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy and gradient (n,)."""
+        value, gradient = self.energy.gradient(x)
+        return value + sum(term.gradient(x, gradient) for term in self.terms), gradient
+
+    def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
+        """Energy, gradient (n,) and second-order model."""
+        value, gradient, model = self.energy.quadratic(x)
+        value += sum(term.hessian(x, gradient, model.pattern, model.entries) for term in self.terms)
+        return value, gradient, model
+
+
+def add_diagonal_blocks(pattern: SymmetricPattern, entries: Array, blocks: Array) -> None:
+    """Add symmetric blocks (k, 3, 3) on the diagonal of the first 3k unknowns.
+
+    Unknowns that meet come in threes: below the diagonal of a column come first the other rows of its block.
+    """
+    diagonal = pattern.diagonal[: 3 * len(blocks)].reshape(-1, 3)
+    for column in range(3):
+        for row in range(column, 3):
+            entries[diagonal[:, column] + row - column] += blocks[:, row, column]
