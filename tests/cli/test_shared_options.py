@@ -63,7 +63,7 @@ def test_a_radius_scales_drawings_and_is_refused_for_yarn_geometry(run, refused,
         scaled, drawn = read_pattern(tmp_path / "p.json"), read_pattern(source)
         assert scaled.period / drawn.period == pytest.approx(2e-4 / drawn.radius)
     line = refused("relax", tmp_path / "p.json", "--radius", 1e-3)
-    assert "--radius; expected a built-in pattern or a chart" in line
+    assert "--radius; expected a built-in pattern, a chart or a draft" in line
     assert "positive number" in refused("relax", "plain", "--radius", 0)
 
 

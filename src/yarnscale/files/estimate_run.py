@@ -86,7 +86,7 @@ def fabric_model(
         if yarn_length is not None:
             raise InputError("--radius", expected="none beside --yarn-length, which decides the size")
         if not drawn:
-            expected = "a built-in pattern or a chart, which are drawings"
+            expected = "a built-in pattern, a chart or a draft, which are drawings"
             raise InputError("--radius", expected=expected, found=shape.name)
         shape = shape.scaled(radius / shape.radius)
     elif drawn and yarn_length is None:
