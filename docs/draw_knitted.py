@@ -12,7 +12,7 @@ import numpy as np
 from yarnscale.drawing import library
 from yarnscale.drawing.knit import knit
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import eased
+from yarnscale.fabric.direct_static import relaxed_sheet
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.show.curves import Curve
@@ -32,7 +32,7 @@ def main() -> None:
     pieces, curves, right = [], [], 0.0
     for sheet in (knitted_sheet(library.build("rib-2x2"), 2, 10), knitted_sheet(striped, 4, 3, chart=TUCKS)):
         energy = FabricEnergy(sheet, material, springs=woven_in(sheet, material))
-        pieces.append(eased(energy, max_iterations=40))
+        pieces.append(relaxed_sheet(energy, max_iterations=40))
     for piece in pieces:
         curves += _beside(piece, right)
         right = max(float(curve.points[:, 0].max()) for curve in curves) + GAP

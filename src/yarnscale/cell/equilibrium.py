@@ -1,4 +1,4 @@
-"""A relaxed cell: where its yarns lie, its energy and stress, and how it was reached."""
+"""A relaxed cell: places of its yarns, energy, stress, and how the solve ended."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def linked_differently(energy: CellEnergy, x: Array) -> bool:
 
 
 def jump_is_safe(energy: CellEnergy, x: Array, origin: ShellStrain) -> bool:
-    """Whether a fluctuation may be taken over from the state ``origin``: no yarn passes another on the way."""
+    """Whether a fluctuation may be taken over from the state ``origin`` without a yarn passing another."""
     if np.array_equal(origin.vector, energy.strain.vector):
         return True
     found = passages_between(energy, _shape(energy, x, origin), _shape(energy, x))
@@ -82,5 +82,5 @@ def jump_is_safe(energy: CellEnergy, x: Array, origin: ShellStrain) -> bool:
 
 
 def safe_move(energy: CellEnergy, before: Array, after: Array) -> bool:
-    """Whether no yarn passes another on the straight way between two free vectors of one state."""
+    """Whether no yarn passes another on the straight path between two free vectors of one state."""
     return len(passages_between(energy, _shape(energy, before), _shape(energy, after)).lasting().rows) == 0

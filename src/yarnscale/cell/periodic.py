@@ -28,11 +28,11 @@ from yarnscale.yarn.stiffness import Materials, PatternStiffness, materials_of
 Array = NDArray[np.float64]
 
 LARGEST_HALVING = 4
-"""How often the way from rest to a state is halved when the direct solve does not converge."""
+"""How often the load path from rest to a state is halved when the direct solve does not converge."""
 FEWEST_STEPS = 4
-"""Steps from rest to a state where the direct way was no good."""
+"""Steps from rest to a state where the direct solve failed."""
 PATIENCE = 4
-"""How many times the usual iterations a state gets in the end that no way has relaxed."""
+"""Factor on the iterations of a last attempt where no load path has converged."""
 
 
 _Reached = tuple[CellEnergy, Solution]
@@ -100,7 +100,7 @@ class PeriodicCell:
     def relax(self, strain: ShellStrain | None = None, *, start: Equilibrium | None = None) -> Equilibrium:
         """The equilibrium under a macroscopic state, from rest or from a neighbouring equilibrium.
 
-        Where the direct way does not converge or would take yarns through each other, intermediate states are
+        Where the direct solve does not converge or yarns would pass through each other, intermediate states are
         relaxed first; a start that is crossed is left aside. Look at ``status`` and ``crossed``.
         """
         strain = ShellStrain() if strain is None else strain
@@ -113,7 +113,7 @@ class PeriodicCell:
     ) -> Equilibrium:
         """``relax`` from a state's strain, fluctuation (n, 3) [m] and twist (n,); None: from rest.
 
-        nearby: one solve from the seed, which may fail; otherwise intermediate states and ways from rest are tried.
+        nearby: one solve from the seed, which may fail; otherwise intermediate states and paths from rest are tried.
         """
         began = time.perf_counter()
         rest, target = np.zeros(6), strain.vector
@@ -131,12 +131,12 @@ class PeriodicCell:
             solution = self._released(energy, solution, seed, nearby)
         if self.starts > 1:
             solution = self._lowest(energy, solution)
-        # No step of any way takes yarns through each other (``CellEnergy.bound``); this checks the whole.
+        # No step moves yarns through each other (``CellEnergy.bound``); this checks the whole path.
         crossed = math.isfinite(solution.value) and linked_differently(energy, solution.x)
         return self._equilibrium(energy, solution, time.perf_counter() - began, crossed=crossed)
 
     def _first_good(self, ways: list[Callable[[], _Reached | None]]) -> _Reached:
-        """The first way to an equilibrium that converges; else the first outcome, given more time where it needs it."""
+        """The first load path that converges; else the first outcome, with more iterations where it needs them."""
         best: _Reached | None = None
         for way in ways:
             found = way()
@@ -157,7 +157,7 @@ class PeriodicCell:
         return energy, cell._minimised(energy, start)
 
     def _from_seed(self, target: Array, seed: tuple[ShellStrain, Array, Array]) -> _Reached | None:
-        """The way from a seed, at once or through intermediate states; None where it is another fabric."""
+        """The load path from a seed, direct or through intermediate states; None where it is another fabric."""
         scaled = seed[1] / self.pattern.radius, seed[2]
         energy = self.energy(ShellStrain.from_vector(target))
         start = energy.start(*scaled)
@@ -173,7 +173,7 @@ class PeriodicCell:
     def _is_this_fabric(self, strain: ShellStrain, scaled: tuple[Array, Array]) -> bool:
         """Whether yarns can move from the drawing to a fluctuation [r] and twist without passing through each other.
 
-        Looked for on two ways: the straight one, and the one by the equilibrium that the drawing relaxes to.
+        From two starts: the drawing, and the equilibrium that the drawing relaxes to.
         """
         energy = self.energy(strain)
         x = energy.start(*scaled)
@@ -185,7 +185,7 @@ class PeriodicCell:
         return relaxed.converged and safe_move(energy, relaxed.x, x)
 
     def _given_time(self, energy: CellEnergy, solution: Solution) -> Solution:
-        """A solve that was still on its way, taken on: loose yarns touch and part many times before they rest."""
+        """An unfinished solve, continued: loose yarns touch and part many times before they rest."""
         patient = replace(self, max_iterations=PATIENCE * self.max_iterations)
         further = patient._minimised(energy, solution.x)
         return replace(
@@ -203,7 +203,7 @@ class PeriodicCell:
     ) -> Solution:
         """The lower of an equilibrium and the one that yarns slide to from where they are held.
 
-        Sliding yarns catch on each other's vertices; so the first way alone may end above the held equilibrium.
+        Sliding yarns catch on each other's vertices, so the first start alone may end above that without sliding.
         """
         held = replace(self, sliding=False).relax_from(energy.strain, seed, nearby=nearby)
         other = self._minimised(energy, energy.start(held.fluctuation / self.pattern.radius, held.twist))
@@ -261,10 +261,10 @@ class PeriodicCell:
         halvings: int,
         direct: _Reached | None = None,
     ) -> _Reached | None:
-        """Solve at ``strain`` from a seed at ``origin``; where that fails, by way of the state half-way.
+        """Solve at ``strain`` from a seed at ``origin``; where that fails, through the state half-way.
 
         A seed that yarns would have to pass each other for, were the state changed at once, fails without a try. None
-        where no way was found on which they do not. direct: the outcome at once, where it is known.
+        where no path was found on which they do not. direct: the outcome of the direct solve, if known.
         """
         energy = self.energy(ShellStrain.from_vector(strain))
         start = energy.start(*(seed or (None, None)))
@@ -312,7 +312,7 @@ class PeriodicCell:
         )
 
     def placement(self, state: Equilibrium | None) -> Callable[[NDArray[np.int64], NDArray[np.int64]], Array]:
-        """Where copies lie: a function of vertices (k,) and tiles (k, 2) to positions (k, 3) [m]; None: as drawn."""
+        """Positions of copies: a function of vertices (k,) and tiles (k, 2) to (k, 3) [m]; None: as drawn."""
         radius, n = self.pattern.radius, len(self.pattern.edges)
         surface = cell_midsurface(self.pattern, ShellStrain() if state is None else state.strain)
         fluctuation = np.zeros((n, 3)) if state is None else state.fluctuation

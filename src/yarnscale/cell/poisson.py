@@ -8,7 +8,7 @@ closed form V(w) S ξ plus a correction ψ, and the grid carries ψ only:
 
 T vanishes where det II = 0, so cylinders are exact and Ψ runs smoothly through them. ψ is linear in T, so its
 derivatives by the state are the same solve with ∂T/∂z. Gradients live on the edges of a regular grid (second order);
-cosines diagonalise the operator with its natural boundary, so one fast transform stands for the factorisation.
+cosines diagonalise the operator with its natural boundary, so one fast transform replaces the factorisation.
 
 **The domain.** Cloth with Gaussian curvature cannot keep lengths: least squares spreads the misfit, of the order
 det II · L² in strain, over its domain of size L, with zero mean there. Were the domain the tile and its ring of copies,
@@ -125,7 +125,7 @@ class Grid:
         return (part.sum(axis=0) - 0.5 * (part[0] + part[-1])) / self.cells
 
     def keep_tile_mean(self, field: Array, gradients: tuple[Array, Array]) -> Array:
-        """The field plus the linear one that gives its gradient the tile mean of ``gradients``."""
+        """The field plus a linear one, so that its gradient has the tile mean of ``gradients``."""
         for axis in (0, 1):
             misfit = gradients[axis] - np.diff(field, axis=axis) / self.step[axis]
             line = self.nodes[axis].reshape((-1, 1) if axis == 0 else (1, -1))
@@ -162,9 +162,9 @@ class PoissonMidsurface:
     ) -> None:
         """period, centre (2,): of the tile, reference coordinates in the unit ``length`` [m] of all coordinates.
 
-        margin (2,): how far beyond the tile points are asked for; one period by default. cells: of the grid over one
-        period, a multiple of four. around_closed_form: solve for the correction of the closed form only; else for all
-        of φ, as published. tile_mean: keep the mean gradient of the tile; else that of the whole domain.
+        margin (2,): distance beyond the tile up to which points are evaluated; one period by default. cells: of the
+        grid over one period, a multiple of four. around_closed_form: solve for the correction of the closed form only;
+        else for all of φ, as published. tile_mean: keep the mean gradient of the tile; else that of the whole domain.
         """
         self.strain = strain
         self._scale = np.array([1.0, 1.0, 1.0, length, length, length])
@@ -227,7 +227,7 @@ class PoissonMidsurface:
 
 
 def cell_midsurface(pattern: YarnPattern, strain: ShellStrain) -> Midsurface | PoissonMidsurface:
-    """The surface on which a pattern's copies lie, coordinates in yarn radii; centred on the pattern's yarn.
+    """The midsurface of a pattern's copies, coordinates in yarn radii; centred on the pattern's yarn.
 
     Its domain is as wide as the copies that can touch the tile at rest: given by the pattern, not by the search for
     contacts, so that energy is a smooth function of the state.

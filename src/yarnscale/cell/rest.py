@@ -1,7 +1,7 @@
 """Rest shapes: patterns whose cell carries no coarse in-plane stress (HYLC20 §5.1, EST22 §7.2).
 
-A pattern as drawn is not at rest: its yarns push and pull, and a cell held at its periods is under stress. Two ways
-lead out. ``shrunk_to_rest`` lets the periods follow until the stress is gone, the yarns keeping their own rest shape
+A pattern as drawn is not at rest: its yarns push and pull, and a cell at its periods is under stress. Two methods
+remove it. ``shrunk_to_rest`` lets the periods follow until the stress is gone, the yarns keeping their own rest shape
 (straight ones stay bent in the fabric: stockinette curls). ``estimated_rest`` keeps the periods and sets what the
 yarns are at rest instead, as knitting and finishing do (nothing is left that could curl).
 """
@@ -53,7 +53,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 SETTING = 0.8
-"""Share of the drawn curvature and twist that yarns have at rest, unless told otherwise."""
+"""Default share of the drawn curvature and twist that yarns have at rest."""
 LARGEST_STEP = 0.06
 """Largest change of a period in one step, relative."""
 SMALLEST_STEP = 1e-5
@@ -76,7 +76,7 @@ def settled(
     rest curvatures published with it are those of the drawings), are shortened, and the periods follow
     (``shrunk_to_rest``): that keeps what is left of their bending, so that stockinette curls, and gives a fabric whose
     yarns touch. Where shear stress is left, as in twills, the yarns are set further (``estimated_rest``), at those
-    periods or, failing that, at the drawn ones; the history then goes on with the rounds of that search.
+    periods or, failing that, at the drawn ones; the history then continues with the rounds of that search.
 
     setting: share of the drawn curvature and twist that the yarns have at rest. 0 leaves straight yarns as they
     are: ribs then draw in to half their width, and loose fabrics are as stiff as their yarns bend.
@@ -111,8 +111,8 @@ def shrunk_to_rest(
 
     The energy of the period, stretch, bending, twist and contact together, is minimised over both periods by Newton
     steps with the exact stress and moduli, safeguarded by its decrease; the pattern is redrawn at every equilibrium
-    reached (``rebased``). Rest curvatures and twists of the yarns stay. Shear stress cannot vanish this way (the
-    periods stay orthogonal) and bending stress is not asked to (HYLC20 §5.1, after Leaf et al. 2018).
+    reached (``rebased``). Rest curvatures and twists of the yarns stay. Shear stress cannot vanish so (the
+    periods stay orthogonal) and bending stress need not (HYLC20 §5.1, after Leaf et al. 2018).
 
     shortening: share of the rest lengths taken away first; more makes a tighter fabric.
     Raises InputError for a shortening outside [0, 0.5].

@@ -41,15 +41,15 @@ def estimated_rest(
     length_bound: float = 0.2,
     progress: Progress | None = None,
 ) -> RestShape:
-    """Set what the yarns are at rest towards how they lie, until the coarse stress at the given periods is small.
+    """Move the rest shape of the yarns towards their present one, until the stress at the given periods is small.
 
     Solves for equilibrium alternate with resetting rest lengths, curvatures and twists to the shape reached; contact
     pushes the yarns apart a little less every time. The first ``short_rounds`` solves stop after a few iterations,
     as contact may be strong and uneven at first (EST22 §7.2). Rest lengths stay within ``length_bound`` of the given.
 
-    A reset goes half of the way at first, so that the search ends at the first shape that is good enough, still
-    slightly pre-tensed: yarns without any force would leave a slack cell that nothing holds. Where contact decays
-    slowly, as between stiff yarns, it goes all the way and repeats a part of the last one. For the same reason the
+    A reset covers half of the difference at first, so that the search ends at the first shape that is good enough,
+    still slightly pre-tensed: yarns without any force would leave a slack cell that nothing holds. Where contact decays
+    slowly, as between stiff yarns, it covers all of it and repeats a part of the last one. For the same reason the
     yarns are shortened first by the share ``shortening`` (then reset like all else): a drawing whose yarns hardly
     touch would stay slack.
 

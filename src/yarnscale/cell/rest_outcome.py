@@ -82,7 +82,7 @@ class RestRound:
 
 @dataclass(frozen=True, eq=False)
 class RestShape:
-    """Outcome of a search for a rest shape; look at ``status``.
+    """Outcome of a search for a rest shape; ``status`` says whether it is one.
 
     pattern: the pattern reached, also where the search did not end well. stress: how far it is from rest.
     history: its rounds. length_change: largest relative change of a rest length. moved: largest move of a vertex
@@ -116,7 +116,7 @@ def rest_stress_ratio(cell: PeriodicCell, *, rest: Equilibrium | None = None) ->
 
     The criterion of rest, in-plane: |∂Ψ/∂s_x(0)| ≤ 0.01 |∂Ψ/∂s_x(s_x = 0.05)|, the same for s_y, and |∂Ψ/∂s_a(0)|
     ≤ 0.01 of the larger of the two. Bending stress has no part in it: a fabric that curls has ∂Ψ/∂II ≠ 0 when flat.
-    ``rest``: the relaxed undeformed cell, where it is known. Solves that do not converge are told by ``relaxed``.
+    ``rest``: the relaxed undeformed cell, where it is known. ``relaxed``: whether all solves converged.
     """
     rest = cell.relax() if rest is None else rest
     course = cell.relax(ShellStrain(s_x=RATIO_STRAIN), start=rest)

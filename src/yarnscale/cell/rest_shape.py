@@ -1,4 +1,4 @@
-"""A pattern redrawn at a flat equilibrium, and its yarns' rest shape taken anew from where they lie."""
+"""A pattern redrawn at a flat equilibrium, and the rest shape of its yarns taken from their present shape."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 def rebased(pattern: YarnPattern, state: Equilibrium) -> YarnPattern:
     """The pattern whose drawn shape is a flat equilibrium without shear.
 
-    Vertices lie where the state has them, the periods are those of the state, and what the yarns are at rest
-    (rest length, curvature, twist) stays. Directors are carried to the new tangents by the transports that the
-    energy itself makes (rest → affine → relaxed), so that every strain measure, and the energy of the period, is
-    the same: the new pattern is in equilibrium without fluctuation at rest.
+    Vertices and periods are those of the state, and the rest shape of the yarns (rest length, curvature, twist) stays.
+    Directors are carried to the new tangents by the transports that the energy itself makes (rest → affine → relaxed),
+    so that every strain measure, and the energy of the period, is the same: the new pattern is in equilibrium without
+    fluctuation at rest.
 
     Raises InputError for a state with shear or curvature: the periods of a pattern are orthogonal and flat.
     """

@@ -1,4 +1,4 @@
-"""Perturbed starts for cells that can buckle in more than one way."""
+"""Perturbed starts for cells with several buckled equilibria."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WAVES = ((1, 0), (0, 1), (1, 1), (1, -1))
 def perturbed(energy: CellEnergy, x: Array, generator: np.random.Generator) -> Array:
     """A free vector near ``x``: noise on every vertex and waves of the cell's own period, the ones of buckling.
 
-    The perturbation is shortened until no yarn passes another on the way and the energy is finite.
+    The perturbation is shortened until no yarn passes another and the energy is finite.
     """
     n, pattern = energy.count, energy.pattern
     moves = NOISE * generator.standard_normal((n, 3))

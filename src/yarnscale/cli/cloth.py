@@ -103,7 +103,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
 
 
 def _flat(summary: Mapping[str, object]) -> dict[str, object]:
-    """A summary in which the shares out of range stand by themselves, or not at all where they are not known."""
+    """A summary with one entry for every share out of range, none where they are not known."""
     shares = summary.get("out_of_range")
     rest = {name: value for name, value in summary.items() if name != "out_of_range"}
     if isinstance(shares, Mapping):
@@ -112,7 +112,7 @@ def _flat(summary: Mapping[str, object]) -> dict[str, object]:
 
 
 def _notes(scene: Scene) -> list[str]:
-    """What may touch in a scene, and so what is tested for crossings; motions that go on beyond its end."""
+    """Which surfaces can touch, and so are tested for crossings; motions that continue beyond the end."""
     contact, bodies = scene.cloth.contact, bool(scene.cloth.obstacles)
     if contact is not None and contact.self_contact:
         thick = f"{1e3 * contact.thickness:.3g} mm"
@@ -140,7 +140,7 @@ def _checkpoints(scene: Scene, folder: Path) -> CheckpointFile[ClothState]:
 
 
 def simulate_into(scene: Scene, folder: Path, *, resume: Run[ClothState] | None = None) -> SceneResult:
-    """Run a scene, or go on with a run; frames are written as they finish, pictures and numbers at the end."""
+    """Run a scene, or continue a run; frames are written as they finish, pictures and numbers at the end."""
     from yarnscale.show.run_page import write_run_page
 
     cloth, kept = scene.cloth, resume.frames if resume is not None else 0

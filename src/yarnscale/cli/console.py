@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def report(options: argparse.Namespace, summary: Mapping[str, object], *lines: str) -> None:
-    """What a command found: with ``--json`` a summary as one object, else lines of text."""
+    """Print the results of a command: with ``--json`` a summary as one object, else lines of text."""
     if options.json:
         print(plain_json({**summary, "notices": given} if given else summary))
         return
@@ -37,7 +37,7 @@ def say(text: str) -> None:
 
 
 def outcome_lines(values: Mapping[str, object], sentences: Sequence[str] = ()) -> list[str]:
-    """Numbers of a run, one a line, but for motions that were not carried out, which sentences tell."""
+    """Numbers of a run, one a line, then sentences on motions that were not carried out."""
     lines = []
     for name, value in values.items():
         if name != "unfulfilled":
@@ -87,7 +87,7 @@ class ProgressLine:
         self._terminal = sys.stderr.isatty()
 
     def show_step(self, progress: Progress) -> None:
-        """Show a step of a run, which goes on as fast as it did since its first step here."""
+        """Show a step of a run; the time left follows from the mean speed since its first step in this process."""
         seconds = time.monotonic() - self._began
         if self._first is None:
             self._first = progress.share, seconds
@@ -99,8 +99,8 @@ class ProgressLine:
     def show(self, done: int, total: int, note: str = "", *, left: float | None = None) -> None:
         """Show how far the work is.
 
-        left: seconds still to come (nan: unknown); None: as long for each part as since the line was made. What has
-        been worked on for a time takes about as long again, whatever others took.
+        left: seconds left (nan: unknown); None: each part takes as long as those since the line was made. A part
+        that has taken longer is assumed to take as long again.
         """
         now = time.monotonic()
         seconds = now - self._began
@@ -121,13 +121,13 @@ class ProgressLine:
         self.show(progress.done, progress.total, note, left=progress.seconds_left)
 
     def note(self, text: str) -> None:
-        """Say where work of unknown length stands."""
+        """Show the progress of work of unknown length."""
         now = time.monotonic()
         if now - max(self._last, self._began) >= (0.1 if self._terminal else 5.0):
             self._print(f"{self.label}: {text}, {now - self._began:.0f} s")
 
     def note_solve(self, iteration: int, residual: float, tolerance: float = 1e-6) -> None:
-        """Say where a solve stands that ends at a residual; what is left takes as long as the digits won so far."""
+        """Show an iteration of a solve that ends at a residual; the time left is extrapolated from its decrease."""
         now = time.monotonic()
         if iteration == 0:
             self._solve = now, residual, residual
@@ -141,7 +141,7 @@ class ProgressLine:
         self.note(text)
 
     def end(self) -> None:
-        """Leave the line of work of unknown length."""
+        """End the line of work of unknown length."""
         if self._terminal and self._last > 0.0:
             print(file=sys.stderr, flush=True)
 

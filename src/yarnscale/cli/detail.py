@@ -73,7 +73,7 @@ def detail(options: argparse.Namespace) -> int:
 
 
 def _frame_folder(folder: Path) -> Path:
-    """Where the cloth's frames lie: in the folder itself or in ``frames`` within."""
+    """The folder of the cloth's frames: the folder itself or ``frames`` within."""
     inner = folder / "frames"
     return inner if (inner / MESH).is_file() and not (folder / MESH).is_file() else folder
 
@@ -121,7 +121,7 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
 def _stored(
     options: argparse.Namespace, pattern: YarnPattern, yarn: YarnChoice
 ) -> tuple[SampleStore, YarnPattern] | None:
-    """The samples asked for, or those beside the pattern's file if they are of this cell, and its pattern; or None."""
+    """The samples of ``--samples``, or those beside the pattern's file if of this cell, and its pattern; or None."""
     if options.samples is not None:
         store = SampleStore(options.samples)
         return store, _sampled_pattern(store, pattern, yarn, options)

@@ -160,7 +160,7 @@ def _rods(options: argparse.Namespace) -> int:
 
 
 def _laid(options: argparse.Namespace, pattern: YarnPattern, yarn: YarnChoice) -> RodFabric:
-    """The fabric asked for; drawings settle before they are cut, unless they shall stay as drawn."""
+    """The fabric of the options; drawings are brought to rest before they are cut, unless ``--as-drawn``."""
     relax, material = not options.count, yarn.materials
     if options.border == "knitted" and (options.tube or options.on is not None):
         raise InputError("--border knitted", expected="a flat piece", found="--tube or --on")
@@ -179,7 +179,7 @@ def _laid(options: argparse.Namespace, pattern: YarnPattern, yarn: YarnChoice) -
 
 
 def _planned(options: argparse.Namespace) -> PlannedScene | None:
-    """The scene file asked for, if any; what it says cannot be said by options too."""
+    """The scene file, if any. InputError for options that it replaces."""
     if options.scene in SCENES:
         return None
     if not Path(options.scene).is_file():
@@ -209,7 +209,7 @@ def _volume(options: argparse.Namespace, sheet: YarnSheet) -> BoundingVolume | N
 def _simulated(
     options: argparse.Namespace, kind: type, scene: Callable[[], FabricScene[Any]], **parts: object
 ) -> int:
-    """Run a scene into the folder of results; parts: what the options name, such as the pattern and its yarns."""
+    """Run a scene into the folder of results; parts: contents of files and names in the options, for the checkpoint."""
     settings = {f"--{name.replace('_', '-')}": getattr(options, name) for name in SHAPING} | parts
     formats = [name for made in options.format for name in convert.made_by(made, _name(made))]
     results = RunFolder(
@@ -240,7 +240,7 @@ def _write_page(
 ) -> None:  # fmt: skip
     from yarnscale.show.run_page import write_run_page
 
-    # Fabric that lies level is seen from the side and above, other fabric from the front.
+    # Horizontal fabric is seen obliquely, other fabric from the front.
     gravity = result.scene.gravity
     level = abs(gravity[2]) > abs(gravity[1])
     write_run_page(

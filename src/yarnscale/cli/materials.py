@@ -35,7 +35,7 @@ PATTERN = "pattern.json"
 
 
 def worker_count(options: argparse.Namespace) -> int:
-    """Processes to use: as asked, else one per core that this process may use."""
+    """Processes to use: ``--workers``, else one per core that this process may use."""
     if options.workers is not None:
         return options.workers
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""Sentences about input that is accepted but likely not meant: on the standard error, and in JSON output."""
+"""Notices about input that is accepted but unlikely: on the standard error, and in JSON output."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from yarnscale.errors import InputNotice
 
 given: list[str] = []
-"""Those of the command that runs."""
+"""Notices of the running command."""
 
 
 def tell(notices: Iterable[str]) -> None:
@@ -22,7 +22,7 @@ def tell(notices: Iterable[str]) -> None:
 
 @contextmanager
 def collected() -> Iterator[None]:
-    """Print and keep what the library warns of while a command runs."""
+    """Print and keep the library's notices while a command runs."""
     given.clear()
     with warnings.catch_warnings():
         warnings.simplefilter("always", InputNotice)

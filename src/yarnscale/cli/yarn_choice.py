@@ -1,4 +1,4 @@
-"""Which yarn a command works with: the one asked for, the one that comes with the pattern, or a stated default."""
+"""The yarn of a command: that of ``--material``, of the pattern's file, or a default that is printed."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ KNIT_DEFAULT, WEAVE_DEFAULT = "hylc2020-stockinette", "hylc2020-basket"
 
 @dataclass(frozen=True)
 class YarnChoice:
-    """Yarn materials of a pattern, where they come from, and those that they take the place of.
+    """Yarn materials of a pattern, their origin, and those that they replace.
 
-    is_default: whether nothing says that the fabric is made of them.
+    is_default: whether they are a default.
     """
 
     pattern: str
@@ -32,7 +32,7 @@ class YarnChoice:
 
     @property
     def summary(self) -> dict[str, str]:
-        """What JSON says of it."""
+        """Entries of the JSON output."""
         return {"material": names(self.materials), "material_from": self.origin}
 
     def say(self) -> None:
@@ -59,8 +59,8 @@ def yarn_for(
 ) -> YarnChoice:
     """The yarn of a pattern that was read from a source.
 
-    asked: materials by name or file, one for all yarns or one for each number. kept: those that came with the pattern
-    in another way than its file. Names of files and patterns decide nothing: a file without a yarn has the default of
+    asked: materials by name or file, one for all yarns or one for each number. kept: those stored with a run
+    instead of the pattern's file. Names of files and patterns do not matter: a file without a yarn has the default of
     knits or of weaves. Raises InputError for materials that do not suit the pattern.
     """
     label = str(source)

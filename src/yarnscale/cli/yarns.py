@@ -46,7 +46,7 @@ def pattern_of(source: str, radius: float | None) -> YarnPattern:
 
 
 def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
-    """Fabric at rest of a drawing; the console says so, also where it is not quite at rest."""
+    """The fabric at rest of a drawing, with a line on the console, also where it is not quite at rest."""
     say(f"settling {drawn.name} to its rest shape")
     shape = watched_rest(drawn, material)
     if not shape.converged:
@@ -55,7 +55,7 @@ def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
 
 
 def watched_rest(drawn: YarnPattern, material: Materials) -> RestShape:
-    """``settled`` with a line on the console that says how far it is."""
+    """``settled`` with progress on the console."""
     line, rounds, note = ProgressLine(f"settling {drawn.name}"), 0, ""
 
     def progress(reached: RestRound) -> None:
@@ -73,7 +73,7 @@ def watched_rest(drawn: YarnPattern, material: Materials) -> RestShape:
 
 
 def at_rest(options: argparse.Namespace, drawn: YarnPattern, material: Materials) -> YarnPattern:
-    """A pattern read, brought to rest where it is a drawing that shall not stay as it is drawn.
+    """A pattern; a drawing is brought to rest unless ``--as-drawn``.
 
     Drawings of more than ``LARGE`` vertices keep their periods, and a line says so: to settle them takes minutes.
     """

@@ -1,1 +1,1 @@
-"""Finite fabrics: yarns at full length, and the bounding volume that stands in for them (LOD03)."""
+"""Finite fabrics: yarns at full length, and the bounding volume that reduces their unknowns (LOD03)."""

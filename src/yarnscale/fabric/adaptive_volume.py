@@ -1,8 +1,8 @@
-"""A bounding volume that takes knots in where the motion asks for them, and gives them back; open in LOD03 §8.
+"""A bounding volume that inserts knots where the motion needs them, and removes them; open in LOD03 §8.
 
-A new knot changes neither positions nor velocities. What it is worth is the energy that the next implicit step could
+A new knot changes neither positions nor velocities. Its gain is the energy that the next implicit step could
 save with it: ½ gᵀ K⁻¹ g with the gradient g and the matrix K of that step in the finer volume; in the volume as it is,
-the gradient vanishes. A knot is given back where the motion, brought to the coarser volume by least squares in the mass
+the gradient vanishes. A knot is removed where the motion, projected to the coarser volume by least squares in the mass
 matrix, moves by less than a tolerance.
 """
 
@@ -27,7 +27,7 @@ class AdaptiveRule:
     """When a volume changes.
 
     gain: energy that a knot must save in a step, as a share of the weight times the yarn's radius; loss: how far yarns
-    may move when a knot is given back [yarn radii]; largest: most control points of a volume; narrowest: patches are
+    may move when a knot is removed [yarn radii]; largest: most control points of a volume; narrowest: patches are
     not halved below this width [yarn radii], for a patch must hold yarn. Raises InputError.
     """
 
@@ -44,7 +44,7 @@ class AdaptiveRule:
 
 @dataclass(frozen=True)
 class Knot:
-    """A knot that was put in: along axis 0 (x) or 1 (y), at a place [m]."""
+    """An inserted knot: along axis 0 (x) or 1 (y), at a place [m]."""
 
     axis: int
     place: float
@@ -80,7 +80,7 @@ class AdaptiveVolume(Body[YarnMotion]):
         return self.moving.longest_step(state)
 
     def renewed(self, state: YarnMotion, duration: float) -> YarnMotion:
-        """The motion in a volume that is fit for the next steps."""
+        """The motion in a volume adapted to the next steps."""
         self.take_up(state)
         return self.adapt(state, duration)
 
@@ -94,7 +94,7 @@ class AdaptiveVolume(Body[YarnMotion]):
         return self.moving.yarns(state)
 
     def take_up(self, state: YarnMotion) -> None:
-        """Let ``moving`` have the volume that a state was reached in."""
+        """Set ``moving`` to the volume of a state."""
         if not np.array_equal(state.knots, _table(self.knots)):
             self.knots = [Knot(int(axis), float(place)) for axis, place in state.knots]
             self.moving = self.moving.with_volume(self._with_knots(self.knots))

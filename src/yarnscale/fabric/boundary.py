@@ -1,10 +1,10 @@
-"""What keeps the borders of a cut fabric together: springs between yarns that touch there (HYLC20 §8.1).
+"""Glue at the borders of a cut fabric: springs between yarns that touch there (HYLC20 §8.1).
 
-Glue has to bear the weight of what would fall off, and nothing of the pull of the fabric: glue as stiff as yarn makes
-a frame around the sheet that carries the pull, keeps it from narrowing and from curling, and holds a drape up. How
-little is enough is told by how yarns hold each other. Those that are looped through each other meet again and again,
-stitch after stitch, and stay where one of them ends; glue only keeps their cut ends. Those that cross once, as in a
-weave, are held by friction alone, and the outermost slip off. ``docs/validation/fabric.md`` has measurements of both.
+Glue must carry the weight of the outermost yarns, and hardly any tension of the fabric: glue as stiff as yarn makes
+a frame around the sheet that carries the tension, prevents narrowing and curling, and supports a drape. The stiffness
+that suffices depends on the structure. Yarns looped through each other touch again and again,
+stitch after stitch, and stay where one of them ends; glue only fixes their cut ends. Yarns that cross once, as in a
+weave, are held by friction alone, and the outermost slide off. ``docs/validation/fabric.md`` has measurements of both.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ Indices = NDArray[np.int64]
 
 
 WIDTH = 3.0
-"""Of a glued border [radii]: its outermost yarn and what that touches."""
+"""Width of a glued border [radii]: its outermost yarn and the yarns that it touches."""
 LOOPED, CROSSING = 1e-4, 1e-3
 """Stiffness of glue over that of one radius of yarn: of yarns looped through each other, and that cross once."""
 SEWN_WIDTH, SEWN = 6.0, 1.0
-"""Width [radii] and stiffness of what holds like a seam."""
+"""Width [radii] and stiffness of a sewn border."""
 _ONE_CROSSING = 25.0
 """Length of yarn along which it touches one that it crosses, at most [radii]: 1–7 in weaves; in knits 90 and more."""
 
@@ -58,10 +58,10 @@ def border_distance(sheet: YarnSheet) -> Array:
 
 
 def looped(sheet: YarnSheet, first: Indices, second: Indices) -> NDArray[np.bool_]:
-    """Which pairs of segments that touch (m,) belong to yarns looped through each other, or to one yarn (m,).
+    """Which touching pairs of segments (m,) belong to yarns looped through each other, or to one yarn (m,).
 
-    first, second: every pair of the sheet (m,), for the yarns are judged by all their meetings. Counted along the yarn
-    of the two that goes on less far, so that a ring that is crossed where its numbers begin is crossed once.
+    first, second: every pair of the sheet (m,), as all contacts of two yarns count. The length is that along the yarn
+    with the shorter span, so that a ring that is crossed at its first vertex counts as crossed once.
     """
     yarn, count = sheet.yarn_of_vertex, len(sheet.closed)
     along = sheet.strands.arc_lengths(sheet.rest_length / sheet.radius)[0]
@@ -89,7 +89,7 @@ def glue(
     distance: Array | None = None,
     normals: Array | None = None,
 ) -> Springs:
-    """Springs that hold the yarns of a border together where they touch, drawn tight through the thickness.
+    """Springs between the yarns of a border where they touch, shortened through the thickness.
 
     width: of the border [m], by default ``WIDTH`` radii. reach: distance of yarns that are glued [r]. pull: rest length
     of a spring over its length through the thickness now. stiffness: of a spring, over that of one radius of yarn, by
@@ -122,7 +122,7 @@ def glue(
     pairs, vector, length = corners[rows, nearest], away[rows, nearest], lengths[rows, nearest]
     _, unique = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True)
     pairs, vector, length, strengths = pairs[unique], vector[unique], length[unique], strengths[unique]
-    # Drawn together through the thickness only: in the plane the spring is as long as it lies.
+    # Shortened through the thickness only: in the plane the spring has its present length.
     up = np.array([[0.0, 0.0, 1.0]]) if normals is None else normals[pairs].mean(axis=1)
     through = (vector * up).sum(axis=1) / np.maximum(np.linalg.norm(up, axis=1), 1e-12)
     rest = np.sqrt(np.maximum(length**2 - (1.0 - pull**2) * through**2, 0.0))

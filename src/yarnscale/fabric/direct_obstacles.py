@@ -1,4 +1,4 @@
-"""Obstacles that yarns lie on: a vertex within one yarn radius of the surface is pushed away.
+"""Contact of yarns with obstacles: a vertex within one yarn radius of the surface is pushed away.
 
 The penalty is cubic in the depth, so that it is twice differentiable; its curvature along the surface is left out, so
 that the Hessian is positive semidefinite.
@@ -20,7 +20,7 @@ from yarnscale.motion.surfaces import surface_of
 Array = NDArray[np.float64]
 
 _REACH = 20.0
-"""How deep in a mesh, or far from it, a vertex knows of it [r]."""
+"""Depth in a mesh, or distance from it, up to which contact is computed [r]."""
 
 
 @dataclass(eq=False)
@@ -29,7 +29,7 @@ class Pushes:
 
     friction: coefficient μ of Coulomb's law, smoothed within a slip of ``slip`` [r] on the surface since ``begin``,
     which also takes the pressures: friction lags by a step, as that of yarns on each other. Explicit steps, which are
-    too short for such a slip, ask for ``slowed`` instead.
+    too short for such a slip, use ``slowed`` instead.
     """
 
     energy: FabricEnergy
@@ -49,7 +49,7 @@ class Pushes:
         self._surface = surface_of(self.obstacle, reach=_REACH * self.energy.radius)
 
     def begin(self, positions: Array, start: float, end: float) -> None:
-        """Begin a step [s] at positions (n, 3) [r]: what presses there resists to slip on the surface from there on."""
+        """Begin a step [s] at positions (n, 3) [r]: vertices in contact resist slip on the surface from here on."""
         self._time = start
         if self.friction:
             depth, normal = self._depth(positions)
@@ -62,7 +62,7 @@ class Pushes:
         return self._surface.carried(positions * radius, start, end) / radius
 
     def _depth(self, positions: Array) -> tuple[Array, Array]:
-        """How far vertices are in the obstacle (n,) [r], and its normals (n, 3)."""
+        """Depth of vertices in the obstacle (n,) [r], and its normals (n, 3)."""
         gap, normal = self._surface.at(positions * self.energy.radius, self._time)
         return np.maximum(1.0 - gap / self.energy.radius, 0.0), normal
 

@@ -66,9 +66,9 @@ class Holds:
         )
 
     def reactions(self, energy: FabricEnergy, x: Array) -> Array:
-        """Force with which each held vertex withstands the yarns (k, 3) [N]; that of ``forces`` at rest without load.
+        """Reaction force at each held vertex (k, 3) [N]; that of ``forces`` at rest without load.
 
-        Where explicit steps lead what is held, no spring tells how hard.
+        For explicit steps, which prescribe held vertices without springs.
         """
         gradient = energy.positions(energy.gradient(x)[1])[self.nodes]
         return gradient * np.array(self.axes, np.float64) * energy.force_unit
@@ -116,7 +116,7 @@ def equilibrium(
     linear: LinearSolver | None = None,
     count: PassageCount | None = None,
 ) -> Rest:
-    """The equilibrium reached from a state (4n,); frames are carried along on the way.
+    """The equilibrium reached from a state (4n,); frames are transported with the edges.
 
     load: (4n,), see ``gravity_load``. tolerance: forces left over where the terms' forces count as 1. linear: a solver
     from an earlier call. count: looks at every step.
@@ -143,8 +143,10 @@ def equilibrium(
     )
 
 
-def eased(energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount | None = None) -> YarnSheet:
-    """The energy's sheet nearer to rest: drawn yarns at ease with each other, in so many Newton iterations."""
+def relaxed_sheet(
+    energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount | None = None
+) -> YarnSheet:
+    """The energy's sheet after some Newton iterations towards equilibrium: drawn yarns no longer overlap."""
     rest = equilibrium(
         energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations, count=count
     )

@@ -1,6 +1,6 @@
 """What a knit does away from its edges: strain, stress and yarn of its stitches, to compare with a periodic cell.
 
-Yarns slide through a knit, so that a vertex tells nothing of the stitch in which it is. Stitches are found by the
+Yarns slide through a knit, so that a vertex does not identify its stitch. Stitches are found by the
 legs of their loops, which run up and down the wale; from the middle between the legs of one loop to that of the next is
 one stitch. Its middle is the mean of its yarn, as the middle surface of a cell; its stress the virial of the forces in
 it (what crosses a cut through it).
@@ -99,7 +99,7 @@ def _stitches(
         raise InputError(
             "stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(heads)
         )
-    # Up the wales as they lie there.
+    # Along the wales in their present direction.
     reference = sheet.tile[heads] - sheet.tile[heads].mean(axis=0)
     gradient, second = _fit(reference, positions[heads])
     upward = gradient[1] + np.einsum("bi,nb->ni", second[1], reference)
@@ -176,7 +176,7 @@ def _between(values: Array, first: Array, last: Array) -> Array:
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
 
     def until(place: Array) -> Array:
-        # Vertex k stands for what lies between k − ½ and k + ½.
+        # Vertex k represents the yarn between k − ½ and k + ½.
         k = np.floor(place + 0.5).astype(np.int64)
         rest = (place + 0.5 - k).reshape(-1, *[1] * (values.ndim - 1))
         return total[k] + rest * values[k]

@@ -58,7 +58,7 @@ def cast_on(heads: Sequence[Strand], width: float) -> Strand:
 
 
 def selvedge(start: Array, stop: Array, *, right: bool, out: float = 0.0, level: float = 0.0) -> Strand:
-    """The way from the end of one course to the beginning of a higher one, around half a circle outside.
+    """The yarn from the end of one course to the beginning of a higher one, around half a circle outside.
 
     out: so much further out; level: height at which it passes other yarns there.
     """
@@ -91,7 +91,7 @@ def last_row(row: BorderRow, width: float, *, backward: bool, bound_off: bool) -
     if backward:
         return last_row(row.mirrored(width), width, backward=False, bound_off=bound_off).mirrored(width)
     points, pitch = row.yarn.points, width / len(row.rise)
-    # All loops begin at the level of the highest, where nothing is in their way.
+    # All loops begin at the level of the highest one, free of other loops.
     level = float(max(points[row.rise, 1].max(), points[row.fall - 1, 1].max()))
     close = min(1.0, pitch / _LINK_PITCH)
     parts, begin = [], 0

@@ -1,8 +1,8 @@
 """Courses of a knitted pattern across a piece, cut into wales, and the loops that borders take from them.
 
-A piece ends where its pattern goes on. Every wale begins with the loop that its first stitch is drawn through, however
-far below that was knitted, and ends with the stitch that would next be drawn through the loops waiting there, however
-far above. The other courses beyond a border are left out, which leaves the rest entangled as it was.
+A piece is cut out of an endless pattern. Every wale begins with the loop that its first stitch is drawn through,
+however far below that was knitted, and ends with the stitch that would next be drawn through the loops held there,
+however far above. The other courses beyond a border are left out, which leaves the rest entangled as it was.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Indices = NDArray[np.int64]
 HALF_THICKNESS = 1.1
 """Height of drawn yarns from the middle plane at crossings [r]."""
 _CLEAR = 0.25
-"""How far off the loops that they meet the loops of a border are cut [course spacings, heights of a loop]."""
+"""Distance at which border loops are cut from the loops that they cross [course spacings, heights of a loop]."""
 _UNLIKE = 0.25
 """Largest difference of heights of a plain pattern's loops, as a share."""
 
@@ -106,7 +106,7 @@ class Course:
     bounds: Indices
 
     def wale(self, number: int) -> Strand:
-        """What lies in a wale, its first and last point included."""
+        """The part of a course in a wale, its first and last point included."""
         return self.yarn.part(self.bounds[number], self.bounds[number + 1] + 1)
 
 
@@ -186,7 +186,7 @@ class KnittedCourses:
         return heads
 
     def upper(self, courses: int) -> BorderRow:
-        """The row of stitches that take up what waits after so many courses, up to their heads."""
+        """The row of stitches drawn through the loops held on the needles after so many courses, up to their heads."""
         parts, rises, falls, before, count = [], [], [], None, 0
         for wale in range(self.wales):
             number, waiting = self._next_stitch(courses, wale)
@@ -209,7 +209,7 @@ class KnittedCourses:
         return BorderRow(Strand.merged(parts), np.array(rises), np.array(falls))
 
     def _next_stitch(self, courses: int, wale: int) -> tuple[int, list[int]]:
-        """The course of the stitch that takes up the loops waiting at a wale, and the courses of those loops."""
+        """The course of the stitch drawn through the loops held at a wale, and the courses of those loops."""
         if self.chart is None:
             return courses, [courses - 1]
         column, row = wale % self._per_period, courses % self.chart.courses
@@ -225,7 +225,7 @@ class KnittedCourses:
             walked, points = pattern.tile_along_yarn[chain], pattern.vertices[chain] / pattern.radius
             first = _bounds(pattern, place, self._per_period)
         else:
-            # As loops of such patterns crowd each other, it takes a drawing to tell where wales begin.
+            # Loops of such patterns are displaced by each other, so the places of wales are taken from a drawing.
             period = pattern.period / pattern.radius
             walked = np.zeros((len(chain), 2), np.int64)
             points = PeriodicCurve(self._paths[place], (1, 0)).resampled(len(chain), period).points

@@ -46,7 +46,7 @@ def knitted_sheet(
     drawn from, where it has other stitches than knit and purl; the piece is then drawn from it, each vertex standing
     for that of the pattern as far along its course. more_courses: of another period, knitted last. bound_off: False
     leaves the last row open, its loops upright, and the piece would unravel. carried: most courses that a yarn is
-    carried past on its way to the next course of its colour; beyond, and on the wrong side, it ends and another begins.
+    carried past to the next course of its colour; beyond, and on the wrong side, it ends and another begins.
     The sheet is flat, and its borders are as drawn.
 
     Raises InputError for patterns that are not knitted of such courses, for plated yarns and yarns that are bent at
@@ -78,7 +78,7 @@ def knitted_sheet(
 
 
 def woven_in(sheet: YarnSheet, material: YarnMaterial) -> Springs:
-    """Springs that hold both ends of each yarn of a piece to the fabric where they lie, as ends that are woven in.
+    """Springs that fasten both ends of each yarn of a piece to the fabric at their places, as ends that are woven in.
 
     Each end is tied to the nearest vertex of the pattern proper.
     """
@@ -90,7 +90,7 @@ def woven_in(sheet: YarnSheet, material: YarnMaterial) -> Springs:
 
 
 class _Knitting:
-    """Knits course after course; keeps which yarn waits where."""
+    """Knits course after course; records where each yarn was left."""
 
     def __init__(self, lines: KnittedCourses, courses: int, carried: int) -> None:
         self.lines, self.courses, self.carried = lines, courses, carried
@@ -146,7 +146,7 @@ class _Knitting:
             self._begin(kind, tail(to, right=right).reversed())
 
     def _level(self, start: int, stop: int, right: bool) -> float:
-        """A height at which no yarn is carried yet that this one would meet."""
+        """A height at which this yarn does not collide with others that are carried."""
         taken = {z for a, b, side, z in self._ways if side == right and a < stop and start < b}
         return next(z for n in range(1, 99) for z in (n * CARRY_STEP, -n * CARRY_STEP) if z not in taken)
 

@@ -1,4 +1,4 @@
-"""How well yarns keep to themselves: penetration of neighbours, and extension of fibres (LOD03 §4)."""
+"""Penetration of neighbouring yarns, and extension of yarns along themselves (LOD03 §4)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from yarnscale.fabric.spline_knit import SplineFabric
 Array = NDArray[np.float64]
 
 _SPACING = 0.1
-"""Distance of the points that stand for a yarn [radii]: a distance of 2 r is found to 0.03 %."""
+"""Spacing of the points sampled on a yarn [radii]: a distance of 2 r is found to 0.03 %."""
 _TURN = 2.5
-"""How far along itself a yarn is not its own neighbour [diameters]."""
+"""Distance along a yarn within which it is not its own neighbour [diameters]."""
 
 
 def penetration(fabric: SplineFabric, control: Array) -> float:
-    """How deep yarns lie in each other, as a share of their diameter: 1 − distance/diameter, 0 where none touch.
+    """Penetration of yarns as a share of their diameter: 1 − distance/diameter, 0 where none touch.
 
     control: (n, 3) [m].
     """

@@ -12,7 +12,7 @@ from yarnscale.checked import checked
 from yarnscale.drawing.stitches import StitchChart
 from yarnscale.fabric.boundary import Springs, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import eased
+from yarnscale.fabric.direct_static import relaxed_sheet
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.yarn.pattern import YarnPattern
@@ -54,7 +54,7 @@ class RodFabric:
     ) -> RodFabric:
         """``columns`` periods around and ``rows`` along a tube about the y axis, glued at both open ends.
 
-        relax: some Newton iterations towards rest (``eased``). Raises InputError.
+        relax: some Newton iterations towards rest (``relaxed_sheet``). Raises InputError.
         """
         sheet = YarnSheet.of(pattern, columns, rows, tube=True)
         along = sheet.vertices[:, 1]
@@ -62,7 +62,7 @@ class RodFabric:
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         ends = np.minimum(along - along.min(), along.max() - along)
         springs = glue(sheet, materials_of(pattern, material)[0], distance=ends, normals=normals)
-        return cls(sheet, material, springs)._eased(relax)
+        return cls(sheet, material, springs)._relaxed(relax)
 
     @classmethod
     @checked
@@ -78,13 +78,13 @@ class RodFabric:
     ) -> RodFabric:
         """A piece with cast-on, selvedges and bind-off (``knitted_sheet``), the ends of its yarns woven in.
 
-        relax: some Newton iterations towards rest (``eased``). Raises InputError.
+        relax: some Newton iterations towards rest (``relaxed_sheet``). Raises InputError.
         """
         sheet = knitted_sheet(pattern, columns, rows, chart=chart)
-        return cls(sheet, material, woven_in(sheet, materials_of(pattern, material)[0]))._eased(relax)
+        return cls(sheet, material, woven_in(sheet, materials_of(pattern, material)[0]))._relaxed(relax)
 
-    def _eased(self, relax: bool) -> RodFabric:
-        return replace(self, sheet=eased(self.energy())) if relax else self
+    def _relaxed(self, relax: bool) -> RodFabric:
+        return replace(self, sheet=relaxed_sheet(self.energy())) if relax else self
 
     def energy(self) -> FabricEnergy:
         """The energy of the fabric."""

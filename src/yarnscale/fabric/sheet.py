@@ -180,7 +180,7 @@ class YarnSheet:
 
     @classmethod
     def filling(cls, pattern: YarnPattern, width: float, height: float, *, tube: bool = False) -> YarnSheet:
-        """The sheet of whole periods that comes nearest to width × height [m]; InputError for sizes below a period."""
+        """The sheet of whole periods nearest to width × height [m]; InputError for sizes below a period."""
         counts = []
         for name, size, period in zip(("width", "height"), (width, height), pattern.period, strict=True):
             if not (math.isfinite(size) and size >= period):
@@ -200,9 +200,9 @@ class YarnSheet:
         bent: bool = False,
         name: str = "yarns",
     ) -> YarnSheet:
-        """Yarns along lines of points (k, 3) [m], at rest as they lie.
+        """Yarns along lines of points (k, 3) [m], which are also their rest shape.
 
-        bent: they are at rest in their present curvature; by default straight at rest. Raises InputError.
+        bent: with the present curvature as rest curvature; by default yarns are straight at rest. Raises InputError.
         """
         for index, line in enumerate(lines):
             shape = np.shape(line)
@@ -260,7 +260,7 @@ class YarnSheet:
         rotations: Array | None = None,
         tangents: Array | None = None,
     ) -> YarnSheet:
-        """The sheet in another shape, frames carried along; what is at rest stays.
+        """The sheet in another shape, frames transported with the edges; the rest shape stays.
 
         positions: (n, 3) [m]. rotations: (n, 3, 3) by which the frames turn first; by default they turn as little as
         the edges need. tangents: (n, 3) of the edges now, where yarns close only in the new shape.
@@ -373,5 +373,5 @@ def _inside(base: Array, pace: Array, size: Array, whole: int | None) -> tuple[i
         low, high = max(low, ends[0]), min(high, ends[1])
     if whole is not None:
         return 0, whole
-    # Rounding must not give one row a vertex more than the others.
+    # Rounding must not add a vertex to one row and not to others.
     return (math.ceil(low - 1e-9), math.ceil(high - 1e-9)) if high > low else (0, 0)

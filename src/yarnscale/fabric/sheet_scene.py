@@ -59,11 +59,11 @@ class SheetScene:
         return Holds(nodes, places, grips={name: owner == k for k, name in enumerate(self.grips)})
 
     def pushes(self, energy: FabricEnergy) -> tuple[Pushes, ...]:
-        """The obstacles, as the simulation meets them."""
+        """The obstacles as contacts of the simulation."""
         return tuple(Pushes(energy, obstacle, friction=self.friction) for obstacle in self.obstacles)
 
     def force(self, energy: FabricEnergy, x: Array, time: float, *, led: bool = False) -> float:
-        """With which both grips are pulled apart, their mean [N]; NaN where none is pulled. led: by explicit steps."""
+        """Mean force that pulls the grips apart [N]; NaN where none is pulled. led: in explicit steps."""
         if self.axis is None:
             return math.nan
         holds = self.holds(time)
@@ -74,7 +74,7 @@ class SheetScene:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Vertices of a fabric that are held and moved together.
+    """Vertices of a fabric with a common prescribed motion.
 
     bounds: of a box of the fabric as it is laid, from its middle (2, 2) [m]; or of a box of space (2, 3) [m]; or a
     point of the fabric (2,) [m] whose nearest vertex is held.
@@ -103,9 +103,9 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class PlannedScene:
-    """A scene for whatever sheet: gravity [m/s²], grips, obstacles and friction on these, schedule, damping [1/s].
+    """A scene for any sheet: gravity [m/s²], grips, obstacles and friction on these, schedule, damping [1/s].
 
-    position: where the middle of the sheet starts [m]. may_give_way: whether grips may be kept from their motion.
+    position: of the middle of the sheet at the start [m]. may_give_way: whether grips may miss their prescribed places.
     """
 
     schedule: Schedule
@@ -127,7 +127,7 @@ class PlannedScene:
         return sheet.moved(sheet.vertices + np.array(self.position) - _middle(sheet))
 
     def of(self, sheet: YarnSheet) -> SheetScene:
-        """The scene of a sheet that is laid. Raises InputError where grips hold nothing, or the same vertex."""
+        """The scene of a sheet in place. Raises InputError where grips have no vertices, or the same one."""
         held = {
             f"handle '{g.name}'": _grip(sheet, g.nodes(sheet, np.array(self.position)), g.motion)
             for g in self.grips
@@ -153,7 +153,7 @@ def hang(sheet: YarnSheet) -> SheetScene:
 
 
 def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: float = 1.0) -> SheetScene:
-    """Two grips along opposite borders move apart, by ``amount`` of the length between them, and then stand still.
+    """Two grips along opposite borders move apart by ``amount`` of the length between them, and then stop.
 
     axis: 0 along the courses (weft), 1 along the wales (warp). Raises InputError for an amount that is no stretch.
     """
@@ -174,7 +174,7 @@ def pulled_apart(
     duration: float,
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> SheetScene:
-    """Two grips, each with its vertices, go so far [m] down and up an axis in so long [s], and then stand still."""
+    """Two grips, each with its vertices, move by ``way`` [m] down and up an axis in ``duration`` [s], and stop."""
     way_up = tuple(way * float(k == axis) for k in range(3))
     held = {
         name: _grip(sheet, nodes, Motion(tuple(sign * w for w in way_up), 0.0, duration, ease=False))  # type: ignore[arg-type]
@@ -204,7 +204,7 @@ def drape(
 
 
 def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:
-    """Where the fabric begins and ends; turns and ends of yarn at a selvedge lie farther out."""
+    """Lowest and highest place of the fabric along an axis, without turns and ends of yarn at a selvedge."""
     fabric = sheet.source != NO_PATTERN
     place = sheet.vertices[fabric if fabric.any() else slice(None), axis]
     return float(place.min()), float(place.max())

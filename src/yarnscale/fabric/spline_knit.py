@@ -1,8 +1,8 @@
-"""Knit and purl stitches as LOD03 has jersey: one spline yarn a row, held together by contacts of two points each.
+"""Knit and purl stitches as jersey in LOD03: one spline yarn a row, joined by contacts of two points each.
 
 A yarn of jersey of n stitches has 8 segments a stitch, so 8 n + 3 control points, and two contacts a stitch: where
 the legs of a loop lie on the head of the loop that it is drawn through. Where knit and purl stitches meet, loops turn
-out of the fabric, and their feet would pass through what they lie on: they are contacts too, four a stitch. The first
+out of the fabric, and their feet would pass through the legs below: these are contacts too, four a stitch. The first
 row has nothing to be drawn through; its loops are closed by contacts of the yarn with itself, as a cast-on does.
 """
 
@@ -28,15 +28,15 @@ Indices = NDArray[np.int64]
 JERSEYS = ("jersey", "single-jersey", "stockinette")
 """Names of built-in patterns that ``jersey`` makes."""
 JERSEY_SEGMENTS = 8
-"""Segments of a stitch of jersey, as LOD03 has them."""
+"""Segments of a stitch of jersey (LOD03)."""
 SEGMENTS_PER_STITCH = 16
 """Segments of a stitch where knit and purl stitches meet: with 8, sinkers between them would cut through loops."""
 _DENSE = 512
 """Points per stitch of the polylines that crossings are looked for on."""
 _CROSSINGS = 4
-"""Of a loop and the one that it is drawn through, in the plan."""
+"""Crossings of a loop and the one that it is drawn through, in the plan."""
 _LEGS = slice(1, 3)
-"""Those of its legs with the head; the others are those of its feet with the legs."""
+"""Crossings of its legs with the head; the others are those of its feet with the legs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class SplineFabric:
         return self.points_per_yarn - ORDER + 1
 
     def counts(self) -> dict[str, int]:
-        """Sizes of the full model, as LOD03 Figure 9 has them."""
+        """Sizes of the full model (LOD03 Figure 9)."""
         points, constraints = self.yarn_count * self.points_per_yarn, 3 * len(self.first)
         return {
             "control_points_per_yarn": self.points_per_yarn,
@@ -100,7 +100,7 @@ class SplineFabric:
         }
 
     def rows(self, points: CurvePoints, derivative: int = 0) -> tuple[Indices, Array]:
-        """Control points (k, 4) that act on points of the yarns, and with what weights (k, 4)."""
+        """Control points (k, 4) that determine points of the yarns, and their weights (k, 4)."""
         segment, u = located(points.place, self.segments_per_yarn)
         return self.segments[points.yarn * self.segments_per_yarn + segment], blending(u, derivative)
 
@@ -157,9 +157,9 @@ def spline_fabric(
 ) -> SplineFabric:
     """``rows`` × ``columns`` periods of a pattern drawn from a chart of knit and purl stitches, flat; rows lie along x.
 
-    feet: whether contacts hold the feet of loops too, on the legs of the loops that they are drawn through.
+    feet: whether feet of loops have contacts too, with the legs of the loops that they are drawn through.
 
-    Raises InputError for other stitches, and where loops do not lie on each other as they do in knitting.
+    Raises InputError for other stitches, and where loops do not cross each other as in knitting.
     """
     for name, value in (("rows", rows), ("columns", columns)):
         if not (isinstance(value, int | np.integer) and 1 <= value <= 1000):
@@ -178,14 +178,14 @@ def spline_fabric(
     control = np.array([lines[n % chart.courses] + [0.0, tall[n], 0.0] for n in range(count)])
     fine = _DENSE // segments_per_stitch
     middle = [_dense(_row(loop, lap, 3), fine) for _, loop in courses]
-    meetings = []
+    crossings = []
     for place, line in enumerate(middle):
         below = middle[place - 1] - [0.0, 0.0 if place else height, 0.0]
         low, high = _crossings(line, below, chart, place)
-        meetings.append((_repeated(low / fine, columns, period), _repeated(high / fine, columns, period)))
-    contacts = _contacts(meetings, count, slice(None) if feet else _LEGS)
+        crossings.append((_repeated(low / fine, columns, period), _repeated(high / fine, columns, period)))
+    contacts = _contacts(crossings, count, slice(None) if feet else _LEGS)
     last = (count - 1) % chart.courses
-    _, heads = meetings[(last + 1) % chart.courses]
+    _, heads = crossings[(last + 1) % chart.courses]
     tops = _tops(_dense(lines[last], fine), fine * heads.reshape(-1, _CROSSINGS)[:, _LEGS]) / fine
     return SplineFabric(
         control, pattern.radius, material, *contacts, CurvePoints(np.full(len(tops), count - 1), tops)
@@ -225,7 +225,7 @@ def _course(pattern: YarnPattern, place: int, count: int) -> tuple[Array, Array]
     points[:, :2] += pattern.tile_along_yarn[chain] * pattern.period
     knots = PeriodicCurve(points, (1, 0)).resampled(count, pattern.period).points
     lean = np.arange(count)[:, None] / count * np.array([pattern.period[0], 0.0, 0.0])
-    # A spline reproduces straight motion, so only the periodic part of the course asks for a solve.
+    # A spline reproduces straight lines, so only the periodic part of the course needs a solve.
     return knots, control_of_periodic(knots - lean)
 
 
@@ -258,7 +258,7 @@ def _crossings(line: Array, below: Array, chart: StitchChart, place: int) -> tup
     stitch, on_line, on_below = lap // chart.wales, [], []
     for wale, symbol in enumerate(chart.rows[place]):
         begin = lap + wale * stitch
-        # What a stitch meets belongs to the stitch below it, or leans over from that one's neighbours.
+        # A stitch crosses the stitch below it, or loops that lean over from that one's neighbours.
         first, second = line[begin : begin + stitch + 1], below[begin - stitch : begin + 2 * stitch + 1]
         low, high = line_crossings(first[:, :2], second[:, :2])
         order = np.argsort(low)
@@ -285,18 +285,20 @@ def _tops(line: Array, heads: Array) -> Array:
     return np.array(found)
 
 
-def _contacts(meetings: list[tuple[Array, Array]], rows: int, kept: slice) -> tuple[CurvePoints, CurvePoints]:
+def _contacts(
+    crossings: list[tuple[Array, Array]], rows: int, kept: slice
+) -> tuple[CurvePoints, CurvePoints]:
     """Each row on the row below; the first row's loops closed with itself, and its beginning tied.
 
-    meetings: for every course of the chart the places on it and on the course below; kept: which of the four.
+    crossings: for every course of the chart the places on it and on the course below; kept: which of the four.
     """
-    own = meetings[0][0].reshape(-1, _CROSSINGS)[:, _LEGS]
+    own = crossings[0][0].reshape(-1, _CROSSINGS)[:, _LEGS]
     closing = (
         np.concatenate([own[:, 0], own[:-1, 1], [0.0]]),
         np.concatenate([own[:, 1], own[1:, 0], [own[0, 0]]]),
     )
     low, high = (
-        [meetings[n % len(meetings)][k].reshape(-1, _CROSSINGS)[:, kept].ravel() for n in range(1, rows)]
+        [crossings[n % len(crossings)][k].reshape(-1, _CROSSINGS)[:, kept].ravel() for n in range(1, rows)]
         for k in range(2)
     )
     upper = np.repeat(np.arange(1, rows), [len(places) for places in low])
