@@ -17,11 +17,12 @@ from unittest import mock
 
 import numpy as np
 
-from yarnscale.cell import PeriodicCell, contact_list
+from yarnscale.cell import PeriodicCell
 from yarnscale.cell import energy as cell_energy
 from yarnscale.files.patterns import read_pattern
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics import assembly, block_pattern, factor
+from yarnscale.yarn import contact_list
 from yarnscale.yarn.material import PRESETS, YarnMaterial
 
 TARGET = 0.2
@@ -61,7 +62,7 @@ def places() -> list[tuple[str, object, str]]:
         ("pair search", contact_list, "close_pairs"),
         ("stencils of new pairs", contact_list, "StencilSet"),
         ("matrix pattern and slots", block_pattern.BlockPattern, "slots"),
-        ("matrix pattern and slots", cell_energy.BlockPattern, "of"),
+        ("matrix pattern and slots", block_pattern.BlockPattern, "of"),
         ("symbolic analysis", backend, "__init__"),
         ("factor", backend, "factor"),
         ("solve", backend, "solve"),

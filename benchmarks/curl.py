@@ -25,7 +25,6 @@ from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_static import Holds, equilibrium
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
@@ -34,6 +33,7 @@ from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.state import ClothState
+from yarnscale.yarn.friction import YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 FABRICS = Path(__file__).resolve().parents[1] / "tests" / "fabrics"

@@ -25,9 +25,9 @@ from yarnscale.fabric.direct_moves import PassageCount, safe_way
 from yarnscale.fabric.direct_static import Holds, Rest, equilibrium
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.kkt import ConstrainedSolver
+from yarnscale.yarn.friction import YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 

@@ -36,7 +36,6 @@ from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionS
 from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, pulled_apart
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.homogenize.homogenize import homogenize
 from yarnscale.motion.obstacles import Sphere
@@ -50,6 +49,7 @@ from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.scenes.scene import BAR_TRAVEL, SHEET, bar_duration, bar_points, stretch
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
+from yarnscale.yarn.friction import YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 Array = NDArray[np.float64]

@@ -38,10 +38,10 @@ def test_pairs_are_less_than_half_a_turn_apart(shared: Path) -> None:
     curvature = 230.0
     energy = cell.energy(ShellStrain(II11=curvature))
     x = energy.start()
-    pairs = energy.contacts(x, energy.nodes.expand(x))
+    pairs = energy.rods.contacts(energy.nodes.expand(x))
     apart = np.abs(energy.reference[pairs.second, 0] - energy.reference[pairs.first, 0]) * pattern.radius
     assert len(apart) > 100
     assert apart.max() * curvature < np.pi
     # The flat cell knows as many neighbours of every kind but those on the other side.
     flat = cell.energy(ShellStrain())
-    assert len(apart) < 4 * len(flat.contacts(x, flat.nodes.expand(x)).first)
+    assert len(apart) < 4 * len(flat.rods.contacts(flat.nodes.expand(x)).first)

@@ -16,9 +16,9 @@ from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_frames import unit_edges
-from yarnscale.fabric.yarn_friction import FRICTION, YarnFriction
 from yarnscale.motion.obstacles import Plane
 from yarnscale.numerics.newton import Status
+from yarnscale.yarn.friction import FRICTION, YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)

@@ -13,8 +13,8 @@ from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionS
 from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.yarn_friction import Rubbing, YarnFriction
 from yarnscale.motion.obstacles import Plane
+from yarnscale.yarn.friction import Rubbing, YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)

@@ -15,9 +15,9 @@ from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import SplineMotion
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
+from yarnscale.yarn.friction import YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")

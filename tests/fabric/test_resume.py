@@ -21,11 +21,11 @@ from yarnscale.fabric.sheet_scene import drape, stretch
 from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.motion.body import Body
 from yarnscale.motion.run import Run, simulate
 from yarnscale.motion.schedule import Schedule
+from yarnscale.yarn.friction import YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")

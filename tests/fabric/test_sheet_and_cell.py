@@ -15,8 +15,8 @@ from yarnscale.fabric.direct_moves import PassageCount, safe_way
 from yarnscale.fabric.direct_static import Holds, equilibrium
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.friction import YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 PATTERN = library.build("stockinette")

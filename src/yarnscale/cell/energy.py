@@ -13,21 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.cell.constraints import constraint_chains, constraint_rows, independent
-from yarnscale.cell.contact_list import ContactList, Contacts
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.affine import CopiedNodes
-from yarnscale.numerics.assembly import StencilSet, position_variables
-from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.kkt import LinearConstraints
 from yarnscale.numerics.newton import Reuse
 from yarnscale.numerics.null_space import ChainConstraints
 from yarnscale.numerics.sums import ShiftedHessian
-from yarnscale.yarn.close_pairs import pair_gaps, safe_fraction
 from yarnscale.yarn.contact import contact_reach
+from yarnscale.yarn.energy import PATTERN_MARGIN, RodEnergy
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, carried_frames
+from yarnscale.yarn.rod import ANCHORS, carried_frames
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
 from yarnscale.yarn.strands import Strands
 
@@ -36,16 +33,14 @@ Indices = NDArray[np.int64]
 
 LARGE = 400
 """Vertices beyond which factors decide what an iteration costs."""
-TIGHT_MARGIN = 0.1
-"""How much farther than they touch pairs have a place in the matrix of a large cell [r]."""
+WIDE_MARGIN = 1.0
+"""How much farther than they touch pairs have a place in the matrix of a cell that is not large [r]."""
 STEP_LIMIT = 0.3
 """Largest move of a vertex in one step [r]."""
 TWIST_LIMIT = 1.0
 """Largest change of a twist in one step [rad]."""
 SLACK = 2.0
 """How much farther than they touch copies are enumerated [r]."""
-GAP_SHARE = 0.8
-"""Share of its distance that a pair may close in one step: yarns never pass through each other."""
 
 
 def _unit(vectors: Array) -> Array:
@@ -80,9 +75,9 @@ class CellEnergy:
         self.unit = self.stiffness.unit
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
-        self._large = n > LARGE
+        large = n > LARGE
         # Yarns of a weave slide across each other on long curved ways; knits, whose contacts change, need new factors.
-        self.reuse = Reuse() if self._large and pattern.woven else None
+        self.reuse = Reuse() if large and pattern.woven else None
         self.strands = self._copies_within(SLACK)
         self.reference = self.placed(self.strands)
         offset, rotation = self.surface.at(self.reference)
@@ -90,13 +85,13 @@ class CellEnergy:
         source = np.tile(np.arange(n), len(self.strands.tiles))
         turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
         self.nodes = CopiedNodes(source, turned, offset, n, n)
-        turning = None if self.strain.is_flat else self.turning
-        self.contact_list = ContactList(
-            pattern, self.strands, self.nodes, self.stiffness, symmetric=self.symmetric, turning=turning
-        )
-        self._rod_stencils(rotation)
-        self._pattern: BlockPattern | None = None
-        self.constraints = self._constraints()
+        self.rods = RodEnergy(
+            self.stiffness, self.strands, copies=self.nodes, symmetric=self.symmetric,
+            turning=None if self.strain.is_flat else self.turning, margin=PATTERN_MARGIN if large else WIDE_MARGIN,
+        )  # fmt: skip
+        anchors, self._anchor_slope = self._anchors(rotation)
+        self.rods.set_anchors(anchors, pattern.reference_twist)
+        self.constraints = self._constraints(large)
         positions, twists = self.stiffness.position_scale(), self.stiffness.twist_scale()
         self._scale = np.concatenate([np.repeat(positions, 3), twists])
 
@@ -120,34 +115,17 @@ class CellEnergy:
         radius = self.pattern.radius
         return strands.copies(self.pattern.vertices / radius, self.pattern.period / radius)
 
-    def _rod_stencils(self, rotation: Array) -> None:
-        pattern, n = self.pattern, self.count
-        vertex, ends = np.arange(n), self.strands.ends[:n]
-        scalars = 3 * len(self.nodes.source)
-        stretch = position_variables(np.stack([vertex, ends], 1))
-        self.stretch = StencilSet(self.stiffness.stretch_energy, stretch, self.stiffness.edge_parameters(), 2)
+    def _anchors(self, rotation: Array) -> tuple[Array, Array]:
+        """``ANCHORS`` of all joints (n, 12), and their derivatives by the macroscopic state (n, 12, 6)."""
+        vertex, found = np.arange(self.count), []
+        for start, end in ((self.strands.before, vertex), (vertex, self.strands.ends[: self.count])):
+            found.append(self._carried(start, end, rotation))
+        (tangent, director, slope), (after, director_after, slope_after) = found
+        anchors = np.concatenate([tangent, after, director, director_after], axis=1)
+        parts = slope[:, :3], slope_after[:, :3], slope[:, 3:], slope_after[:, 3:]
+        return anchors, np.concatenate(parts, axis=1)
 
-        before, back = pattern.previous_vertex, self.strands.before
-        tangent, director, slope = self._anchors(vertex, ends, rotation)
-        tangent_before, director_before, slope_before = self._anchors(back, vertex, rotation)
-        # Rows in the order of ``ANCHORS``.
-        both = slope_before[:, :3], slope[:, :3], slope_before[:, 3:], slope[:, 3:]
-        self._anchor_slope = np.concatenate(both, axis=1)
-        bend, twist = self.stiffness.joint_stiffness()
-        parameters = np.column_stack(
-            [
-                tangent_before, tangent, director_before, director, pattern.reference_twist,
-                pattern.rest_curvature, pattern.rest_twist, bend, twist,
-            ]
-        )  # fmt: skip
-        joints = np.column_stack(
-            [position_variables(np.stack([back, vertex, ends], 1)), scalars + before, scalars + vertex]
-        )
-        self.bend_twist = StencilSet(BEND_TWIST, joints, parameters, 3)
-        self._rods = (self.stretch, self.bend_twist)
-        self._rod_unknowns = [self.nodes.unknowns(s.variables) for s in self._rods]
-
-    def _anchors(self, start: Indices, end: Indices, rotation: Array) -> tuple[Array, Array, Array]:
+    def _carried(self, start: Indices, end: Indices, rotation: Array) -> tuple[Array, Array, Array]:
         """Tangent and director of edges (start node → end node) carried from rest to the macroscopic state.
 
         Also their derivatives by that state, (N, 6, 6): rows tangent and director, columns the six components.
@@ -173,104 +151,39 @@ class CellEnergy:
         )
         return tangent, carried, slope @ np.concatenate(inputs, axis=1)
 
-    def _constraints(self) -> LinearConstraints | ChainConstraints:
+    def _constraints(self, large: bool) -> LinearConstraints | ChainConstraints:
         """Rows of ``constraint_rows``, made independent of each other; of large cells, as chains."""
-        if self._large:
+        if large:
             return constraint_chains(self.pattern, self.sliding)
         rows = constraint_rows(self.pattern, self.sliding).toarray()
         matrix = independent(rows / np.linalg.norm(rows, axis=1)[:, None])
         return LinearConstraints(matrix, np.zeros(len(matrix)))
 
-    def _positions(self, full: Array) -> Array:
-        return full[: 3 * len(self.nodes.source)].reshape(-1, 3)
-
-    def _block_pattern(self, contacts: Contacts, full: Array) -> BlockPattern:
-        """The matrix pattern, made anew only where contacts do not fit into it.
-
-        Of a large cell it has only pairs that touch or nearly do: factors cost more than patterns.
-        """
-        if self._large:
-            return self._tight_pattern(contacts, full)
-        if contacts.slots is None:
-            if self._pattern is None or not self._pattern.covers(contacts.unknowns):
-                wide = self.contact_list.unknowns_ahead(self._positions(full))
-                self._lay_out([contacts.unknowns, wide])
-            assert self._pattern is not None
-            contacts.slots = self._pattern.slots(contacts.unknowns)
-        assert self._pattern is not None
-        return self._pattern
-
-    def _tight_pattern(self, contacts: Contacts, full: Array) -> BlockPattern:
-        ends, touch = self.strands.ends, contact_reach(self.stiffness.rule)
-        gaps = pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
-        if self._pattern is not None and contacts.slots is None:
-            self._place(contacts)
-        if contacts.slots is None or (~contacts.covered & (gaps < touch)).any():
-            self._lay_out([contacts.unknowns[gaps < touch + TIGHT_MARGIN]])
-            self._place(contacts)
-        assert self._pattern is not None
-        return self._pattern
-
-    def _place(self, contacts: Contacts) -> None:
-        """Slots of the pairs that the pattern covers."""
-        assert self._pattern is not None
-        contacts.covered = self._pattern.covered(contacts.unknowns)
-        contacts.slots = self._pattern.slots(np.where(contacts.covered[:, None], contacts.unknowns, -1))
-
-    def _lay_out(self, contacts: list[Indices]) -> None:
-        """A new pattern of the rods and of the unknowns of contacts (N, 12) each."""
-        groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
-        self._pattern = BlockPattern.of(groups, [*self._rod_unknowns, *contacts])
-        self._rod_slots = [self._pattern.slots(u) for u in self._rod_unknowns]
-
-    def contacts(self, free: Array, full: Array) -> Contacts:
-        """Contact stencils valid at the free vector and its full vector."""
-        return self.contact_list.at(free[: 3 * self.count].reshape(-1, 3), self._positions(full))
-
     # --- objective ------------------------------------------------------------------------------------
 
     def value(self, x: Array) -> float:
         """Energy [E π r³]; inf where two yarns meet."""
-        full = self.nodes.expand(x)
-        contacts = self.contacts(x, full)
-        value = sum(s.value(full) for s in (*self._rods, contacts.stencils))
-        return value if math.isfinite(value) else math.inf
+        return self.rods.value(self.nodes.expand(x))
 
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy and gradient by the free vector."""
-        full = self.nodes.expand(x)
-        contacts = self.contacts(x, full)
-        value, forces = 0.0, []
-        for stencils in (*self._rods, contacts.stencils):
-            forces.append(np.zeros(len(full)))
-            value += stencils.gradient(full, forces[-1])
-        return self._summed(value, forces)
+        value, forces = self.rods.gradient(self.nodes.expand(x))
+        return value, self._summed(forces)
 
     def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
         """Energy, gradient and exact Hessian by the free vector."""
-        full = self.nodes.expand(x)
-        contacts = self.contacts(x, full)
-        block = self._block_pattern(contacts, full)
-        assert contacts.slots is not None
-        entries = np.zeros(block.pattern.entries)
-        value, forces = 0.0, []
-        for stencils, slots in zip(
-            (*self._rods, contacts.stencils), (*self._rod_slots, contacts.slots), strict=True
-        ):
-            forces.append(np.zeros(len(full)))
-            value += stencils.hessian(full, forces[-1], slots, self.nodes.rotation, entries)
-        value, gradient = self._summed(value, forces)
-        return value, gradient, ShiftedHessian(block.pattern, entries, self._scale)
+        value, forces, block, entries = self.rods.hessian(self.nodes.expand(x))
+        return value, self._summed(forces), ShiftedHessian(block.pattern, entries, self._scale)
 
-    def _summed(self, value: float, forces: list[Array]) -> tuple[float, Array]:
-        """Energy and gradient from the forces of each term on all copies; sets ``residual_scale``."""
+    def _summed(self, forces: Array) -> Array:
+        """Gradient from the forces (k, N) of each term on all copies; sets ``residual_scale``."""
         gradients = [self.nodes.pull_gradient(force) for force in forces]
         # A residual of 1e-6 means: forces cancel to six digits of what the terms pull against each other. A taut
         # straight yarn pulls on no vertex; there its tension, felt where the tile ends, and round-off set the scale.
         pull = sum(_size(g[: 3 * self.count]) for g in gradients)
-        tension = sum(_size(self._positions(force)) for force in forces)
+        tension = sum(_size(self.rods.positions(force)) for force in forces)
         self.residual_scale = pull + 1e-3 * tension + 1e-6
-        return (value if math.isfinite(value) else math.inf), sum(gradients)  # type: ignore[return-value]
+        return np.add.reduce(gradients)
 
     def bound(self, x: Array, step: Array) -> float:
         """Fraction of a step that moves no vertex, twist or pair too far."""
@@ -279,12 +192,9 @@ class CellEnergy:
         longest = math.sqrt(float((moves * moves).sum(1).max()))
         turn = float(np.abs(step[3 * n :]).max())
         fraction = min(1.0, STEP_LIMIT / max(longest, 1e-300), TWIST_LIMIT / max(turn, 1e-300))
-        full = self.nodes.expand(x)
-        contacts = self.contacts(x, full)
-        ahead = self._positions(self.nodes.expand(x + fraction * step)) - self._positions(full)
-        return fraction * safe_fraction(
-            self._positions(full), ahead, self.strands.ends, contacts.first, contacts.second, GAP_SHARE
-        )
+        full, positions = self.nodes.expand(x), self.rods.positions
+        moves = positions(self.nodes.expand(x + fraction * step)) - positions(full)
+        return fraction * self.rods.contact_list.safe_fraction(positions(full), moves)
 
     # --- read-outs ------------------------------------------------------------------------------------
 
@@ -297,12 +207,8 @@ class CellEnergy:
 
     def parts(self, x: Array) -> dict[str, float]:
         """Energy of stretch, bending with twist, and contact [J/m²]."""
-        full = self.nodes.expand(x)
-        unit = self.unit / self.pattern.area
-        named = zip(
-            ("stretch", "bend_twist", "contact"), (*self._rods, self.contacts(x, full).stencils), strict=True
-        )
-        return {name: stencils.value(full) * unit for name, stencils in named}
+        parts = self.rods.parts(self.nodes.expand(x))
+        return {name: value / self.pattern.area for name, value in parts.items()}
 
     def stress(self, x: Array) -> Array:
         """∂Ψ/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û and θ [J/m², J/m]: the exact stress of an equilibrium.
@@ -310,14 +216,11 @@ class CellEnergy:
         Positions follow the state through (C1), the reference frames of the rods through their anchors.
         """
         full = self.nodes.expand(x)
-        force = np.zeros(len(full))
-        for stencils in (*self._rods, self.contacts(x, full).stencils):
-            stencils.gradient(full, force)
-        nodes = self._positions(force)
+        nodes = self.rods.positions(self.rods.gradient(full)[1].sum(axis=0))
         loaded = np.flatnonzero((nodes != 0.0).any(axis=1))
         fluctuation = x[: 3 * self.count].reshape(-1, 3)[self.nodes.source[loaded]]
         slopes = self.surface.by_state(self.reference[loaded], fluctuation)
-        by_anchors = self.bend_twist.by_parameters(full, ANCHORS)
+        by_anchors = self.rods.bend_twist.by_parameters(full, ANCHORS)
         total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum(
             "ni,nij->j", by_anchors, self._anchor_slope
         )
@@ -325,17 +228,8 @@ class CellEnergy:
 
     def gaps(self, x: Array) -> Array:
         """Distances of all listed pairs over the yarn diameter."""
-        full = self.nodes.expand(x)
-        contacts = self.contacts(x, full)
-        ends = self.strands.ends
-        gaps = pair_gaps(self._positions(full), ends, contacts.first, contacts.second)
-        return gaps / self._diameters(contacts)
-
-    def _diameters(self, contacts: Contacts) -> Array:
-        """Sum of the radii of each pair's yarns (N,) [r]."""
-        relative = self.pattern.relative_radius
-        return relative[contacts.first] + relative[contacts.second % self.count]
+        return self.rods.gaps(self.nodes.expand(x))
 
     def positions(self, x: Array) -> Array:
         """World positions of the primary tile's vertices, (n, 3) [m]."""
-        return self._positions(self.nodes.expand(x))[: self.count] * self.pattern.radius
+        return self.rods.positions(self.nodes.expand(x))[: self.count] * self.pattern.radius

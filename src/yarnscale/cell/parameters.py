@@ -45,7 +45,7 @@ def explicit_part(energy: CellEnergy, x: Array) -> ExplicitPart:
     by_length = np.zeros(energy.count)
     stretch = _stretch(energy, full, by_length)
     joints = _joints(energy, full, by_length)
-    contact, shared = _contact(energy, x, full, by_length)
+    contact, shared = _contact(energy, full, by_length)
     r = energy.pattern.radius
     by_material = tuple(
         _of_material(m, r, *values)
@@ -86,8 +86,8 @@ def _summed(energy: CellEnergy, columns: Array, kind: NDArray[np.int64] | None =
 
 def _stretch(energy: CellEnergy, full: Array, by_length: Array) -> Array:
     """Derivatives by (k_s1, k_s2, ε̄) of each material (materials, 3); adds those by rest lengths."""
-    names = tuple(energy.stretch.energy.parameters)
-    found = energy.stretch.by_parameters(full, names)
+    names = tuple(energy.rods.stretch.energy.parameters)
+    found = energy.rods.stretch.by_parameters(full, names)
     by_length += found[:, 0]
     columns = np.zeros((energy.count, 3))
     columns[:, : found.shape[1] - 1] = found[:, 1:]
@@ -99,7 +99,7 @@ def _stretch(energy: CellEnergy, full: Array, by_length: Array) -> Array:
 def _joints(energy: CellEnergy, full: Array, by_length: Array) -> Array:
     """Derivatives by (k_b, k_t) of each material (materials, 2); adds those by rest lengths."""
     pattern = energy.pattern
-    found = energy.bend_twist.by_parameters(full, ("bend_stiffness", "twist_stiffness"))
+    found = energy.rods.bend_twist.by_parameters(full, ("bend_stiffness", "twist_stiffness"))
     bend, twist = energy.stiffness.joint_stiffness()
     by_joint = -(found[:, 0] * bend + found[:, 1] * twist) * pattern.radius / pattern.voronoi_length
     by_length += 0.5 * by_joint
@@ -108,9 +108,9 @@ def _joints(energy: CellEnergy, full: Array, by_length: Array) -> Array:
     return _summed(energy, found * scale[:, None])
 
 
-def _contact(energy: CellEnergy, x: Array, full: Array, by_length: Array) -> tuple[Array, dict[str, float]]:
+def _contact(energy: CellEnergy, full: Array, by_length: Array) -> tuple[Array, dict[str, float]]:
     """Derivatives by each material's k_contact (materials,) and by ``BARRIERS``; adds those by rest lengths."""
-    contacts, stiffness = energy.contacts(x, full), energy.stiffness
+    contacts, stiffness = energy.rods.contacts(full), energy.stiffness
     stencils, rule = contacts.stencils, stiffness.rule
     barriers = rule.kernel == "est2022"
     names = tuple(stencils.energy.parameters)

@@ -18,13 +18,13 @@ from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, no_passages
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
+from yarnscale.yarn.friction import YarnFriction
 
 Array = NDArray[np.float64]
 
@@ -232,7 +232,7 @@ class FabricDynamics(Body[FabricMotion]):
         """
         self.energy.anchor(motion.x, motion.frames)
         self.energy.rub(motion.x, None)
-        _, _, _, block, entries = self.energy.hessian(motion.x)
+        _, _, block, entries = self.energy.hessian(motion.x)
         vector = np.random.default_rng(0).standard_normal(len(motion.x))
         square = 0.0
         for _ in range(iterations):

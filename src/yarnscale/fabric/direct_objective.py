@@ -72,17 +72,22 @@ class _Yarns:
         return self._energy.value(x)
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        value, gradient, self.pull = self._energy.gradient(x)
-        return value, gradient
+        value, forces = self._energy.gradient(x)
+        return value, self._summed(forces)
 
     def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
-        value, gradient, self.pull, block, entries = self._energy.hessian(x)
+        value, forces, block, entries = self._energy.hessian(x)
+        gradient = self._summed(forces)
         entries[block.pattern.diagonal[self._idle]] += self._scale[self._idle]
         if not self._tied:
             return value, gradient, ShiftedHessian(block.pattern, entries, self._scale)
         scale = self._scale.copy()
         scale[: 3 * self._energy.count] *= _LOOSE
         return value, gradient, ShiftedHessian(block.pattern, entries, scale, self._energy.ties(x))
+
+    def _summed(self, forces: Array) -> Array:
+        self.pull = sum(float(np.linalg.norm(force)) for force in forces)
+        return forces.sum(axis=0)
 
 
 class FabricObjective(SumOfEnergies):

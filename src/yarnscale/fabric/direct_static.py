@@ -70,7 +70,7 @@ class Holds:
 
         For explicit steps, which prescribe held vertices without springs.
         """
-        gradient = energy.positions(energy.gradient(x)[1])[self.nodes]
+        gradient = energy.positions(energy.gradient(x)[1].sum(axis=0))[self.nodes]
         return gradient * np.array(self.axes, np.float64) * energy.force_unit
 
     def distances(self, energy: FabricEnergy, x: Array) -> dict[str, float]:

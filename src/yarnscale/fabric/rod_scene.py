@@ -19,10 +19,10 @@ from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.fabric.yarn_friction import YarnFriction
 from yarnscale.motion.body import Method
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.schedule import Schedule
+from yarnscale.yarn.friction import YarnFriction
 
 Array = NDArray[np.float64]
 

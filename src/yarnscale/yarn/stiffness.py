@@ -50,6 +50,16 @@ class Yarns(Protocol):
         ...
 
     @property
+    def rest_curvature(self) -> Array:
+        """Integrated material curvatures of every joint at rest (n, 2)."""
+        ...
+
+    @property
+    def rest_twist(self) -> Array:
+        """Integrated twist of every joint at rest (n,) [rad]."""
+        ...
+
+    @property
     def voronoi_length(self) -> Any:
         """Of every joint (n,) [m]."""  # a cached property is no array to type checkers
         ...
