@@ -13,7 +13,7 @@ from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.weave import LARGEST_DRAFT, side_changes
 from yarnscale.errors import InputError, notify, quoted
-from yarnscale.files.repeats import one_repeat
+from yarnscale.files.repeats import one_repeat, repeat_of
 from yarnscale.files.source_text import read_source
 from yarnscale.files.structure_file import StructureFile
 
@@ -46,22 +46,16 @@ def read_wif(path: str | os.PathLike[str]) -> StructureFile:
     up = _drawdown(wif)
     warp, weft = _threads(wif, WARP, up.shape[1]), _threads(wif, WEFT, up.shape[0])
 
-    def repeat(system: str, rows: Array, threads: Array) -> slice:
-        looks = [row.tobytes() + thread.tobytes() for row, thread in zip(rows, threads, strict=True)]
-        # A web that can be drawn whole is left whole; larger ones may have hems and selvedges.
-        margin = 0 if len(looks) <= LARGEST_DRAFT else len(looks) // 6
-        return one_repeat(path, system, looks, LARGEST_DRAFT, margin)
-
-    picks = repeat("picks", up, weft)
-    ends = repeat("ends", up[picks].T, warp)
+    # Hems would hide the repeat of the ends.
+    rough = repeat_of(*_looks(up, weft)) or (slice(None), 0)
+    ends = one_repeat(path, "ends", *_looks(up[rough[0]].T, warp))
+    picks = one_repeat(path, "picks", *_looks(up[:, ends], weft))
     draft = up[picks, ends].astype(int)
     lifts = "LIFTPLAN" if wif.sections.get("LIFTPLAN") else "TREADLING"
     for section, axis, first in (("THREADING", 0, ends.start), (lifts, 1, picks.start)):
         for thread in np.flatnonzero(np.ptp(draft, axis=axis) == 0) + first + 1:
             if not any(wif.integers(section, str(thread))):
-                raise wif.fault(
-                    section, thread, expected="a shaft or treadle; without one it is not woven in"
-                )
+                raise wif.fault(section, thread, expected="a shaft or treadle, or it is not woven in")
 
     def place(error: InputError) -> str:
         if isinstance(error, ChartError) and error.column is not None:
@@ -72,9 +66,15 @@ def read_wif(path: str | os.PathLike[str]) -> StructureFile:
 
     size = f"{draft.shape[1]} ends × {draft.shape[0]} picks of {up.shape[1]} × {up.shape[0]}"
     sizes = {"name": path.stem, **_sizes(path, draft, warp[ends], weft[picks])}
-    return StructureFile(
-        path, Structure(f"One repeat of {path.name}: {size}", draft=draft, sizes=sizes), place
-    )
+    structure = Structure(f"One repeat of {path.name}: {size}", draft=draft, sizes=sizes)
+    return StructureFile(path, structure, place)
+
+
+def _looks(rows: Array, threads: Array) -> tuple[list[bytes], int, int]:
+    """What tells threads apart, the largest repeat, and how many threads at either edge may lie outside of it."""
+    looks = [row.tobytes() + thread.tobytes() for row, thread in zip(rows, threads, strict=True)]
+    # A web that can be drawn whole is left whole; larger ones may have hems and selvedges.
+    return looks, LARGEST_DRAFT, 0 if len(looks) <= LARGEST_DRAFT else len(looks) // 6
 
 
 class _Wif:
@@ -86,14 +86,14 @@ class _Wif:
         self.lines: dict[str, int] = {}
         section = ""
         for number, line in enumerate(read_source(path, other_encodings=True).splitlines(), start=1):
-            where, text = f"{path}:{number}", line.strip()
+            where, text = f"{path}:{number}", line.split(";", 1)[0].strip()
             key, equals, value = (part.strip() for part in text.partition("="))
             if text.startswith("[") and text.endswith("]"):
                 section, key = text[1:-1].strip().upper(), ""
                 if section in _READ and section in self.lines:
                     raise InputError(f"[{section}] stands twice", where=where, expected="every section once")
                 self.lines[section], self.sections[section] = number, {}
-            elif section in _READ and text and not text.startswith(";"):
+            elif section in _READ and text:
                 if not equals or key.lower() in self.sections[section]:
                     fault = "stands twice" if equals else "is no setting"
                     expected = "key=value, every key once"
@@ -103,9 +103,7 @@ class _Wif:
             raise InputError("file is no weaving draft", where=path, expected="a section [WIF]")
         for name in _READ:
             if self.text("CONTENTS", name.lower()).lower() in _TRUE and name not in self.sections:
-                raise InputError(
-                    f"[{name}] is missing", where=path, expected="the section that [CONTENTS] names"
-                )
+                raise InputError(f"[{name}] is missing", where=path, expected="what [CONTENTS] names")
 
     def place(self, section: str, key: object) -> str:
         """File and line of a key, of its section without it, or the file alone."""
@@ -115,9 +113,8 @@ class _Wif:
     def fault(self, section: str, key: object, *, expected: object) -> InputError:
         """The error of a key, ready to raise."""
         found = quoted(self.text(section, str(key))) if self.text(section, str(key)) else None
-        return InputError(
-            f"[{section}] {key}", where=self.place(section, key), expected=expected, found=found
-        )
+        what, where = f"[{section}] {key!s:.40}", self.place(section, key)
+        return InputError(what, where=where, expected=expected, found=found)
 
     def text(self, section: str, key: str) -> str:
         """A value, empty where there is none."""
@@ -138,19 +135,19 @@ class _Wif:
         """Whole numbers from 0 to ``LARGEST_WEB``, separated by commas."""
         words = [word.strip() for word in self.text(section, key).split(",")]
         numbers = [_whole(word) for word in words if word]
-        if any(number is None or number > LARGEST_WEB for number in numbers):
+        if not all(0 <= number <= LARGEST_WEB for number in numbers):
             raise self.fault(section, key, expected=f"whole numbers from 0 to {LARGEST_WEB}")
-        return [number for number in numbers if number is not None]
+        return numbers
 
     def count(self, section: str, key: str) -> int:
-        """A number of threads, shafts or treadles, 0 where there is none."""
+        """The first whole number, 0 where there is none."""
         return next(iter(self.integers(section, key)), 0)
 
     def keys(self, section: str, largest: int) -> list[int]:
         """The numbers of the threads or treadles of a section, from 1 to ``largest`` (0: any)."""
         most = largest or LARGEST_WEB
         for key in self.sections.get(section, {}):
-            if not 1 <= (_whole(key) or 0) <= most:
+            if not 1 <= _whole(key) <= most:
                 raise self.fault(section, key, expected=f"a number from 1 to {most}")
         return [int(key) for key in self.sections.get(section, {})]
 
@@ -159,8 +156,9 @@ class _Wif:
         return {n: [s for s in self.integers(section, str(n)) if s] for n in self.keys(section, largest)}
 
 
-def _whole(word: str) -> int | None:
-    return int(word) if word.isascii() and word.isdecimal() and len(word) < 10 else None
+def _whole(word: str) -> int:
+    """A whole number, -1 for any other text."""
+    return int(word) if word.isascii() and word.isdecimal() and len(word) < 10 else -1
 
 
 def _drawdown(wif: _Wif) -> Array:
@@ -201,29 +199,25 @@ def _check_numbers(wif: _Wif, section: str, table: dict[int, list[int]], most: i
 
 
 def _threads(wif: _Wif, system: str, count: int) -> Array:
-    """Colour (-1: none), spacing and thickness [m] (nan: none) of each thread, shape (count, 3)."""
+    """Colour (0: none), spacing and thickness [m] (nan: none) of each thread, shape (count, 3)."""
     unit = UNITS.get(wif.text(system, "units").lower(), 0.0)
-    threads = np.full((count, 3), -1.0)
-    for column, name in ((0, "color"), (1, "spacing"), (2, "thickness")):
+    threads = np.empty((count, 3))
+    for column, name, value in (
+        (0, "color", wif.count),
+        (1, "spacing", wif.number),
+        (2, "thickness", wif.number),
+    ):
         section = f"{system} {name}{'s' * (column == 0)}".upper()
-        if column == 0:
-            threads[:, 0] = next(iter(wif.integers(system, name)), -1)
-            for thread in wif.keys(section, count):
-                threads[thread - 1, 0] = next(
-                    iter(wif.integers(section, str(thread))), threads[thread - 1, 0]
-                )
-            continue
-        threads[:, column] = wif.number(system, name)
+        threads[:, column] = value(system, name)
         for thread in wif.keys(section, count):
-            threads[thread - 1, column] = wif.number(section, str(thread))
+            threads[thread - 1, column] = value(section, str(thread))
         none = np.isnan(threads[:, column])
         if none.any() and not none.all():
             expected = f"a size, or {name} of all threads in [{system}]"
             raise wif.fault(section, int(np.argmax(none)) + 1, expected=expected)
-        if not none.all() and not unit:
+        if column and not none.all() and not unit:
             raise wif.fault(system, "units", expected=f"one of {', '.join(UNITS)}")
-        threads[:, column] *= unit or 1.0
-    return threads
+    return threads * [1.0, unit or 1.0, unit or 1.0]
 
 
 def _sizes(path: Path, draft: Array, warp: Array, weft: Array) -> dict:
@@ -237,10 +231,8 @@ def _sizes(path: Path, draft: Array, warp: Array, weft: Array) -> dict:
     if room < 1.0:
         share = room * CLOSEST / SPACING
         if not np.isnan([*warp[:, 2], *weft[:, 2]]).all():
-            size = f"{2e3 * max(high.max(), thick.max()):.3g} mm"
-            notify(
-                f"{path}: no room for {size} at this spacing: threads are drawn {share:.2f} times as thick"
-            )
+            room_for = f"no room for {2e3 * max(high.max(), thick.max()):.3g} mm at this spacing"
+            notify(f"{path}: {room_for}: threads are drawn {share:.2f} times as thick")
         high, thick = high * share, thick * share
     radius = float(max(high.max(), thick.max()))
     keys = [list(zip(threads[:, 0], radii, strict=True)) for threads, radii in ((warp, high), (weft, thick))]
