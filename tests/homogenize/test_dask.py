@@ -156,7 +156,7 @@ def test_a_cluster_without_workers_is_told_and_given_up(monkeypatch: pytest.Monk
         local_cluster(0) as empty,
         pytest.raises(InputError, match="no workers at the Dask scheduler") as caught,
     ):
-        reach_workers(empty.scheduler_address, tell=said.append)
+        reach_workers(empty.scheduler_address, on_notice=said.append)
     assert "one within 0.3 s" in str(caught.value)
     assert len(said) == 1 and "no workers yet; waiting 0.3 s" in said[0]
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, outcome_lines, report
-from yarnscale.cli.notices import tell
+from yarnscale.cli.notices import show_notices
 from yarnscale.errors import InputError
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
@@ -91,7 +91,7 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
     )  # fmt: skip
     place = _checkpoints(scene, options.out).read() if options.resume else None
     with results as folder:
-        tell(scene.notices)
+        show_notices(scene.notices)
         result = simulate_into(scene, folder, resume=place)
         for kind in options.format:
             write(read_animation(folder / "frames"), kind, folder / NAMES[kind])

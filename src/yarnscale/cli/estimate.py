@@ -73,7 +73,7 @@ def estimate(options: argparse.Namespace) -> int:
         with ExitStack() as stack:
             executor = None
             if options.dask is not None:
-                executor = stack.enter_context(dask_workers(options.dask, tell=_say))
+                executor = stack.enter_context(dask_workers(options.dask, on_notice=_say))
             elif worker_count(options) > 1:
                 executor = stack.enter_context(local_workers(worker_count(options)))
             found = estimate_yarn(

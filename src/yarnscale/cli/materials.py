@@ -44,7 +44,7 @@ def worker_count(options: argparse.Namespace) -> int:
 def reach_dask(options: argparse.Namespace) -> None:
     """Wait for the workers of ``--dask``, if it is given; InputError where they cannot be reached."""
     if options.dask is not None:
-        reach_workers(options.dask, tell=lambda text: say(f"yarnscale: {text}"))
+        reach_workers(options.dask, on_notice=lambda text: say(f"yarnscale: {text}"))
 
 
 def evaluate(options: argparse.Namespace) -> int:

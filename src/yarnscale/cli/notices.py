@@ -13,7 +13,7 @@ given: list[str] = []
 """Notices of the running command."""
 
 
-def tell(notices: Iterable[str]) -> None:
+def show_notices(notices: Iterable[str]) -> None:
     """Print sentences, and keep them for JSON output."""
     for text in notices:
         given.append(text)
@@ -30,7 +30,7 @@ def collected() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *rest: object, **more: object) -> None:
             if issubclass(category, InputNotice):
-                tell([str(message)])
+                show_notices([str(message)])
             else:
                 others(message, category, *rest, **more)  # type: ignore[arg-type]
 

@@ -79,7 +79,7 @@ class Descent:
         self._keep_up(point)
         self.here, self.value = point, value
         if not trusted or (little and not fresh):
-            # Only fresh slopes tell that there is nothing more to gain.
+            # Only a new Jacobian shows that nothing more can be gained.
             self._age = _LASTING
         if gain >= _SMALLEST_GAIN:
             self._slow = 0

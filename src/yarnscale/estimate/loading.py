@@ -35,7 +35,7 @@ _REACHED = 0.9
 _FARTHEST = 0.4
 """Longest extrapolation of a pretension to zero force, as a share of the extension; beyond, it was no pretension."""
 _NOTABLE = 0.01
-"""Share of the largest force from which an offset is worth a remark."""
+"""Share of the largest force from which an offset is reported."""
 
 
 @dataclass(frozen=True, eq=False)

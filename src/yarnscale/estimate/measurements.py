@@ -291,7 +291,7 @@ class SwatchMeasurements:
     """Everything measured on one fabric, one test per direction at most (EST22 §4.4).
 
     area_density: mass of the fabric [kg/m²]; pear loops need it. pattern: name of its chart or yarn geometry,
-    photographs: of both sides; only names, for the record. notes: what a reader should know about the numbers.
+    photographs: of both sides; only names, for the record. notes: sentences on how the numbers were read.
     """
 
     name: str

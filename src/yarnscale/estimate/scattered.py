@@ -13,7 +13,7 @@ from yarnscale.estimate.gauss_newton import Descent
 Array = NDArray[np.float64]
 
 STAGES = ((3, 0.5), (4, 0.5), (5, 0.0))
-"""Gauss–Newton steps of every start that is left, and the share of them that goes on; the best always does."""
+"""Gauss–Newton steps of every remaining start, and the share of starts kept afterwards; the best always is."""
 _APART = 0.25
 """Least distance of starts, of the ranges."""
 

@@ -28,11 +28,11 @@ Array = NDArray[np.float64]
 
 UNKNOWN_STIFFNESS = 60.0
 """k_s2 where the yarn's stiffness at 5 cN was not measured [N]: a spun hand-knitting yarn, to a factor of three.
-Fabrics stretch by their loops' bending and sliding long before such a yarn gives, so that little depends on it."""
+Fabrics stretch by bending and sliding of their loops long before such a yarn stretches, so little depends on it."""
 
 
 _OFF = 0.1
-"""Error of the shell from which it is worth a warning, and effect of clamps that must not rest on such a shell."""
+"""Error of the shell, and effect of the clamps computed with such a shell, from which there is a warning."""
 
 _LARGE_EFFECT = 0.3
 """Effect of clamps that needs a warning however good the shell is."""
@@ -48,7 +48,7 @@ class FabricEstimate:
     measured curves of these directions without the effect of the clamps, which the errors refer to. held_out: the
     measured curves of the other directions, likewise, and what the yarn does there; None where there are none.
     bending: errors of the bending stiffness by direction, as fractions. cloth: the swatches simulated as cloth of the
-    homogenized yarn; None where that was not asked for.
+    homogenized yarn, if any.
     """
 
     measurements: SwatchMeasurements
@@ -73,7 +73,7 @@ class FabricEstimate:
 
     @property
     def error(self) -> UniformErrors:
-        """Of the yarn against the measurement: what the estimate is worth."""
+        """Of the yarn against the measurement: the error of the estimate."""
         return errors_of(self.fit.evaluation.curves, self.measured)
 
     @property
@@ -95,7 +95,7 @@ class FabricEstimate:
         return errors_of(self.prediction.curves, self.held_out)
 
     def error_rows(self) -> Iterator[tuple[str, UniformErrors, int | None]]:
-        """Every error with what it is of, and how many states are not at rest."""
+        """Every error, its name, and the number of states without equilibrium."""
         yield "yarn against the measurement", self.error, self.fit.evaluation.failed
         for along, errors in self.error.directions.items():
             yield f"{along.value} alone", errors, None

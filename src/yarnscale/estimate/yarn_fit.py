@@ -32,12 +32,12 @@ STARTS, REFINED = 64, 12
 """Scattered points, and from how many of the best Gauss–Newton begins."""
 
 _GROWN = 0.01
-"""Growth of the root of the objective that tells how far unknowns can move."""
+"""Growth of the root of the objective up to which unknowns count as undetermined."""
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How the parameters are sought; starts and refined belong to the solver ``sobol``; iterations: of Gauss–Newton
+    """Options of the search; starts and refined belong to the solver ``sobol``; iterations: of Gauss–Newton
     at most."""
 
     solver: Solver = "sobol"
@@ -120,7 +120,7 @@ def fit_yarn(
 ) -> YarnFit:
     """Find the parameters with which a yarn model follows uniform data.
 
-    executor: where evaluations run side by side. store: keeps evaluations, so that a run goes on where it ended.
+    executor: runs evaluations side by side. store: keeps evaluations, so that a killed run can continue.
     progress: called after every evaluation. search: another method than that of ``options.solver``, which returns the
     best unknowns. The result depends on ``options.seed``, not on workers.
     """
@@ -169,7 +169,7 @@ def usual_starts(model: YarnModel) -> list[Array]:
 
 
 def work_ahead(options: FitOptions, unknowns: int) -> int:
-    """About how many evaluations a search takes, for telling the time left."""
+    """About how many evaluations a search takes, for the time left."""
     # A Jacobian and a pair of tries now and then, pairs of tries in between.
     steps = min(12, options.iterations) * (0.4 * unknowns + 2)
     refined = options.refined + (1 if unknowns > len(PARAMETERS) else 0)

@@ -2,7 +2,7 @@
 
 Unknown are the soft stretch stiffness k_s1, the strain ε̄ where it ends, the bending stiffness k_b, the outer contact
 radius R₁ and its stiffness k_c1. The stiff stretch stiffness k_s2 is that of the stiffest yarn of the fabric; the inner
-contact keeps yarns apart and no more. Ranges are counted from k_s2 and from R_est, which the drawing gives.
+contact only keeps yarns apart. Ranges are relative to k_s2 and to R_est, which follows from the drawing.
 """
 
 from __future__ import annotations

@@ -42,10 +42,10 @@ _SMALLEST_DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class RestRule:
-    """How a drawing comes to rest.
+    """How the rest shape of a drawing is computed.
 
-    rounds: equilibria after which the rest shape is reset by ``share`` of the way to them; 0: yarns keep the rest shape
-    they are drawn with. shortening: share of the rest lengths taken away first, which tightens a slack drawing.
+    rounds: equilibria after which the rest shape moves by ``share`` of the difference to them; 0: yarns keep the rest
+    shape they are drawn with. shortening: share of the rest lengths taken away first, which tightens a slack drawing.
     release: whether the periods follow to zero stress.
     """
 
@@ -142,7 +142,7 @@ def at_rest(
 def drawn_in(cell: PeriodicCell, share: float, stages: _Stages | None = None) -> RestedCell:
     """A cell drawn anew at a share, 0 to 1, of the change of periods that frees straight yarn of coarse stress.
 
-    Its yarns forget as much of the drawing: rest curvatures and twists are by that share those of the new shape, else
+    Rest curvatures and twists change as much: by that share they are those of the new shape, else
     those of the drawing. Rest lengths stay. share 0: the drawing at equilibrium.
     stages: two, the periods of straight yarn and the new shape.
     """

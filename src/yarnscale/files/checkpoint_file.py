@@ -31,7 +31,7 @@ _WHAT = "checkpoint of a run"
 
 
 class CheckpointFile(Generic[State]):
-    """The file that a run goes on from; pass ``write`` as ``on_checkpoint``.
+    """The checkpoint from which a run is resumed; pass ``write`` as ``on_checkpoint``.
 
     It is replaced after every frame and every ``interval`` seconds, in one step each. kind: of the states, a dataclass
     of arrays and of such dataclasses. settings: all that shapes the run, by name; their fingerprints go along.
@@ -64,7 +64,7 @@ class CheckpointFile(Generic[State]):
         self._frames, self._written = run.frames, now
 
     def read(self) -> Run[State]:
-        """The run to go on with; InputError where there is none, or one that began with other settings."""
+        """The run to resume; InputError where there is none, or one that began with other settings."""
         if not self.path.exists():
             raise InputError("nothing to resume", where=self.path, expected=_WHAT)
         names = {*read_names(self.path, what=_WHAT), "settings", "run"}

@@ -29,7 +29,7 @@ class FrameWriter:
     """A folder with ``frame_0000.npz``, ``frame_0001.npz``, …, each replaced in one step.
 
     Where there are obstacles with a surface, ``bodies.npz`` holds their triangles and every frame their vertices as
-    ``bodies`` (nb, 3) [m]: where they are, which is not where their motion takes them if they gave way. keep: frames
+    ``bodies`` (nb, 3) [m], in their actual places, also if they missed their prescribed ones. keep: frames
     of an earlier run, from the first on, that stay; all others are removed at the start. Raises InputError where the
     folder cannot be written.
     """
@@ -160,7 +160,7 @@ class ClothFrames(Frames):
 
 
 def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
-    """The frames of a folder, opened when they are asked for.
+    """The frames of a folder, each read on first use.
 
     Raises InputError where the folder, the mesh or frames are missing or damaged.
     """

@@ -155,7 +155,7 @@ class CurveFrames(Frames):
 
 
 def read_curve_frames(folder: str | os.PathLike[str]) -> CurveFrames:
-    """The curve frames of a folder, opened when they are asked for; InputError where something is missing."""
+    """The curve frames of a folder, each read on first use; InputError where something is missing."""
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("folder does not exist", where=folder, expected="frames of curves")

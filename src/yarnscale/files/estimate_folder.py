@@ -1,4 +1,4 @@
-"""Finished evaluations of an estimate in a folder, one small file each, so that a run goes on where it was killed."""
+"""Finished evaluations of an estimate in a folder, one small file each, so that a killed run can continue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimate the yarn of a fabric in one call; with a folder, evaluations are kept, and a killed run goes on."""
+"""Estimate the yarn of a fabric in one call; with a folder, evaluations are kept, and a killed run can continue."""
 
 from __future__ import annotations
 

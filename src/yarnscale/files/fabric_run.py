@@ -1,4 +1,4 @@
-"""Run the scene of a finite fabric; with a folder, frames are written as they finish, and a killed run goes on."""
+"""Run the scene of a finite fabric; with a folder, frames are written as they finish, and a killed run can continue."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAKES = ("frame_*.npz", CURVES, BODIES, NAME)
 
 def checkpoint(folder: Path, kind: type[State], settings: Mapping[str, object]) -> CheckpointFile[State]:
     """The checkpoint of a run in its folder; kind: of states; settings: all that shapes the run, by name."""
-    # Between frames a run goes on from lists of contacts that no checkpoint holds.
+    # Between frames a run depends on lists of contacts that are not in the checkpoint.
     return CheckpointFile(folder / NAME, kind, settings, interval=math.inf)
 
 
@@ -38,8 +38,8 @@ def run(
 ) -> FabricResult[State]:
     """Simulate a finite fabric, a ``RodScene`` or a ``SplineScene``.
 
-    folder: for frames of curves and a checkpoint. resume: go on with the checkpoint in the folder. settings: all that
-    shapes the run, by name, for which a checkpoint is refused if they differ; by default the fields of the scene.
+    folder: for frames of curves and a checkpoint. resume: continue from the checkpoint in the folder. settings: all
+    that shapes the run, by name, for which a checkpoint is refused if they differ; by default the fields of the scene.
     Callbacks: as of ``simulate``. Raises InputError.
     """
     settings = scene.settings if settings is None else settings

@@ -1,4 +1,4 @@
-"""One number that tells values apart: nested dataclasses, arrays, lists and plain values."""
+"""A hash of values: nested dataclasses, arrays, lists and plain values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 def fingerprint(*values: object) -> str:
     """SHA-256 of values, as 64 hexadecimal digits; functions count by their names.
 
-    Equal values of equal types have the same one, in every process. Raises TypeError for kinds it does not know.
+    Equal values of equal types have the same one, in every process. Raises TypeError for unknown kinds.
     """
     digest = hashlib.sha256()
     for value in values:

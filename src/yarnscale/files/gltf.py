@@ -79,7 +79,7 @@ _Part = tuple[slice, Integers, str]
 
 @dataclass(eq=False)
 class _Mesh:
-    """One mesh: what stays, how a frame gives its shape, and accessors, of every frame those of each part."""
+    """One mesh: its constant parts, the function from a frame to its shape, and accessors by frame and part."""
 
     name: str
     mode: int

@@ -43,9 +43,9 @@ class Block:
 
 
 def joined(tables: list[MeasuredTable], blocks: list[Block]) -> list[MeasuredTable]:
-    """One table a swatch: readings below a line of text go on unless another specimen begins or results stand there.
+    """One table a swatch: readings below a line of text continue the table, unless another specimen or results begin.
 
-    blocks: the readings of each table. Remarks of the tables tell the lines of text and what is not read.
+    blocks: the readings of each table. Remarks of the tables name the lines that are not read.
     """
     found, before = [tables[0]], blocks[0]
     for previous, table, block in zip(tables, tables[1:], blocks[1:], strict=False):

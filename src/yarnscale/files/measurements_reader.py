@@ -1,6 +1,6 @@
 """Tables of readings as machines write them: separators, decimal marks, units, several specimens in a file.
 
-A table begins with a line of column names, below which a line of units may stand. Lines of text before, between and
+A table begins with a line of column names, which may be followed by a line of units. Lines of text before, between and
 after tables are titles; those of the form "width, 50, mm" are kept as settings.
 """
 
@@ -218,7 +218,7 @@ def _block(table: MeasuredTable) -> Block:
 
 
 def _side_by_side(table: MeasuredTable) -> list[MeasuredTable]:
-    """The tables of specimens whose columns stand side by side under the same names."""
+    """The tables of specimens whose columns are side by side under the same names."""
     texts = [name.text for name in table.names]
     size = next(k for k in range(1, len(texts) + 1) if texts == (texts[:k] * len(texts))[: len(texts)])
     known = [name.quantity for name in table.names[:size] if name.quantity is not None]
@@ -242,7 +242,7 @@ def _looks_like_number(cell: str) -> bool:
 
 
 def _decimal_mark(tables: Sequence[MeasuredTable], needed: Sequence[str], separator: str) -> str:
-    """The mark of decimals in the readings. Raises InputError where two are met."""
+    """The decimal mark of the readings. Raises InputError where there are two."""
     only: dict[str, tuple[int, str]] = {}
     commas = False
     for table in tables:

@@ -40,7 +40,7 @@ class MeasuredTable:
 
     names: what the columns hold; header: line of the names. rows: line in the file and cells. decimal: mark of
     decimals. lines: lines of text above since the last table; title: the last of them. settings: quantity → value in
-    SI, as lines of text above give it. remarks: lines of the file that are not read.
+    SI, from the lines of text above. remarks: lines of the file that are not read.
     """
 
     path: str
@@ -64,7 +64,7 @@ class MeasuredTable:
         return " ".join(cell for _, cells in self.lines for cell in cells)
 
     def find(self, quantity: str, *, needed: bool = True) -> Column | None:
-        """The column of a quantity with its unit; InputError where it stands twice, lacks a unit or is missed."""
+        """The column of a quantity with its unit; InputError where it occurs twice, lacks a unit or is missing."""
         found = [k for k, name in enumerate(self.names) if name.quantity == quantity]
         if not found:
             if needed:

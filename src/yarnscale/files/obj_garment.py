@@ -1,6 +1,6 @@
 """Garments from Wavefront OBJ files: positions in space, and where each polygon lies in the fabric.
 
-Two ways are in use: texture coordinates (``vt``) beside the vertices, apart on either side of a seam; or a second file
+Two forms are in use: texture coordinates (``vt``) beside the vertices, apart on either side of a seam; or a second file
 of the same faces whose vertices are the flat panels (names ending in ``-w`` and ``-m``).
 """
 
@@ -41,12 +41,12 @@ def read_garment(
     material: file of the flat panels, face by face those of ``path``; without it texture coordinates are taken.
     unit: of the file's lengths, ``m`` (default), ``cm``, ``mm`` or ``inch``; of those that are not metres already where
     positions and fabric differ. scale, material_scale: metres per unit of space and of the panels instead. grain:
-    angle [rad] from the panels' x-axis to the fabric's course direction. weld: True sews borders that lie on each
-    other, a number those within this distance [m], False leaves them loose.
+    angle [rad] from the panels' x-axis to the fabric's course direction. weld: True sews coincident
+    borders, a number those within this distance [m], False leaves them loose.
     on_notice: called with sentences about what the garment is likely not meant to be.
 
-    A panel drawn with its back up is turned over. Raises InputError with file and line, also for borders that lie on
-    each other where ``weld`` is None, and for a fabric of another size than what is made of it.
+    A panel drawn with its back up is turned over. Raises InputError with file and line, also for coincident
+    borders where ``weld`` is None, and where fabric and cloth differ in size.
     """
     world = read_obj(path)
     if material is None:
@@ -78,7 +78,7 @@ def read_garment(
 
 
 def _sewn(cloth: Polygons, wanted: bool | float | None, world: ObjSurface, on_notice: Notice) -> Polygons:
-    """The cloth with borders sewn as wanted; InputError where they lie on each other and nothing is said about it."""
+    """The cloth with borders sewn as wanted; InputError for coincident borders where nothing is wanted."""
     if wanted is not None and wanted is not False:
         cloth = weld(cloth, None if wanted is True else float(wanted)).cloth
         cloth = continuous(_one_vertex_each(cloth))

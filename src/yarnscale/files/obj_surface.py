@@ -90,7 +90,7 @@ def read_obj(path: str | os.PathLike[str]) -> ObjSurface:
         raise InputError("file has no faces", where=path, expected="lines 'v x y z' and 'f a b c'")
     starts = np.concatenate([[0], np.cumsum(sizes)])
     numbers = np.array(corners, dtype=np.int64)
-    # Texture points that are named but not in the file matter only to garments, which ask for them.
+    # Texture points that are named but not in the file matter only to garments, which check them.
     named = numbers[:, 1] if points else np.full(len(numbers), -1)
     surface = ObjSurface(
         Path(path), np.array(vertices).reshape(-1, 3), np.array(points).reshape(-1, 2), starts, numbers[:, 0],

@@ -44,7 +44,7 @@ def read_pyp(path: str | os.PathLike[str]) -> YarnPattern:
     """Read a pattern; the name is the file's stem.
 
     The quantities of edges are already stored by the edge's first vertex in the file; the rows of ``*E``
-    stand in any order there and are sorted here. Directors are made exactly unit and perpendicular.
+    may have any order there and are sorted here. Directors are made exactly unit and perpendicular.
     Raises InputError with file, line, field, expected and found for anything that is no pattern, and for yarns that
     run through each other.
     """
@@ -61,7 +61,7 @@ def read_pyp(path: str | os.PathLike[str]) -> YarnPattern:
 
 
 def write_pyp(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
-    """Write a pattern with every digit, so that reading it gives the same numbers; whole or not at all.
+    """Write a pattern with all digits, so that it is read back exactly; completely or not at all.
 
     Raises InputError for a pattern of several yarn materials: the format has no place for them.
     """

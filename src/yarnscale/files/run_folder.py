@@ -31,7 +31,7 @@ class RunFolder:
     ``resume`` is asked for, results of another command, or, without ``overwrite``, files of these names that no record
     lists. On entry all this is tested again, the folder is created, and results of an earlier run are removed; of a
     resumed one at the end, if it added to what it went on from, and only those that it neither wrote nor needed.
-    Whatever else lies in the folder stays.
+    Other files in the folder stay.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class RunFolder:
         return made
 
     def _gone_on_from(self) -> set[Path]:
-        """All files that a resumed run goes on from."""
+        """All files that a resumed run needs."""
         places = [*_matching(self.path, self._needs)]
         return {*places, *(path for place in places if place.is_dir() for path in place.rglob("*"))}
 
@@ -97,7 +97,7 @@ class RunFolder:
 
 
 def note_result(path: Path, source: Path, names: Sequence[str] = ()) -> None:
-    """Add what is made of a run to the record of that run, where it lies in the run's folder: both go together.
+    """Add results made from a run to the record of that run, if they are in its folder: both are removed together.
 
     path: a file or a folder; with ``names``, which may have ``*``, the folder of these. source: the run's folder, or
     that of its frames within.

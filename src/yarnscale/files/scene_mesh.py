@@ -57,7 +57,7 @@ def read_mesh(section: Section, on_notice: Notice) -> TriangleMesh:
 
 
 def is_garment(section: Section) -> bool:
-    """Whether the table [mesh] describes a garment or a mesh of a file, which may meet itself, and not a sheet."""
+    """Whether the table [mesh] describes a garment or a mesh of a file, with self-contact, and not a sheet."""
     return "file" in section.content or section.text_or("shape", "") in CUTS
 
 

@@ -19,7 +19,7 @@ Built = TypeVar("Built")
 Vector = tuple[float, float, float]
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Sizes of numbers other than 0, in SI units or degrees; what lies outside is a slip."""
+"""Accepted sizes of numbers other than 0, in SI units or degrees."""
 MOTION = ("displacement", "start", "duration", "rotation", "pivot", "ease")
 """Keys of a motion."""
 REGION = {"box": (2, 2), "vertex": (2,), "region": (2, 3)}
@@ -45,7 +45,7 @@ class Section(Fields):
         return float(x), float(y), float(z)
 
     def beside(self, name: str) -> Path:
-        """A file named in the scene, which lies beside it."""
+        """A file named in the scene, relative to the scene's folder."""
         return Path(self.path).parent / name
 
     def region(self) -> NDArray[np.float64]:

@@ -124,7 +124,7 @@ def _decimal(value: float) -> str:
 
 
 def _spacings(gaps: object, radii: np.ndarray, length: float) -> np.ndarray:
-    """Width that each thread takes up [m]; neighbours are half the sum of theirs apart. Equal gaps: as its radius."""
+    """Width of each thread's place [m]; neighbours are half the sum of theirs apart. Equal gaps: as its radius."""
     widths = radii
     if isinstance(gaps, Sequence):
         halves = 0.5 * np.eye(len(radii))

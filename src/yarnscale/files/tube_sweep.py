@@ -1,4 +1,4 @@
-"""Tubes around curves as triangles, the same ones in every frame, for formats that know no curves."""
+"""Tubes around curves as triangles, the same ones in every frame, for formats without curves."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def _libraries() -> tuple[Any, ...]:
 
 
 class _Parts:
-    """The prims of a stage; ``write`` gives them the samples of a moment."""
+    """The prims of a stage; ``write`` adds the samples of a moment."""
 
     def __init__(self, stage: Any, animation: Animation) -> None:
         self.sdf, _, _, self.geometry, self.arrays = _libraries()

@@ -30,7 +30,7 @@ _LEAST_TOP = 0.0
 
 
 def start_of(problem: Problem, rng: np.random.Generator) -> Array:
-    """Unknowns of springs that were chosen in rounds; steps stand at random."""
+    """Unknowns of springs that were chosen in rounds; steps are random."""
     options, x = problem.options, problem.data.x
     steps = rng.normal(size=(options.steps, 6))
     steps *= rng.uniform(1.0, 4.0, (options.steps, 1)) / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -107,7 +107,7 @@ def _varied(x: Array, springs: Springs, spread: float, rng: np.random.Generator)
 
 @np.errstate(over="ignore", invalid="ignore")
 def _selected(problem: Problem, springs: Springs, floor: float) -> tuple[Springs, float]:
-    """The stiffest, at most as many as asked, with the best stiffnesses and background; the constant."""
+    """The stiffest springs, at most ``options.springs``, with the best stiffnesses and background; the constant."""
     weights, target, least = problem.weights(floor), problem.target.copy(), float(problem.energies.min())
     target[0] -= least
     columns = [problem.coarse.by_stiffness(coarse(springs)), problem.coarse.by_background()]

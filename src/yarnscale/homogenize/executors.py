@@ -67,7 +67,7 @@ class DaskExecutor(Executor):
     def look(self) -> None:
         """ChildProcessError where the cluster has had no worker for ``PATIENCE`` seconds.
 
-        Where the scheduler is gone, the solves under way end as lost ones; that is no matter of this function.
+        If the scheduler is lost, running solves end as lost ones, which is handled elsewhere.
         """
         try:
             workers = self.client.scheduler_info()["workers"] if self.client.status == "running" else None
@@ -80,11 +80,11 @@ class DaskExecutor(Executor):
 
 
 @contextmanager
-def dask_workers(address: str, *, tell: Callable[[str], None] | None = None) -> Iterator[DaskExecutor]:
+def dask_workers(address: str, *, on_notice: Callable[[str], None] | None = None) -> Iterator[DaskExecutor]:
     """Workers of a Dask cluster at a scheduler address.
 
-    ``tell`` gets a sentence where the cluster has no workers yet. InputError where no scheduler answers, or no worker
-    has come within ``PATIENCE`` seconds.
+    ``on_notice`` gets a sentence while the cluster has no workers. InputError where no scheduler answers, or no worker
+    appears within ``PATIENCE`` seconds.
     """
     try:
         from distributed import Client
@@ -92,9 +92,9 @@ def dask_workers(address: str, *, tell: Callable[[str], None] | None = None) -> 
         raise InputError(
             "Dask is not installed", expected="the extra 'dask'", found="no module distributed"
         ) from None
-    # What it says of a lost connection, with tracebacks, is told here in a line.
+    # Its messages of a lost connection, with tracebacks, are replaced by one line.
     with _silent("distributed"), _client(Client, address) as client:
-        _await_workers(client, address, tell)
+        _await_workers(client, address, on_notice)
         yield DaskExecutor(client)
 
 
@@ -112,11 +112,11 @@ def _client(kind: type[Client], address: str) -> Iterator[Client]:
         client.close(timeout=2)
 
 
-def _await_workers(client: Client, address: str, tell: Callable[[str], None] | None) -> None:
+def _await_workers(client: Client, address: str, on_notice: Callable[[str], None] | None) -> None:
     if client.scheduler_info()["workers"]:
         return
-    if tell is not None:
-        tell(f"{address}: no workers yet; waiting {PATIENCE:g} s for the first")
+    if on_notice is not None:
+        on_notice(f"{address}: no workers yet; waiting {PATIENCE:g} s for the first")
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
@@ -142,9 +142,9 @@ def _silent(name: str) -> Iterator[None]:
             logging.getLogger(key).setLevel(level)
 
 
-def reach_workers(address: str, *, tell: Callable[[str], None] | None = None) -> None:
-    """InputError where no Dask scheduler answers or it has no workers; ask before anything is written."""
-    with dask_workers(address, tell=tell):
+def reach_workers(address: str, *, on_notice: Callable[[str], None] | None = None) -> None:
+    """InputError where no Dask scheduler answers or it has no workers; to be called before anything is written."""
+    with dask_workers(address, on_notice=on_notice):
         pass
 
 

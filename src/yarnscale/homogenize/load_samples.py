@@ -61,7 +61,7 @@ def sample_loads(
 ) -> LoadSamples:
     """About ``solves`` states along rays of loads up to ``limit`` [N/m], and a tenth more that no fit sees.
 
-    folder: gets the stores ``samples`` and ``unseen``. resume: go on with those that are there. visited: strains (n, 6)
+    folder: for the stores ``samples`` and ``unseen``. resume: continue those that are there. visited: strains (n, 6)
     of a simulation; those far from all samples are solved too. Raises InputError for the stores of another run.
     """
     plans = {

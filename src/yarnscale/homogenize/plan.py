@@ -82,7 +82,7 @@ class StrainGrid:
 def axes_and_planes(bounds: Array, solves: int) -> Array:
     """About ``solves`` states on the five axes and nine planes of HYLC20 §6.1, (N, 5), rest first.
 
-    bounds: (5, 2). A third of the states goes to the axes, the rest to the planes; points lie closer near rest.
+    bounds: (5, 2). A third of the states is on the axes, the others on the planes; points are denser near rest.
     """
     per_axis = max(4, round(solves * 0.2 / 5))
     per_side = max(2, round(np.sqrt(max(solves - 5 * per_axis - 1, 9 * 4) / 9)))
@@ -129,7 +129,7 @@ def random_states(bounds: Array, count: int, *, seed: int = 1) -> Array:
 def solve_order(states: Array, bounds: Array | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Order of solves, from rest outward, and the state each one starts from (−1: the rest shape).
 
-    A start is the nearest state that lies closer to rest, in strains scaled by ``bounds`` (5, 2); so the outcome does
+    A start is the nearest state closer to rest, in strains scaled by ``bounds`` (5, 2); so the outcome does
     not depend on how many workers share the run.
     """
     size = np.abs(states).max(axis=0) if bounds is None else np.abs(bounds).max(axis=1)

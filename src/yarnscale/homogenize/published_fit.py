@@ -10,7 +10,7 @@ It is the baseline of the compact energy (``compact_fit``):
 4. f_ij takes what f_0 + f_i + f_j leave over on its plane, f_ij(0, ·) = f_ij(·, 0) = 0. The term of s_x and s_y, which
    holds the contraction across a pull, is not marched.
 
-Beyond the control points all terms go on along straight lines. The supplement of HYLC20 with its constants is not
+Beyond the control points all terms continue linearly. The supplement of HYLC20 with its constants is not
 public; the width of the local polynomials and the number of control points are ours.
 """
 
@@ -43,7 +43,7 @@ class PublishedOptions:
     """How to fit.
 
     knots: most control points of an axis (a term of two strains has half as many on each). smoothing: width of the
-    local polynomials over the distance of the sampled states; 0.25 and less meets every state.
+    local polynomials over the distance of the sampled states; 0.25 and less interpolates every state.
     even_knots: bending control points spaced evenly, not closer to zero. pairs: terms of two strains too.
     symmetric_shear: make the energy even in s_a.
     """
@@ -226,14 +226,14 @@ def _knots(samples: Array, axis: int, most: int, options: PublishedOptions) -> A
 def _resampled(states: _States, places: Array, smoothing: float) -> Array:
     """Moving least squares: value, slopes and coefficients of the products at places (m, d), (m, 1 + d + …).
 
-    At each place a quadratic polynomial meets energies and slopes of the states around it, weighted by a Gaussian whose
-    width follows the distance of the states there.
+    At each place a quadratic polynomial is fitted to energies and slopes of the states around it, weighted by a
+    Gaussian whose width follows the distance of the states there.
     """
     d = places.shape[1]
     unknowns = (d + 1) * (d + 2) // 2
     near = min(len(states.x), unknowns)
     result = np.zeros((len(places), unknowns))
-    # A little weight on second derivatives where the states do not tell them.
+    # A small weight on second derivatives where the states do not determine them.
     ridge = 1e-4 * np.eye(unknowns)[1 + d :]
     for place, found in zip(places, result, strict=True):
         distance = np.linalg.norm(states.x - place, axis=1)

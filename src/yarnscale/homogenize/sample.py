@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 ATTEMPTS = 3
 """How often a state whose worker died is tried before it is left pending."""
 LOSSES = 6
-"""How often all workers may be lost in a row, with nothing finished in between, before the run gives up."""
+"""How often all workers may be lost in a row, with nothing finished in between, before the run ends."""
 WATCH = 2.0
 """How long a run waits for a result before it looks whether a cluster is still there [s]."""
 
@@ -52,7 +52,7 @@ class SampleSummary:
     """What a run did: states in the store, converged ones, wall seconds, workers, largest worker memory [MB].
 
     pending: states or levels of load left since their workers died. ended: rays of loads that ended early, where the
-    fabric gives way or rolls up; of strains none.
+    fabric buckles, unravels or rolls up; of strains none.
     """
 
     states: int
@@ -104,7 +104,7 @@ def create_store(
     """A new store for this cell; its states that bend about both axes are marked ``excluded``.
 
     moduli: keep those of every equilibrium too, which takes about as long as finding it. tiles: how many tiles of a
-    smaller pattern the cell holds; only told to readers of the store.
+    smaller pattern the cell has; only noted in the store.
     """
     return SampleStore.create(
         Path(path),
@@ -134,7 +134,7 @@ _TOLD_APART = {
     "starts": "number of starts",
     "seed": "seed",
 }
-"""Provenance that must agree to resume -> what it is called."""
+"""Provenance that must agree to resume -> its name in messages."""
 
 
 def check_resumable(
@@ -146,9 +146,9 @@ def check_resumable(
     moduli: bool = False,
     tiles: tuple[int, int] = (1, 1),
 ) -> None:
-    """InputError unless the store was made for this cell and these states, and keeps what is asked of every state.
+    """InputError unless the store was made for this cell and these states, with the same contents of every state.
 
-    positions, moduli: whether they are asked.
+    positions, moduli: whether they are kept.
     """
     _check_cell(store, cell, tiles)
     fresh = np.column_stack([axes[n] for n in STRAINS]) if store.dims == ("state",) else None
@@ -204,7 +204,7 @@ def _plain(value: object) -> object:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back: processes started within get none either, until they ask for it (``prepare``)."""
+    """Block Ctrl-C: processes started within get none either, until they enable it (``prepare``)."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -240,7 +240,7 @@ class _Run:
         self.peak = 0.0
 
     def submit(self, executor: Executor, room: int) -> bool:
-        """Give out ready states until ``room`` are under way; False where the workers are gone."""
+        """Submit ready states until ``room`` are running; False where the workers are lost."""
         while len(self.running) < room:
             index = next((i for i in self.pending if self.work.ready(i)), None)
             if index is None:
@@ -279,11 +279,11 @@ class _Run:
             self.losses = 0
         if lost:
             self._lost()
-        self._tell()
+        self._report()
         return not lost
 
     def _lost(self) -> None:
-        """Put states that are under way back into the queue; those that were tried too often stay pending."""
+        """Put running states back into the queue; those that were tried too often stay pending."""
         self.losses += 1
         if self.losses >= LOSSES:
             raise ChildProcessError(f"all workers died {LOSSES} times in a row; what was finished is kept")
@@ -295,7 +295,7 @@ class _Run:
                 self.work.give_up(index)
         self.running.clear()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         if self.report is None:
             return
         done = self.total - len(self.pending) - len(self.running)

@@ -190,7 +190,7 @@ class SampleStore:
     def extended(self, rays: Sequence[Mapping[str, object]]) -> SampleStore:
         """This store with more rays (plain descriptions) behind its own, pending; what is finished stays.
 
-        Killed at any moment, it leaves the store as it was or extended (``recover`` tells which). Raises InputError for
+        Killed at any moment, it leaves the store as it was or extended (``recover``). Raises InputError for
         a store without rays, or a folder that cannot be written.
         """
         if self.dims != RAY_DIMS:

@@ -62,7 +62,7 @@ class GridUnits:
         self.done.add(unit)
 
     def give_up(self, unit: int) -> None:
-        """Leave a unit pending that workers died of, and go on with those that start from it."""
+        """Leave a unit pending that made workers die, and continue with those that start from it."""
         self.done.add(unit)
 
     @property
@@ -78,7 +78,7 @@ class RayUnits:
 
     The states of a level are written in order and the last place of a level, filled or not, at the end: a level
     without it is done again as a whole. A level that needs no step, and so has no state, is passed over; one on which
-    the fabric gives way has a place that is ``stalled``, and ends its ray.
+    the fabric buckles or unravels has a place that is ``stalled``, and ends its ray.
     """
 
     def __init__(self, store: SampleStore) -> None:
@@ -133,7 +133,7 @@ class RayUnits:
         return sample_level, (*self.rays[ray].levels[level], self._start(unit), self.iterates)
 
     def _states_before(self, unit: int) -> Iterator[int]:
-        """Converged states on the way to a level, the last one first."""
+        """Converged states on the load path to a level, the last one first."""
         before = self._before(unit)
         first = self.rays[unit // self.levels].origin if unit % self.levels == 0 else None
         while before is not None:
@@ -158,7 +158,7 @@ class RayUnits:
         )  # fmt: skip
 
     def _known_moduli(self, unit: int) -> np.ndarray:
-        """The last moduli on the way to a level; NaN where there are none."""
+        """The last moduli on the load path to a level; NaN where there are none."""
         for index in self._states_before(unit):
             moduli = self.store.read(index, "moduli")
             if np.isfinite(moduli).all():
@@ -196,6 +196,6 @@ class RayUnits:
 
     @property
     def ended(self) -> int:
-        """Rays that ended before their last level, where the fabric gives way or is rolled up."""
+        """Rays that ended before their last level, where the fabric buckles, unravels or is rolled up."""
         rays = self.status.reshape(len(self.rays), -1)
         return int((rays == _STALLED).any(axis=1).sum())
