@@ -15,13 +15,28 @@ from yarnscale.shell.contact.pair_distance import advance, closest_points
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def close_pairs(positions, pairs, corners, within, begin, end):
-    """Pairs begin … end − 1 nearer than ``within``: their numbers (k,), coefficients (k, 4) and distances (k,)."""
+def distances(positions, pairs, corners, begin, end):
+    """Distances (end − begin,) of pairs begin … end − 1."""
+    found, x, c = np.empty(end - begin), np.empty((4, 3)), np.empty(4)
+    for n in range(begin, end):
+        _gather(positions, pairs, n, x)
+        found[n - begin] = math.sqrt(closest_points(x, n < corners, c))
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def close_pairs(positions, pairs, corners, gaps, moved, within, begin, end):
+    """Pairs begin … end − 1 nearer than ``within``: their numbers (k,), coefficients (k, 4) and distances (k,).
+
+    gaps: their distances (n,) before vertices moved by lengths (nv,).
+    """
     numbers, count = np.empty(end - begin, np.int64), 0
     found, distances = np.empty((256, 4)), np.empty(256)
     x, c = np.empty((4, 3)), np.empty(4)
     for n in range(begin, end):
         is_corner = n < corners
+        if gaps[n] - _both_sides(moved, pairs, n, is_corner) >= within:
+            continue
         if _gap(positions, pairs, n, is_corner) >= within:
             continue
         _gather(positions, pairs, n, x)
@@ -38,23 +53,31 @@ def close_pairs(positions, pairs, corners, within, begin, end):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def free_fraction(positions, step, pairs, corners, kept, begin, end):
-    """Fraction of a step in which pairs begin … end − 1 keep a share of their distances, in (0, 1]."""
-    fraction = 1.0
+def free_fraction(positions, step, pairs, corners, gaps, moved, ways, kept, until, begin, end):
+    """Fraction of a step, up to ``until``, in which pairs begin … end − 1 keep a share of their distances.
+
+    gaps: their distances (n,) before vertices moved by lengths (nv,); ways: lengths of the step (nv,).
+    """
+    fraction = until
     x, p, y, c = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3)), np.empty(4)
     for n in range(begin, end):
         is_corner = n < corners
-        reach = 0.0
-        for i in range(4):
-            v = pairs[n, i]
-            for k in range(3):
-                reach = max(reach, abs(step[v, k]))
-        if (1.0 - kept) * _gap(positions, pairs, n, is_corner) >= 2.0 * math.sqrt(3.0) * reach * fraction:
+        fastest = fraction * _both_sides(ways, pairs, n, is_corner) / (1.0 - kept)
+        if gaps[n] - _both_sides(moved, pairs, n, is_corner) >= fastest:
+            continue
+        if _gap(positions, pairs, n, is_corner) >= fastest:
             continue
         _gather(positions, pairs, n, x)
         _gather(step, pairs, n, p)
         fraction = min(fraction, advance(x, p, is_corner, kept, fraction, c, y))
     return fraction
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _both_sides(lengths, pairs, n, is_corner):
+    """Sum of the largest lengths (nv,) on the two sides of a pair."""
+    a, b, c, d = lengths[pairs[n, 0]], lengths[pairs[n, 1]], lengths[pairs[n, 2]], lengths[pairs[n, 3]]
+    return a + max(b, c, d) if is_corner else max(a, b) + max(c, d)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

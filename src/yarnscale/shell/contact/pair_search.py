@@ -36,20 +36,29 @@ _PARALLEL = 1e-3
 class Pairs:
     """Pairs that may be near while every vertex stays in its box ``lowest`` … ``highest`` (nv, 3) [m].
 
-    vertices: (n, 4), the first ``corners`` pairs of a vertex and a triangle, the others of two edges; weights: areas
-    times stiffness (n,) [N/m³]; limits: squared cross products below which repulsion is reduced, or 0 (n,) [m⁴].
+    figures: numbers of the vertex and the triangle, for the first ``corners`` pairs, or of the two edges (n, 2);
+    vertices: (n, 4); gaps: distances (n,) [m] at ``origin`` (nv, 3).
     """
 
     lowest: Floats
     highest: Floats
+    figures: Integers
     vertices: Integers
     corners: int
-    weights: Floats
-    limits: Floats
+    origin: Floats
+    gaps: Floats
 
     def hold(self, positions: Floats) -> bool:
         """Whether every vertex is in its box."""
         return bool((positions >= self.lowest).all() and (positions <= self.highest).all())
+
+    def held_share(self, start: Floats, moves: Floats) -> float:
+        """Share of moves, in 0 … 1, during which every vertex stays in its box; 0 if one is outside at the start."""
+        if not self.hold(start):
+            return 0.0
+        room = np.where(moves > 0, self.highest, self.lowest) - start
+        far = np.abs(moves) > np.abs(room)
+        return float((room[far] / moves[far]).min(initial=1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,58 +137,67 @@ class PairSearch:
         """Pairs that can be near along the straight path from start to end."""
         pairs = self._pairs
         if pairs is None or not (pairs.hold(start) and pairs.hold(end)):
-            pairs = self._pairs = self._search(np.minimum(start, end), np.maximum(start, end))
+            pairs = self._pairs = self._search(start, end)
         return pairs
+
+    def known(self, start: Floats, moves: Floats) -> tuple[Pairs | None, float]:
+        """Pairs that can be near along a share of moves (nv, 3), and that share, as far as no search is needed."""
+        return self._pairs, 0.0 if self._pairs is None else self._pairs.held_share(start, moves)
 
     def close(self, positions: Floats) -> Close:
         """Pairs nearer than the thickness."""
         if self._close is None or not np.array_equal(self._close.positions, positions):
-            self._close = self.nearer(positions, self.settings.thickness)
+            self._close = self._closest(positions, self.settings.thickness)
         return self._close
 
-    def nearer(self, positions: Floats, within: float) -> Close:
-        """Pairs closer than a distance [m]; complete up to the thickness only."""
+    def nearer(self, positions: Floats, within: float) -> Integers:
+        """Vertices (n, 4) of pairs closer than a distance [m]; complete up to the thickness only."""
         pairs = self.along(positions, positions)
+        return pairs.vertices[_nearer(pairs, positions, within)[0]]
 
-        def part(bounds: tuple[int, int]) -> tuple[Integers, Floats, Floats]:
-            return pair_loops.close_pairs(positions, pairs.vertices, pairs.corners, within, *bounds)
-
-        found = run_parts(part, shares(len(pairs.vertices)))
-        numbers, coefficients, distances = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-        vertices, limits = pairs.vertices[numbers], pairs.limits[numbers]
-        fade = _fade(pair_loops.crossed_squares(positions, vertices), limits)
-        is_corner = numbers < pairs.corners
-        return Close(positions, vertices, is_corner, pairs.weights[numbers], coefficients, distances, fade)
-
-    def _search(self, lowest: Floats, highest: Floats) -> Pairs:
-        self.searches += 1
-        self._close = None
-        surfaces, settings = self.surfaces, self.settings
-        reach = 0.5 * settings.thickness + self.slack
-        corners, met = near_pairs(
-            surfaces, lowest - reach, highest + reach, within_cloth=settings.self_contact
-        )
-        vertices = np.concatenate(
-            [
-                np.column_stack([corners[:, 0], surfaces.triangles[corners[:, 1]]]),
-                surfaces.edges[met].reshape(-1, 4),
-            ]
-        )
-        areas = np.concatenate(
-            [
-                self.shares[corners[:, 1]] * self.vertex_areas[corners[:, 0]],
-                self._edge_areas(met),
-            ]
-        )
+    def _closest(self, positions: Floats, within: float) -> Close:
+        pairs = self.along(positions, positions)
+        numbers, coefficients, distances = _nearer(pairs, positions, within)
+        vertices = pairs.vertices[numbers]
+        corners, met = np.split(pairs.figures[numbers], [np.searchsorted(numbers, pairs.corners)])
+        areas = self.shares[corners[:, 1]] * self.vertex_areas[corners[:, 0]]
+        weights = self.settings.stiffness * np.concatenate([areas, self._edge_areas(met)])
         limits = np.concatenate([np.zeros(len(corners)), _PARALLEL * (self.lengths[met] ** 2).prod(axis=1)])
-        return Pairs(
-            lowest - self.slack,
-            highest + self.slack,
-            vertices,
-            len(corners),
-            settings.stiffness * areas,
-            limits,
+        fade = _fade(pair_loops.crossed_squares(positions, vertices), limits)
+        is_corner = np.arange(len(numbers)) < len(corners)
+        return Close(positions, vertices, is_corner, weights, coefficients, distances, fade)
+
+    def _search(self, start: Floats, end: Floats) -> Pairs:
+        self.searches += 1
+        surfaces, lowest, highest = self.surfaces, np.minimum(start, end), np.maximum(start, end)
+        reach = 0.5 * self.settings.thickness + self.slack
+        corners, met = near_pairs(
+            surfaces, lowest - reach, highest + reach, within_cloth=self.settings.self_contact
         )
+        of_corners = np.column_stack([corners[:, 0], surfaces.triangles[corners[:, 1]]])
+        vertices = np.concatenate([of_corners, surfaces.edges[met].reshape(-1, 4)])
+
+        def part(bounds: tuple[int, int]) -> Floats:
+            return pair_loops.distances(start, vertices, len(corners), *bounds)
+
+        gaps = np.concatenate(run_parts(part, shares(len(vertices))))
+        figures, slack = np.concatenate([corners, met]), self.slack
+        return Pairs(lowest - slack, highest + slack, figures, vertices, len(corners), start, gaps)
+
+
+def _nearer(pairs: Pairs, positions: Floats, within: float) -> tuple[Integers, Floats, Floats]:
+    """Numbers (k,) in order, coefficients (k, 4) and distances (k,) [m] of pairs closer than a distance [m]."""
+
+    moved = np.linalg.norm(positions - pairs.origin, axis=1)
+
+    def part(bounds: tuple[int, int]) -> tuple[Integers, Floats, Floats]:
+        return pair_loops.close_pairs(
+            positions, pairs.vertices, pairs.corners, pairs.gaps, moved, within, *bounds
+        )
+
+    found = run_parts(part, shares(len(pairs.vertices)))
+    numbers, coefficients, distances = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    return numbers, coefficients, distances
 
 
 def shares(count: int) -> list[tuple[int, int]]:

@@ -19,7 +19,7 @@ from yarnscale.numerics.threads import run_parts
 from yarnscale.shell.contact import pair_hessian, pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, crossing_triangles, surface_crossings
-from yarnscale.shell.contact.pair_search import PairSearch, shares
+from yarnscale.shell.contact.pair_search import Pairs, PairSearch, shares
 from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.state import Slips
@@ -197,18 +197,20 @@ class SurfaceContact:
 
     def room(self, positions: Floats, within: float) -> Integers:
         """Keys, as of ``hessian``, of pairs closer than ``within`` [m]."""
-        close = self.search.nearer(self.everything(positions), within)
-        _, starts, found = pair_hessian.block_slots(close.vertices, self.rows)
+        near = self.search.nearer(self.everything(positions), within)
+        _, starts, found = pair_hessian.block_slots(near, self.rows)
         return pair_hessian.scalar_keys(starts, found, 3 * self.rows)
 
     def bound(self, positions: Floats, step: Floats) -> float:
         start, end = self.everything(positions), self.everything(positions + step)
-        pairs, moves = self.search.along(start, end), end - start
-
-        def part(bounds: tuple[int, int]) -> float:
-            return pair_loops.free_fraction(start, moves, pairs.vertices, pairs.corners, _KEPT, *bounds)
-
-        return min(run_parts(part, shares(len(pairs.vertices))))
+        moves = end - start
+        known, share = self.search.known(start, moves)
+        if known is not None and 0.0 < share < 1.0:
+            # Steps that are cut short need no search along their whole length.
+            fraction = _free_fraction(known, start, moves, share)
+            if fraction < share:
+                return fraction
+        return _free_fraction(self.search.along(start, end), start, moves, 1.0)
 
     def closest(self, positions: Floats) -> float:
         return float(self.search.close(self.everything(positions)).distances.min(initial=math.inf))
@@ -230,3 +232,16 @@ class SurfaceContact:
     def everything(self, positions: Floats) -> Floats:
         """Every vertex."""
         return np.concatenate([positions, self.fixed])
+
+
+def _free_fraction(pairs: Pairs, start: Floats, moves: Floats, until: float) -> float:
+    """Fraction of moves (nv, 3), up to ``until``, during which all pairs keep a part of their distance."""
+
+    moved, ways = np.linalg.norm(start - pairs.origin, axis=1), np.linalg.norm(moves, axis=1)
+
+    def part(bounds: tuple[int, int]) -> float:
+        return pair_loops.free_fraction(
+            start, moves, pairs.vertices, pairs.corners, pairs.gaps, moved, ways, _KEPT, until, *bounds
+        )
+
+    return min(run_parts(part, shares(len(pairs.vertices))))
