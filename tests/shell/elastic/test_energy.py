@@ -54,6 +54,9 @@ def test_gradient_and_exact_hessian_match_finite_differences(free_edges: FreeEdg
     scale = np.abs(numeric).max()
     assert scale > 1e-3
     np.testing.assert_allclose(linear.gradient.ravel(), numeric, atol=1e-6 * scale)
+    alone = energy.linearise(positions, moduli=False)
+    assert alone.value == pytest.approx(linear.value, rel=1e-12)
+    np.testing.assert_allclose(alone.gradient, linear.gradient, atol=1e-12 * scale)
     dense = energy.pattern.multiply(linear.hessian("exact"), np.eye(positions.size))
     numeric = differences(lambda x: energy.linearise(x).gradient.ravel(), positions, 1e-7)
     np.testing.assert_allclose(dense, numeric, atol=1e-6 * np.abs(dense).max())

@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-_ROOM = 3.0
+_ROOM = 1.5
 """Distance, in thicknesses, within which pairs have entries in the matrix before they are in contact."""
 
 

@@ -24,7 +24,8 @@ def spline_densities(
     stress: NDArray,
     moduli: NDArray,
 ) -> None:
-    """Densities (nb, B) of a spline material at forms (nb, 6, B) and, if ``moduli`` is not empty, its derivatives.
+    """Densities (nb, B) of a spline material at forms (nb, 6, B) and, in ``stress`` and ``moduli`` if these are not
+    empty, its derivatives.
 
     address: kernel (forms, parameters) → density[, stress (nb, 6, B), moduli (nb, 21, B)].
     """
@@ -60,6 +61,8 @@ def _run(
         parameters.ctypes.data,
         densities.ctypes.data,
     )
+    if len(stress):
+        pointers[3] = stress[b].ctypes.data
     if len(moduli):
-        pointers[3], pointers[4] = stress[b].ctypes.data, moduli[b].ctypes.data
+        pointers[4] = moduli[b].ctypes.data
     call_kernel(address, forms.shape[1], forms.shape[1], pointers)  # pyright: ignore[reportCallIssue]

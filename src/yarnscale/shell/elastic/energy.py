@@ -35,10 +35,13 @@ Floats = NDArray[np.float64]
 
 
 class ElementKernels(Protocol):
-    """Compiled energy density: ``value`` → ψ (1), ``second`` → ψ (1), gradient (6), lower second derivative (21)."""
+    """Compiled energy density: ``value`` → ψ; ``first`` also gradient (6); ``second`` also second derivative (21)."""
 
     @property
     def value(self) -> Kernel: ...
+
+    @property
+    def first(self) -> Kernel: ...
 
     @property
     def second(self) -> Kernel: ...
@@ -123,8 +126,10 @@ class ShellEnergy:
         run_parts(part, self._parts)
         return self._densities
 
-    def linearise(self, positions: Floats, into: Linearisation | None = None) -> Linearisation:
-        """Energy, gradient and data of the Hessians; ``into`` is overwritten to reuse its memory."""
+    def linearise(
+        self, positions: Floats, into: Linearisation | None = None, *, moduli: bool = True
+    ) -> Linearisation:
+        """Energy, gradient and data of the Hessians, if wanted; ``into`` is overwritten to reuse its memory."""
         elements = self.elements
         result = into if into is not None else Linearisation(self)
         result.positions = np.array(positions, dtype=np.float64)
@@ -134,7 +139,8 @@ class ShellEnergy:
             stencils, geometry = elements.stencils[blocks], elements.geometry[blocks]
             jacobian, stress = result.jacobian[blocks], result.stress[blocks]
             forms_of_blocks(result.positions, stencils, geometry, address, jacobian, self._forms[blocks])
-            self._evaluate(self._forms[blocks], self._densities[blocks], stress, result.moduli[blocks])
+            second = result.moduli[blocks] if moduli else self._nothing
+            self._evaluate(self._forms[blocks], self._densities[blocks], stress, second)
             gradient = np.zeros_like(result.positions)
             gradient_of_blocks(jacobian, stress, elements.areas[blocks], stencils, gradient)
             return gradient
@@ -187,9 +193,9 @@ class ShellEnergy:
         return sum_of([values for values, _ in found])[:-1], sum(count for _, count in found)
 
     def _evaluate(self, forms: Floats, densities: Floats, stress: Floats, moduli: Floats) -> None:
-        """Densities of blocks and, if ``moduli`` is not empty, their derivatives."""
+        """Densities of blocks and, where there is room for them, their derivatives."""
         material, kernels = self.material, self.material.kernels()
-        kernel = kernels.second if len(moduli) else kernels.value
+        kernel = kernels.second if len(moduli) else kernels.first if len(stress) else kernels.value
         if isinstance(material, SplineMaterial):
             spline_densities(
                 material.packed, material.parameter_count, kernel.address, forms, densities, stress, moduli
@@ -256,7 +262,7 @@ class ShellObjective:
     def gradient(self, x: Floats) -> tuple[float, Floats]:
         """Energy [J] and gradient [N]."""
         # Its own memory: a model made by ``quadratic`` may still be in use.
-        self._trial = self._energy.linearise(x[: self._size].reshape(-1, 3), self._trial)
+        self._trial = self._energy.linearise(x[: self._size].reshape(-1, 3), self._trial, moduli=False)
         return self._trial.value, self._padded(self._trial.gradient)
 
     def quadratic(self, x: Floats) -> tuple[float, Floats, ShellModel]:

@@ -32,10 +32,11 @@ _CHUNK = 1024
 class MaterialKernels:
     """Compiled energy density [J/m²] over (forms (6), parameters (P)).
 
-    value: → ψ (1). second: → ψ (1), gradient by the forms (6), second derivative (21, order ``LOWER``).
+    value: → ψ (1). first: also the gradient by the forms (6). second: also the second derivative (21, order ``LOWER``).
     """
 
     value: Kernel
+    first: Kernel
     second: Kernel
 
 
@@ -59,12 +60,14 @@ def compile_material(
         density = found
         hessian, gradient = ca.hessian(density, forms)
     lower = ca.vertcat(*[hessian[i, j] for i, j in LOWER])
-    options = {"cse": True}
-    value = ca.Function(f"{name}_value", [forms, parameters], [density], options)
-    outputs = [density, ca.densify(gradient), ca.densify(lower)]
-    second = ca.Function(f"{name}_second", [forms, parameters], outputs, options)
-    places = (1,) if shared else ()
-    return MaterialKernels(*(compile_kernel(f, f.name(), shared=places) for f in (value, second)))
+    outputs, places = [density, ca.densify(gradient), ca.densify(lower)], (1,) if shared else ()
+
+    def compiled(order: int, suffix: str) -> Kernel:
+        given = [forms, parameters]
+        function = ca.Function(f"{name}_{suffix}", given, outputs[: order + 1], {"cse": True})
+        return compile_kernel(function, function.name(), shared=places)
+
+    return MaterialKernels(compiled(0, "value"), compiled(1, "first"), compiled(2, "second"))
 
 
 def _by_form(forms: ca.SX, energy: ca.SX, gradient: ca.SX, hessian: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
