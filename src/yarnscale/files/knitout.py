@@ -40,7 +40,7 @@ _FORMS = {
     "split": (_WAY + 2 * _NEEDLE + _CARRIERS, "split + f1 b1 1"),
     "xfer": (2 * _NEEDLE, "xfer f1 b1"),
     "drop": (_NEEDLE, "drop f1"),
-    "rack": (r" (?P<rack>[+-]?\d{1,3}(\.\d*)?)", "rack 1"),
+    "rack": (r" (?P<rack>[+-]?(\d{1,3}\.?\d*|\.\d+))", "rack 1"),
     **dict.fromkeys(
         ("in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss"), (".*", "")
     ),

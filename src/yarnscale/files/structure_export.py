@@ -148,10 +148,10 @@ class _Piece:
         wales = chart.wales // chart.beds
         self.repeats = max(2, -(-LEAST_WALES // wales)), max(2, -(-LEAST_COURSES // chart.courses))
         self.columns = [c for c in range(chart.wales * self.repeats[0]) if not chart.empty[c % chart.wales]]
-        self.beds = {column: self._bed(0, column, "-") for column in self.columns}
+        self.beds = {c: self._bed(0, c, chart.rows[0][c % chart.wales]) for c in self.columns}
         self.carriers = {letter: str(n) for n, letter in enumerate(sorted(set("".join(yarns))), start=1)}
         self.right = dict.fromkeys(self.carriers, True)
-        self.lines: list[str] = []
+        self.used, self.lines = set[str](), list[str]()
 
     def text(self, name: str) -> str:
         header = [
@@ -162,7 +162,7 @@ class _Piece:
             self.lines.append("rack 0.25")
         for row in range(self.chart.courses * self.repeats[1]):
             self._course(row % self.chart.courses)
-        self.lines += [f"outhook {c}" for c in self.carriers.values() if f"inhook {c}" in self.lines]
+        self.lines += [f"outhook {carrier}" for carrier in sorted(self.used)]
         self.lines += [f"drop {self._needle(column)}" for column in self.columns]
         return "\n".join([*header, *self.lines, ""])
 
@@ -195,14 +195,17 @@ class _Piece:
                 self.lines.append(f"xfer {before} {self._needle(column)}")
         letters = self.yarns[row]
         names = " ".join(self.carriers[letter] for letter in letters)
-        fresh = [letter for letter in letters if f"inhook {self.carriers[letter]}" not in self.lines]
-        self.lines += [f"inhook {self.carriers[letter]}" for letter in fresh]
-        if not any(line.startswith("tuck") or line.startswith("knit") for line in self.lines):
-            self._pass(letters, names, {c: "tuck" for c in self.columns[::2]})
-            self._pass(letters, names, {c: "tuck" for c in self.columns[1::2]})
-        made = {c: "tuck" if s == "t" else "knit" for c, s in symbols.items() if s in "kpt"}
-        self._pass(letters, names, made)
-        self.lines += [f"releasehook {self.carriers[letter]}" for letter in fresh]
+        fresh = [name for name in names.split() if name not in self.used]
+        self.lines += [f"inhook {' '.join(fresh)}"] if fresh else []
+        if not self.used:
+            # The inserting hook waits at the right edge: the first tuck is there.
+            self._pass(letters, names, {c: "tuck" for c in self.columns[::-2]})
+            self._pass(letters, names, {c: "tuck" for c in self.columns[-2::-2]})
+        self._pass(
+            letters, names, {c: "tuck" if s == "t" else "knit" for c, s in symbols.items() if s in "kpt"}
+        )
+        self.lines += [f"releasehook {' '.join(fresh)}"] if fresh else []
+        self.used.update(fresh)
 
     def _pass(self, letters: str, names: str, made: dict[int, str]) -> None:
         """Stitches from the side at which the carriers are to the other, with misses up to both edges."""
