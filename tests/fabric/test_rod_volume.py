@@ -78,7 +78,7 @@ def test_pulls_gradients_and_matrices_back(energy: FabricEnergy, volume: RodVolu
     assert gradient @ direction == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
     whole = objective.quadratic(positions.expand(nodes.expand(free)))[2]
     for shift in (0.0, 0.1):
-        moves = np.kron(volume.weights, np.eye(3))[:, ::7]
+        moves = np.kron(np.asarray(volume.weights), np.eye(3))[:, ::7]  # type: ignore[call-overload]
         basis = np.concatenate([moves, np.zeros((energy.count, moves.shape[1]))])
         expected = basis.T @ whole.pattern.multiply(whole.values(shift), basis)
         found = model.pattern.multiply(model.values(shift), np.eye(volume.unknowns)[::7].T)[::7]

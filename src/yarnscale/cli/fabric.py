@@ -100,7 +100,8 @@ def _splines(options: argparse.Namespace) -> int:
     def scene() -> SplineScene:
         return SplineScene(
             knitted, fabric_schedule(options.duration, options.time_step), options.damping, volume,
-            options.adaptive, "explicit" if options.explicit else "implicit", may_give_way=options.may_give_way,
+            options.adaptive, "explicit" if options.explicit else "implicit", options.integrator,
+            may_give_way=options.may_give_way,
         )  # fmt: skip
 
     return _simulated(options, YarnMotion, scene, pattern=knitted.control, yarn=yarn)
@@ -147,7 +148,8 @@ def _rods(options: argparse.Namespace) -> int:
         made = RodScene(
             fabric, _loads(options, fabric.sheet) if plan is None else plan.of(fabric.sheet),
             fabric_schedule(options.duration, options.time_step), options.damping, friction,
-            _volume(options, fabric.sheet), "explicit" if options.explicit else "implicit", options.may_give_way,
+            _volume(options, fabric.sheet), "explicit" if options.explicit else "implicit", options.integrator,
+            options.may_give_way,
         )  # fmt: skip
         if plan is None:
             return made

@@ -24,7 +24,7 @@ ONLY_RODS = {
 """Options that spline yarns do not have, and their defaults."""
 SHAPING = (
     "rows", "columns", "method", "model", "volume", "adaptive", "scene", "unit", "weld", "tube", "border", "as_drawn",
-    "amount", "direction", "friction", "ball_friction", "explicit", "damping", "duration", "time_step",
+    "amount", "direction", "friction", "ball_friction", "explicit", "integrator", "damping", "duration", "time_step",
 )  # fmt: skip
 """Options that decide how a fabric moves."""
 
@@ -137,7 +137,15 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--time-step", type=positive, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)"
     )
-    command.add_argument("--explicit", action="store_true", help="explicit steps, as long as they are stable")
+    stepping = command.add_mutually_exclusive_group()
+    stepping.add_argument(
+        "--explicit", action="store_true", help="explicit steps, as long as they are stable"
+    )
+    stepping.add_argument(
+        "--integrator", choices=("euler", "bdf2"), default="euler",
+        help="of implicit steps: euler, of first order, damps much; bdf2, of second order without --damping, damps "
+        "little (euler)",
+    )  # fmt: skip
     command.add_argument(
         "--damping", type=not_negative, default=1.0, metavar="RATE", help="of free motion [1/s] (1)"
     )

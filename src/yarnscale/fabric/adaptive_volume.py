@@ -153,7 +153,10 @@ class AdaptiveVolume(Body[YarnMotion]):
 
 
 def _changed(motion: YarnMotion, change: csr_array) -> YarnMotion:
-    return replace(motion, positions=change @ motion.positions, velocities=change @ motion.velocities)
+    # Steps begin anew: the state before was that of another volume.
+    return replace(
+        motion, positions=change @ motion.positions, velocities=change @ motion.velocities, before=None
+    )
 
 
 def _table(knots: list[Knot]) -> NDArray[np.float64]:

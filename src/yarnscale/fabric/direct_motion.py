@@ -1,4 +1,4 @@
-"""Motion of finite fabrics, every yarn of it: implicit Euler steps by Newton's method, or explicit ones.
+"""Motion of finite fabrics, every yarn of it: implicit steps by Newton's method, or explicit ones.
 
 Unknowns are positions in radii and twists; frames are carried along from step to step. What is not rigid in the motion
 of small patches is damped, which leaves momentum and angular momentum as they are (Kaldor et al. 2008; HYLC20 §8.1).
@@ -20,6 +20,7 @@ from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
+from yarnscale.motion.integrator import Earlier, Integrator, checked_integrator, remembered, step_rule
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
 from yarnscale.numerics.sums import Springs
@@ -42,7 +43,8 @@ class FabricMotion:
     """State x and velocity, both (4n,) [r, rad; per s], at a time [s].
 
     shift: regularisation that the last implicit step ended with; the next begins with it. frames: of the edges (None:
-    those of the energy). passages: up to now, as ``PassageCount`` has them.
+    those of the energy). passages: up to now, as ``PassageCount`` has them. before: the state one
+    step earlier, where the integrator needs it.
     """
 
     x: Array
@@ -51,6 +53,7 @@ class FabricMotion:
     shift: float = _LEAST_SHIFT
     frames: EdgeFrames | None = None
     passages: Array = field(default_factory=no_passages)
+    before: Earlier | None = None
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ class MotionSettings:
     An implicit step is done where forces left over fall below ``tolerance`` times the weight of the fabric, or with the
     first Newton iteration that gains less than ``enough`` of the energy m (g Δt)²/2 of the fabric after a step of free
     fall; iterations: the most of Newton in a step. method: of steps; explicit ones are as long as is stable.
+    integrator: of implicit ones; BDF2 is of second order without damping and friction.
     """
 
     gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
@@ -69,8 +73,10 @@ class MotionSettings:
     enough: float = 0.1
     iterations: int = 8
     method: Method = "implicit"
+    integrator: Integrator = "euler"
 
     def __post_init__(self) -> None:
+        checked_integrator(self.integrator)
         if not (math.isfinite(self.damping) and self.damping >= 0):
             raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
 
@@ -116,24 +122,25 @@ class FabricDynamics(Body[FabricMotion]):
     ) -> Step[FabricMotion]:
         if self.method == "explicit":
             return self._explicit(state, duration)
-        energy, settings, weight = self.energy, self.settings, self.mass / duration**2
+        energy, settings = self.energy, self.settings
         self._begin(state, settings.friction, until)
-        ahead = state.x + duration * state.velocity if inertia else state.x
+        rule = step_rule(
+            settings.integrator, state.x, state.velocity, state.before, duration, inertia=inertia
+        )
+        weight, ahead = rule.inertia()
+        mass = Springs(weight * self.mass, ahead)
         objective = FabricObjective(
-            energy, [Springs(weight, ahead), self.holds(until).springs(energy)], self.load, self.obstacles,
+            energy, [mass, self.holds(until).springs(energy)], self.load, self.obstacles,
             force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
         # From where the fabric is: the way ahead may press yarns into each other, and Newton's method knows inertia.
         enough = settings.enough * self.fall_energy(duration) if inertia else 0.0
         solution = self._minimised(objective, state, enough, iterations or settings.iterations)
-        x, velocity = solution.x, np.zeros_like(solution.x)
-        if inertia:
-            velocity = self._damped(x, (x - state.x) / duration, duration)
-        shift = min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT)
-        return Step(
-            self._moved(state, x, velocity, until, shift), solution.status, duration, solution.iterations,
-            solution.factorisations, solution.residual, float(np.linalg.norm(weight * (x - ahead))) / self.force_scale,
-        )  # fmt: skip
+        x, shift = solution.x, min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT)
+        velocity = self._damped(x, rule.velocity(x), duration) if inertia else np.zeros_like(x)
+        before = remembered(settings.integrator, state.x, state.velocity, duration) if inertia else None
+        unrest = float(np.linalg.norm(mass.weight * (x - ahead))) / self.force_scale
+        return Step.of(self._moved(state, x, velocity, until, shift, before), solution, duration, unrest)
 
     def keeps(self, step: Step[FabricMotion]) -> bool:
         """Whether the energy is a number."""
@@ -171,11 +178,17 @@ class FabricDynamics(Body[FabricMotion]):
             obstacle.begin(self.energy.positions(motion.x), motion.time, end)
 
     def _moved(
-        self, motion: FabricMotion, x: Array, velocity: Array, time: float, shift: float
+        self,
+        motion: FabricMotion,
+        x: Array,
+        velocity: Array,
+        time: float,
+        shift: float,
+        before: Earlier | None = None,
     ) -> FabricMotion:
         """The state at the end of a step, where the frames of the energy are."""
         passages = motion.passages if self.count is None else self.count.found
-        return FabricMotion(x, velocity, time, shift, self.energy.frames, passages)
+        return FabricMotion(x, velocity, time, shift, self.energy.frames, passages, before)
 
     def _arrive(self, x: Array) -> None:
         self.energy.anchor(x)

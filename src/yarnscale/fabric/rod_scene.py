@@ -20,6 +20,7 @@ from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.motion.body import Method
+from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.friction import YarnFriction
@@ -38,7 +39,8 @@ class RodScene(FabricScene[FabricMotion]):
 
     loads: gravity, grips and obstacles, such as ``sheet_scenes.hang(fabric.sheet)``. damping: rate at which non-rigid
     motion decays [1/s]. friction: coefficient between yarns. volume: around ``fabric.sheet.vertices``, whose control
-    points are then the unknowns. method: of steps; explicit ones are as long as is stable.
+    points are then the unknowns. method: of steps; explicit ones are as long as is stable. integrator: of implicit
+    ones.
     """
 
     fabric: RodFabric
@@ -48,6 +50,7 @@ class RodScene(FabricScene[FabricMotion]):
     friction: float = USUAL_FRICTION
     volume: BoundingVolume | None = None
     method: Method = "implicit"
+    integrator: Integrator = "euler"
     may_give_way: bool = False
 
     @cached_property
@@ -59,7 +62,9 @@ class RodScene(FabricScene[FabricMotion]):
     def body(self) -> FabricDynamics:
         """What moves. Raises InputError for explicit steps in a volume and numbers out of range."""
         friction = YarnFriction(self.friction) if self.friction else None
-        settings = MotionSettings(self.gravity, self.damping, friction, method=self.method)
+        settings = MotionSettings(
+            self.gravity, self.damping, friction, method=self.method, integrator=self.integrator
+        )
         count = PassageCount(self.energy, self.energy.start())
         parts = self.energy, settings, self.loads.holds, self.loads.pushes(self.energy), count
         if self.volume is None:

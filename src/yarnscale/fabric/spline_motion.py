@@ -1,7 +1,7 @@
 """Motion of spline yarns: of all control points under contact constraints, or of a bounding volume without them.
 
 Both are the same equations, M q̈ = Q with q = Γ α in the reduced case, M_V = Γᵀ M Γ and Q_V = Γᵀ Q (LOD03 §5). A step
-is explicit (symplectic Euler; the constant mass matrix is factored once) or implicit (Euler; Newton).
+is explicit (symplectic Euler; the constant mass matrix is factored once) or implicit (Newton's method).
 """
 
 from __future__ import annotations
@@ -21,6 +21,14 @@ from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
+from yarnscale.motion.integrator import (
+    Earlier,
+    Integrator,
+    StepRule,
+    checked_integrator,
+    remembered,
+    step_rule,
+)
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints
 from yarnscale.numerics.newton import Objective, ShiftRule, Status, minimise
@@ -42,13 +50,15 @@ _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 class YarnMotion:
     """Where control points are and how fast: of yarns, or of a volume; both (n, 3), [m] and [m/s], at a time [s].
 
-    knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2).
+    knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2). before: the state one step earlier,
+    where the integrator needs it.
     """
 
     positions: Array
     velocities: Array
     time: float = 0.0
     knots: Array = field(default_factory=lambda: np.empty((0, 2)))
+    before: Earlier | None = None
 
 
 class SplineMotion(Body[YarnMotion]):
@@ -57,7 +67,7 @@ class SplineMotion(Body[YarnMotion]):
     gravity: [m/s²]; held: points of yarns that stay where they are at rest; damping: rate [1/s] at which free motion
     decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. tolerance: of
     implicit steps, forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of
-    steps. energy: that of the fabric, where it is at hand.
+    steps; integrator: of implicit ones. energy: that of the fabric, where it is at hand.
     """
 
     def __init__(
@@ -71,6 +81,7 @@ class SplineMotion(Body[YarnMotion]):
         tolerance: float = 1e-2,
         iterations: int = 50,
         method: Method = "implicit",
+        integrator: Integrator = "euler",
         energy: SplineEnergy | None = None,
     ) -> None:
         if not (math.isfinite(damping) and damping >= 0):
@@ -80,6 +91,7 @@ class SplineMotion(Body[YarnMotion]):
         self.fabric, self.volume, self.damping = fabric, volume, damping
         self.tolerance, self.iterations = tolerance, iterations
         self.method: Method = method
+        self.integrator: Integrator = checked_integrator(integrator)
         self.halvings, self.off_place = 4 if method == "implicit" else 0, fabric.radius
         self.held = held
         self.energy = energy if energy is not None else SplineEnergy(fabric)
@@ -118,7 +130,8 @@ class SplineMotion(Body[YarnMotion]):
         """The same fabric under the same conditions in another volume."""
         return SplineMotion(
             self.fabric, volume=volume, gravity=tuple(self.gravity), held=self.held, damping=self.damping,
-            tolerance=self.tolerance, iterations=self.iterations, method=self.method, energy=self.energy,
+            tolerance=self.tolerance, iterations=self.iterations, method=self.method,
+            integrator=self.integrator, energy=self.energy,
         )  # fmt: skip
 
     def yarns(self, motion: YarnMotion) -> YarnMotion:
@@ -163,15 +176,20 @@ class SplineMotion(Body[YarnMotion]):
             raise InputError(
                 "steps without inertia", expected="spline yarns in a volume", found="all of them"
             )
-        begin = state if inertia else replace(state, velocities=np.zeros_like(state.velocities))
-        step = self._implicit(begin, duration, self.iterations if iterations is None else iterations)
-        velocities = step.state.velocities if inertia else begin.velocities
-        return replace(step, state=replace(step.state, velocities=velocities, time=until))
+        still = replace(state, velocities=np.zeros_like(state.velocities), before=None)
+        limit = self.iterations if iterations is None else iterations
+        step = self._implicit(state if inertia else still, duration, limit)
+        moved = replace(step.state, time=until)
+        return replace(
+            step, state=moved if inertia else replace(still, positions=moved.positions, time=until)
+        )
 
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
         self._aim_constraints(motion)
-        _, gradient, model = self._objective(*self._balance(motion, duration)).quadratic(reached.ravel())
+        _, gradient, model = self._objective(*self._balance(self._rule(motion, duration))).quadratic(
+            reached.ravel()
+        )
         linear, shift = self._new_linear(), 0.0
         while not linear.factorise(model, shift):
             shift = _SHIFT.raised(shift)
@@ -226,26 +244,27 @@ class SplineMotion(Body[YarnMotion]):
 
     def _implicit(self, motion: YarnMotion, duration: float, iterations: int) -> Step[YarnMotion]:
         # Yarns carried on straight would stretch where they turn, and are far stiffer so than in any other way.
-        weight, centre = self._balance(motion, duration)
+        rule = self._rule(motion, duration)
+        weight, centre = self._balance(rule)
         solution = minimise(
             self._objective(weight, centre), motion.positions.ravel(), constraints=self._constraints,
             tolerance=self.tolerance, max_iterations=iterations, shift=_SHIFT, check_minimum=False,
             linear=self._linear,
         )  # fmt: skip
         positions = solution.x.reshape(-1, 3)
-        velocities = (positions - motion.positions) / duration
-        new = replace(motion, positions=positions, velocities=velocities)
+        before = remembered(self.integrator, motion.positions, motion.velocities, duration)
+        new = replace(motion, positions=positions, velocities=rule.velocity(positions), before=before)
         away = self.yarns(new).positions.ravel() - centre
         unrest = float(np.linalg.norm(self._pulled(weight * self.times_mass(away)))) / self.force_scale
-        return Step(
-            new, solution.status, duration, solution.iterations, solution.factorisations, solution.residual, unrest
-        )  # fmt: skip
+        return Step.of(new, solution, duration, unrest)
 
-    def _balance(self, motion: YarnMotion, duration: float) -> tuple[float, Array]:
+    def _rule(self, motion: YarnMotion, duration: float) -> StepRule:
+        return step_rule(self.integrator, motion.positions, motion.velocities, motion.before, duration)
+
+    def _balance(self, rule: StepRule) -> tuple[float, Array]:
         """Factor of the mass matrix in an implicit step [1/s²], and where the yarns would be without forces (3n,)."""
-        rate = 1.0 / duration + self.damping
-        centre = motion.positions + motion.velocities / rate if rate else motion.positions
-        return rate / duration, self.yarns(replace(motion, positions=centre)).positions.ravel()
+        weight, centre = rule.inertia(self.damping)
+        return weight, centre.ravel() if self.map is None else self.map.expand(centre.ravel())
 
     def _objective(self, weight: float, centre: Array) -> Objective:
         inertia = MatrixSprings(

@@ -17,6 +17,7 @@ from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.motion.body import Method
+from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.schedule import Schedule
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ class SplineScene(FabricScene[YarnMotion]):
     """A fabric of spline yarns to simulate, held along its last row.
 
     damping: rate at which free motion decays [1/s]. volume: around ``fabric.control``, whose control points are then
-    the unknowns; adaptive: whether it inserts and removes knots. gravity: [m/s²].
+    the unknowns; adaptive: whether it inserts and removes knots. gravity: [m/s²]. integrator: of implicit steps.
     """
 
     fabric: SplineFabric
@@ -39,6 +40,7 @@ class SplineScene(FabricScene[YarnMotion]):
     volume: BoundingVolume | None = None
     adaptive: bool = False
     method: Method = "implicit"
+    integrator: Integrator = "euler"
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
     may_give_way: bool = False
 
@@ -50,7 +52,7 @@ class SplineScene(FabricScene[YarnMotion]):
     def _full(self) -> SplineMotion:
         return SplineMotion(
             self.fabric, volume=self.volume, gravity=self.gravity, held=self.fabric.top, damping=self.damping,
-            method=self.method,
+            method=self.method, integrator=self.integrator,
         )  # fmt: skip
 
     @cached_property

@@ -50,6 +50,13 @@ class Earlier:
     duration: float
 
 
+def remembered(
+    integrator: Integrator, positions: Floats, velocities: Floats, duration: float
+) -> Earlier | None:
+    """What the step after one of ``duration`` [s] needs of the state at its beginning."""
+    return Earlier(positions, velocities, duration) if integrator == "bdf2" else None
+
+
 @dataclass(frozen=True, eq=False)
 class StepRule:
     """A rule on one step: v = rate·(x − positions), a = rate·(v − velocities).
@@ -85,7 +92,7 @@ def step_rule(
 ) -> StepRule:
     """The rule for a step of ``duration`` [s] from a state; without inertia, implicit Euler from rest.
 
-    before: the state before that one, if there is one. duration: inf for an equilibrium.
+    before: the state before that one, if it is known. duration: inf for an equilibrium.
     """
     if not inertia:
         return StepRule(1.0 / duration, positions, np.zeros_like(velocities))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Step
-from yarnscale.motion.integrator import Earlier, Integrator, StepRule, checked_integrator, step_rule
+from yarnscale.motion.integrator import Integrator, StepRule, checked_integrator, remembered, step_rule
 from yarnscale.motion.obstacles import current_points, obstacle_name
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
@@ -117,13 +117,9 @@ class ClothSolver(Body[ClothState]):
         if self.contact is not None:
             self.contact.start_step(begin, min(duration, 1.0), state.time, state.slips)
         static = math.isinf(duration)
+        integrator = self.options.integrator
         rule = step_rule(
-            self.options.integrator,
-            state.positions,
-            state.velocities,
-            state.before,
-            duration,
-            inertia=inertia,
+            integrator, state.positions, state.velocities, state.before, duration, inertia=inertia
         )
         weight, centre = rule.inertia(self.cloth.damping)
         masses = Springs(np.repeat(weight * self.masses, 3), centre.ravel())
@@ -145,7 +141,7 @@ class ClothSolver(Body[ClothState]):
             rule.velocity(positions) if inertia else np.zeros_like(positions),
             until,
             self.energy.elements.reference_angles,
-            Earlier(state.positions, state.velocities, duration) if inertia else None,
+            remembered(integrator, state.positions, state.velocities, duration) if inertia else None,
             obstacles if len(obstacles) else None,
             self.contact.slips(solution.x.reshape(-1, 3)) if self.contact is not None else None,
         )
