@@ -132,7 +132,10 @@ REFUSED = {
         [*piece(BOTH, BOTH[1:]), "drop f0", "xfer b0 f0", *passes(["f0", *BOTH[2:]], "-")],
         "'drop f0' drops a loop",
     ),
-    "changed beds": ([*piece(BOTH[1:], BOTH[1:]), "xfer b0 f0", *passes(["f0", *BOTH[2:]], "-")], "changes beds"),
+    "changed beds": (
+        [*piece(BOTH[1:], BOTH[1:]), "xfer b0 f0", *passes(["f0", *BOTH[2:]], "-")],
+        "'xfer b0 f0' transfers; expected none where facing needles both hold loops",
+    ),
     "split": ([*piece(FRONT, FRONT), "split + f3 b3 1", *passes(FRONT, "-")], ":28: 'split + f3 b3 1' splits"),
     "dropped": ([*piece(FRONT, FRONT), "drop f3", *passes(FRONT, "-")], ":28: 'drop f3' drops a loop"),
     "increase": ([*piece(FRONT, FRONT), *passes([*FRONT, "f8"], "-")], ":28: 'knit - f8 1' makes a loop on an"),
@@ -146,6 +149,7 @@ REFUSED = {
     ),
     "racked": ([*piece(BOTH, BOTH), "rack 1", *passes(BOTH, "-"), "rack 0", *passes(BOTH, "+")], "racked by 1"),
     "tube": (piece(*[FRONT, BACK] * 4), "front and back are two layers; expected a course that knits on both"),
+    "half-gauge tube": (piece(*[FRONT[::2], BACK[1::2]] * 4), "front and back are two layers"),
     "slider": ([*piece(FRONT, FRONT), "xfer f3 bs3", *passes(FRONT, "-")], "moves a loop to a slider"),
     "three yarns": ([*piece(FRONT, FRONT), *passes(FRONT, "-", carrier="1 2 3"), *passes(FRONT, "+")], "two yarns"),
     "never knitted": (

@@ -42,7 +42,7 @@ _FORMS = {
     "drop": (_NEEDLE, "drop f1"),
     "rack": (r" (?P<rack>[+-]?(\d{1,3}\.?\d*|\.\d+))", "rack 1"),
     **dict.fromkeys(
-        ("in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss"), (".*", "")
+        ["in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss"], (".*", "")
     ),
 }
 """Parameters of each instruction, and an example."""
@@ -93,11 +93,8 @@ def read_knitout(path: str | os.PathLike[str]) -> StructureFile:
     beds = 2 if any(held & 3 == 3 for course in body for held in set(course.held)) else 1
     for course in body[1:] if beds == 2 else ():
         if course.moved:
-            where, expected = (
-                f"{path}:{course.moved.line}",
-                "no transfers where facing needles both hold loops",
-            )
-            raise InputError(f"{course.moved.text!r} changes beds", where=where, expected=expected)
+            where, expected = f"{path}:{course.moved.line}", "none where facing needles both hold loops"
+            raise InputError(f"{course.moved.text!r} transfers", where=where, expected=expected)
     rows = _rows(body, beds)
     carriers = [course.start.carriers for course in body]
     # Selvedges would hide a shorter repeat.
@@ -108,7 +105,10 @@ def read_knitout(path: str | os.PathLike[str]) -> StructureFile:
     wales = one_repeat(path, "wales", columns, LARGEST_CHART // beds, EDGE)
     chart = tuple("|".join(row[bed::beds][wales] for bed in range(beds)) for row in rows[courses])
     sizes: dict = {"name": path.stem, **(TWO_BEDS if beds == 2 else {})}
-    if beds == 2 and not any({bed for bed, _ in course.loops} == {"f", "b"} for course in body[courses]):
+    both = all(any(held & bit for course in body for held in set(course.held)) for bit in (1, 2))
+    if both and not any(
+        course.moved or len({bed for bed, _ in course.loops}) > 1 for course in body[courses]
+    ):
         where, expected = f"{path}:{body[courses][0].start.line}", "a course that knits on both beds"
         raise InputError("front and back are two layers", where=where, expected=expected)
     used = sorted({name for names in carriers[courses] for name in names}, key=lambda name: (len(name), name))

@@ -155,8 +155,10 @@ class _Piece:
 
     def text(self, name: str) -> str:
         header = [
-            ";!knitout-2", f";;Carriers: {' '.join(self.carriers.values())}", f"; {' '.join(name.split())} by yarnscale"
-        ]  # fmt: skip
+            ";!knitout-2",
+            f";;Carriers: {' '.join(self.carriers.values())}",
+            f"; {' '.join(name.split())}",
+        ]
         pairs = [row[n : n + 2] for row in self.chart.rows for n in range(0, len(row), 2)]
         if self.chart.beds == 2 and any(not set(pair) & set("bf-") for pair in pairs):
             self.lines.append("rack 0.25")
@@ -201,27 +203,22 @@ class _Piece:
             # The inserting hook waits at the right edge: the first tuck is there.
             self._pass(letters, names, {c: "tuck" for c in self.columns[::-2]})
             self._pass(letters, names, {c: "tuck" for c in self.columns[-2::-2]})
-        self._pass(
-            letters, names, {c: "tuck" if s == "t" else "knit" for c, s in symbols.items() if s in "kpt"}
-        )
+        made = {c: "tuck" if symbol == "t" else "knit" for c, symbol in symbols.items() if symbol in "kpt"}
+        self._pass(letters, names, made)
         self.lines += [f"releasehook {' '.join(fresh)}"] if fresh else []
         self.used.update(fresh)
 
     def _pass(self, letters: str, names: str, made: dict[int, str]) -> None:
         """Stitches from the side at which the carriers are to the other, with misses up to both edges."""
-        right = self.right[letters[0]]
-        for letter in letters[1:]:
-            if self.right[letter] != right:
-                edge = self.columns[-1 if right else 0]
-                self.lines.append(
-                    f"miss {'+' if right else '-'} {self._needle(edge)} {self.carriers[letter]}"
-                )
+        right, way, back = self.right[letters[0]], *("-+" if self.right[letters[0]] else "+-")
+        start = self._needle(self.columns[-1 if right else 0])
+        others = [letter for letter in letters if self.right[letter] != right]
+        self.lines += [f"miss {back} {start} {self.carriers[letter]}" for letter in others]
         edges = {self.columns[0], self.columns[-1]}
         for column in sorted({*made, *edges}, reverse=right):
             code = made.get(column, "miss")
-            self.lines.append(f"{code} {'-' if right else '+'} {self._needle(column)} {names}")
-        for letter in letters:
-            self.right[letter] = not right
+            self.lines.append(f"{code} {way} {self._needle(column)} {names}")
+        self.right.update(dict.fromkeys(letters, not right))
 
 
 WRITERS: dict[str, Callable[[Structure, YarnPattern], str]] = {
