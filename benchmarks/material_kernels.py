@@ -104,7 +104,9 @@ def main() -> None:
         materials = {
             "compact": random_compact_material(),
             "spline": random_spline_material(),
-            "orthotropic": OrthotropicMaterial(30.0, 10.0, 30.0, 5.0, 1.0, 0.1, 1e-6, 1e-6, 1e-6),
+            "orthotropic": OrthotropicMaterial(
+                30.0, 10.0, 30.0, 5.0, 1.0, 0.1, bend_weft=1e-6, bend_bias=1e-6, bend_warp=1e-6
+            ),
         }
     print(f"{'µs per element':28s} {'gather':>8s} {'value':>8s} {'value+gradient+Hessian':>24s}")
     for name, material in materials.items():

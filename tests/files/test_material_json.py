@@ -11,6 +11,7 @@ from yarnscale.errors import InputError
 from yarnscale.files.material_json import material_text, read_material, write_material
 from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.stiffening import StiffeningMaterial
 
 
 def compact_material(steps: int, springs: int, walls: int, *, mirrored: bool = True) -> CompactMaterial:
@@ -28,7 +29,24 @@ def compact_material(steps: int, springs: int, walls: int, *, mirrored: bool = T
 
 
 ORTHOTROPIC = OrthotropicMaterial(
-    40.1, 9.3, 25.7, 6.1, 1.5, 0.3, 4e-6, 3e-6, 2e-6, density=1 / 3, provenance={"source": "test"}
+    40.1,
+    9.3,
+    25.7,
+    6.1,
+    1.5,
+    0.3,
+    bend_weft=4e-6,
+    bend_bias=3e-6,
+    bend_warp=2e-6,
+    density=1 / 3,
+    provenance={"source": "test"},
+)
+STIFFENING = StiffeningMaterial(
+    *np.linspace(1.0, 14.0, 14).tolist(),
+    bend_weft=2e-6,
+    bend_bias=1e-6,
+    bend_warp=1e-6,
+    provenance={"source": "test"},
 )
 
 
@@ -59,11 +77,12 @@ def test_an_orthotropic_material_of_an_older_version_is_read(tmp_path):
     assert read_material(path) == ORTHOTROPIC
 
 
-def test_an_orthotropic_material_comes_back(tmp_path):
+@pytest.mark.parametrize("material", [ORTHOTROPIC, STIFFENING], ids=["orthotropic", "stiffening"])
+def test_an_orthotropic_material_comes_back(tmp_path, material):
     path = tmp_path / "fabric.json"
-    write_material(path, ORTHOTROPIC)
+    write_material(path, material)
     back = read_material(path)
-    assert back == ORTHOTROPIC
+    assert back == material
     assert dict(back.provenance) == {"source": "test"}
 
 

@@ -78,7 +78,8 @@ def estimate(options: argparse.Namespace) -> int:
                 executor = stack.enter_context(local_workers(worker_count(options)))
             found = estimate_yarn(
                 measurements, model, folder, resume=options.resume, directions=chosen, holdout=holdout,
-                follow=options.follow, options=search, weights=weights, executor=executor,
+                follow=options.follow, shell_model=options.shell_model, options=search, weights=weights,
+                executor=executor,
                 progress=_progress(measurements.name, work_ahead(search, len(model.names))),
             )  # fmt: skip
         write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)

@@ -13,6 +13,7 @@ SOLVERS = ("sobol", "local")
 SOLVES = 600
 DIRECTIONS = ("weft", "bias", "warp")
 FOLLOW = ("measured", "shell")
+SHELLS = ("stiffening", "stvk")
 SHAPES = ("free", "drawn")
 
 
@@ -63,6 +64,11 @@ def add_estimate_options(add: Add) -> None:
         "--follow", choices=FOLLOW, default="measured",
         help="what the yarn is fitted to: the measured curves without the effect of the clamps, or the fitted shell "
         "(measured)",
+    )  # fmt: skip
+    option(
+        "--shell-model", choices=SHELLS, default="stiffening",
+        help="shell between swatch and yarn: one that stiffens as fabric does, or St. Venant-Kirchhoff as published "
+        "(stiffening)",
     )  # fmt: skip
     option(
         "--shape", choices=SHAPES,

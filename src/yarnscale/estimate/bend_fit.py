@@ -19,11 +19,10 @@ from yarnscale.estimate.measurements import BendTest, Direction, SwatchMeasureme
 from yarnscale.estimate.pear_loop import SEGMENTS, LoopResponse, PearLoop
 from yarnscale.estimate.shell_fit import mean_error
 from yarnscale.kinematics import GRAVITY
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import BENDING, DirectionalMaterial
 
 Array = NDArray[np.float64]
 
-BENDING = ("bend_weft", "bend_bias", "bend_warp")
 STATES = 7
 """Distances of the clamps per direction (EST22 §5.2)."""
 _PRIOR = 1e-3
@@ -50,7 +49,7 @@ class FittedLoops:
 class BendFit:
     """A shell with fitted bending, and the loops that it reproduces."""
 
-    material: OrthotropicMaterial
+    material: DirectionalMaterial
     loops: tuple[FittedLoops, ...]
 
     @property
@@ -61,7 +60,7 @@ class BendFit:
 
 def fit_bending(
     measurements: SwatchMeasurements,
-    membrane: OrthotropicMaterial,
+    membrane: DirectionalMaterial,
     *,
     states: int = STATES,
     segments: int = SEGMENTS,
@@ -97,7 +96,7 @@ class _Loops:
     """Differences of ratios over their mean, over the root of their number, and a weak prior of isotropy."""
 
     def __init__(
-        self, tests: tuple[BendTest, ...], membrane: OrthotropicMaterial, states: int, segments: int
+        self, tests: tuple[BendTest, ...], membrane: DirectionalMaterial, states: int, segments: int
     ) -> None:
         self.membrane = membrane
         chosen = [_spaced(test, states) for test in tests]
@@ -117,7 +116,7 @@ class _Loops:
         self._point: Array | None = None
         self._responses: list[LoopResponse | None] = [None] * len(tests)
 
-    def material(self, unknowns: Array) -> OrthotropicMaterial:
+    def material(self, unknowns: Array) -> DirectionalMaterial:
         weft, surplus, warp = self.reference * np.exp(unknowns)
         return replace(
             self.membrane,

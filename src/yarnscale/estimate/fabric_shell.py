@@ -9,6 +9,7 @@ from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.estimate.bend_fit import BendFit, fit_bending
 from yarnscale.estimate.measurements import SwatchMeasurements
+from yarnscale.estimate.membrane_constants import ShellModel
 from yarnscale.estimate.shell_fit import ShellFit, fit_membrane
 from yarnscale.estimate.uniform_data import (
     UniformData,
@@ -16,7 +17,7 @@ from yarnscale.estimate.uniform_data import (
     uniform_bending,
     uniform_data,
 )
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,7 @@ class FabricShell:
     bending: BendFit | None
 
     @property
-    def material(self) -> OrthotropicMaterial:
+    def material(self) -> DirectionalMaterial:
         """The material with everything that was fitted."""
         return self.membrane.material if self.bending is None else self.bending.material
 
@@ -46,8 +47,11 @@ class FabricShell:
 
 
 @checked
-def fit_shell(measurements: SwatchMeasurements) -> FabricShell:
-    """Fit membrane and bending to everything that was measured. Raises InputError without a stretch test."""
-    membrane = fit_membrane(measurements)
+def fit_shell(measurements: SwatchMeasurements, *, model: ShellModel = "stiffening") -> FabricShell:
+    """Fit membrane and bending to everything that was measured. Raises InputError without a stretch test.
+
+    model: a shell that stiffens (``StiffeningMaterial``), or "stvk", that of EST22 (``OrthotropicMaterial``).
+    """
+    membrane = fit_membrane(measurements, model=model)
     bending = fit_bending(measurements, membrane.material) if measurements.bend else None
     return FabricShell(measurements, membrane, bending)

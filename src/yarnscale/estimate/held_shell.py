@@ -2,8 +2,7 @@
 
 Held coordinates are eliminated, so the forces that hold them are exact: they are the gradient of the energy there.
 At an equilibrium x(p) a measure m(x, p) has the derivative m,p − E,px K⁻¹ m,x (K the Hessian of the free
-coordinates): one solve for a measure, whatever the number of constants. The energy is linear in the
-constants of the material, so E,xp is its gradient with other coefficients.
+coordinates): one solve for a measure, whatever the number of constants. E,xp is the gradient of dψ/dp.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from yarnscale.numerics.sums import Load, ShiftedHessian, SumOfEnergies
 from yarnscale.shell.elastic.element_loops import gradient_of_blocks
 from yarnscale.shell.elastic.energy import Linearisation, ShellEnergy, ShellObjective
 from yarnscale.shell.materials.material import ShellMaterial
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import ConstantTerm, DirectionalMaterial, OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh
 
 Array = NDArray[np.float64]
@@ -107,7 +106,7 @@ class HeldShell:
 
     def derivatives(
         self,
-        material: OrthotropicMaterial,
+        material: DirectionalMaterial,
         positions: Array,
         measures: Sequence[Measure],
         constants: Sequence[str],
@@ -132,7 +131,7 @@ class HeldShell:
 
     def derivatives_of(
         self,
-        material: OrthotropicMaterial,
+        material: DirectionalMaterial,
         states: Iterable[tuple[Array, bool]],
         measures: Callable[[Array], Sequence[Measure]],
         constants: Sequence[str],
@@ -149,18 +148,19 @@ class HeldShell:
         return np.array(found)
 
     def _gradients_by(
-        self, material: OrthotropicMaterial, linear: Linearisation, constants: Sequence[str]
+        self, material: DirectionalMaterial, linear: Linearisation, constants: Sequence[str]
     ) -> Array:
         """Gradient of dE/d(constant), (constants, 3nv)."""
-        elements, kernels = self.energy.elements, material.kernels()
+        elements = self.energy.elements
         forms = elements.forms(linear.positions)
-        density, moduli = np.empty((1, BLOCK)), np.empty((21, BLOCK))
+        density = np.empty((1, BLOCK))
         stress = np.empty_like(linear.stress)
         result = np.zeros((len(constants), *linear.positions.shape))
         for row, name in enumerate(constants):
-            factors = material.derivative(name)[:, None]
+            term = ConstantTerm(material, name)
+            kernels, parameters = term.kernels(), term.parameters(forms)
             for block in range(elements.blocks):
-                kernels.second(BLOCK, BLOCK, forms[block], factors, density, stress[block], moduli)
+                kernels.first(BLOCK, BLOCK, forms[block], parameters, density, stress[block])
             gradient_of_blocks(linear.jacobian, stress, elements.areas, elements.stencils, result[row])
         return result.reshape(len(constants), -1)
 

@@ -1,6 +1,7 @@
-"""The six membrane constants of the orthotropic shell as bounded unknowns of a fit.
+"""The membrane constants of a shell as bounded unknowns of a fit.
 
-Stiffnesses enter as logarithms, k_xy as its ratio to √(k_xx k_yy), whose magnitude stays below one so that the
+Both kinds of shell have the same form: unknowns are logarithms of what is positive and spans decades, and plain numbers
+of the rest. Of EST22's shell, k_xy is sought by its ratio to √(k_xx k_yy), whose magnitude stays below one so that the
 energy is bounded below, and the area terms, which may vanish, as multiples of a reference stiffness.
 """
 
@@ -8,17 +9,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import DirectionalMaterial, OrthotropicMaterial
+from yarnscale.shell.materials.stiffening import StiffeningMaterial
 
 Array = NDArray[np.float64]
+ShellModel = Literal["stiffening", "stvk"]
 
-MEMBRANE = ("stretch_weft", "stretch_coupling", "stretch_warp", "shear", "area", "log_area")
-"""Constants of EST22 eq. 1: k_xx, k_xy, k_yy, k_ss, k_n1, k_n2 [N/m]."""
-
+_RATES, _SATURATIONS = np.linspace(0.5, 12.0, 24), np.geomspace(0.05, 8.0, 12)
+"""Rates over the largest stretch, and saturations, that are tried."""
+_USUAL_CONTRACTION = 0.45
+_COMPRESSION, _COUPLING = slice(8, 10), 10
+_PLAIN = np.isin(np.arange(13), (6, 7))
+"""Unknowns of the stiffening shell that are no logarithms: the saturations."""
 _DECADES = 4.0
 _TIGHTEST = 0.995
 _LARGEST_AREA = 30.0
@@ -27,10 +36,62 @@ _LEAST_LOG_AREA = 1e-3
 
 
 @dataclass(frozen=True)
-class MembraneUnknowns:
-    """Unknowns (6,) of a fabric whose stiffness is about ``reference`` [N/m]; their order is that of ``MEMBRANE``."""
+class AlongCurve:
+    """One direction's curve in numbers of ``StiffeningMaterial``, without the effect of clamps; secant: [N/m]."""
 
-    reference: float
+    secant: float
+    stretch: float
+    stiffening: float
+    rate: float
+    contraction: float
+    saturation: float
+
+    @classmethod
+    def of(cls, stretch: Array, load: Array, contraction: Array | None) -> AlongCurve:
+        """The nearest to a load [N/m] and a contraction, None for the usual one, (n,) each."""
+        far, secant = float(stretch[-1]), float(load[-1] / stretch[-1])
+        fits = []
+        for rate in _RATES / far:
+            basis = np.column_stack([stretch, np.expm1(rate * stretch) / rate])
+            (linear, grown), left = nnls(basis / (1.0 + stretch)[:, None], load / (1.0 + stretch))
+            fits.append((left, linear, grown, rate))
+        _, linear, grown, rate = min(fits)
+        widths = []
+        for saturation in _SATURATIONS if contraction is not None else ():
+            shape = -np.expm1(-saturation * stretch) / saturation
+            slope = float(shape @ contraction / (shape @ shape))
+            widths.append((float(np.abs(slope * shape - contraction).sum()), slope, saturation))
+        _, slope, saturation = min(widths, default=(0.0, _USUAL_CONTRACTION, 1.0))
+        least = 0.01 * secant
+        return cls(
+            secant,
+            max(linear, least),
+            max(grown, 0.1 * least),
+            float(rate),
+            max(slope, 0.02),
+            float(saturation),
+        )
+
+
+@dataclass(frozen=True)
+class Scales:
+    """The curves along weft and warp, from which unknowns are counted."""
+
+    weft: AlongCurve
+    warp: AlongCurve
+
+    @property
+    def reference(self) -> float:
+        """Secant stiffness of the fabric as a whole [N/m]."""
+        return math.sqrt(self.weft.secant * self.warp.secant)
+
+
+@dataclass(frozen=True)
+class OrthotropicUnknowns:
+    """Unknowns (6,) of EST22's shell."""
+
+    scales: Scales
+    names = OrthotropicMaterial.MEMBRANE
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -45,27 +106,92 @@ class MembraneUnknowns:
         """What is taken for constants of which the measurements say nothing: an isotropic fabric without area terms."""
         return np.array([0.0, 0.3, 0.0, math.log(0.35), 0.0, 0.0])
 
+    @property
+    def draws(self) -> Array:
+        """Size of random changes of the start."""
+        return np.array([1.0, 0.3, 1.0, 1.0, 1.0, 1.0])
+
     def constants(self, unknowns: Array) -> Array:
         """k_xx, k_xy, k_yy, k_ss, k_n1, k_n2 [N/m]."""
-        weft, warp, shear = self.reference * np.exp(unknowns[[0, 2, 3]])
-        area, log_area = self.reference * np.maximum(unknowns[4:], 0.0)
+        weft, warp, shear = self.scales.reference * np.exp(unknowns[[0, 2, 3]])
+        area, log_area = self.scales.reference * np.maximum(unknowns[4:], 0.0)
         return np.array([weft, unknowns[1] * math.sqrt(weft * warp), warp, shear, area, log_area])
-
-    def unknowns(self, constants: Array) -> Array:
-        """The inverse of ``constants``."""
-        weft, coupling, warp, shear = constants[:4]
-        logs = np.log(np.array([weft, warp, shear]) / self.reference)
-        return np.array(
-            [logs[0], coupling / math.sqrt(weft * warp), logs[1], logs[2], *constants[4:] / self.reference]
-        )
 
     def jacobian(self, unknowns: Array) -> Array:
         """d(constants)/d(unknowns), (6, 6)."""
         weft, coupling, warp, shear, _, _ = self.constants(unknowns)
-        matrix = np.diag([weft, math.sqrt(weft * warp), warp, shear, self.reference, self.reference])
+        reference = self.scales.reference
+        matrix = np.diag([weft, math.sqrt(weft * warp), warp, shear, reference, reference])
         matrix[1, [0, 2]] = coupling / 2
         return matrix
 
-    def material(self, unknowns: Array, *, density: float = 0.2) -> OrthotropicMaterial:
+    def material(self, unknowns: Array, *, density: float = 0.2) -> DirectionalMaterial:
         """The material without bending."""
         return OrthotropicMaterial(*(float(k) for k in self.constants(unknowns)), density=density)
+
+
+@dataclass(frozen=True)
+class StiffeningUnknowns:
+    """Unknowns (13,) of the shell that stiffens; ``log_area`` is not sought.
+
+    Logarithms over the numbers of the curves, but for the saturations. Compression is counted from the coupling, with
+    which it sets the contraction.
+    """
+
+    scales: Scales
+    names = StiffeningMaterial.MEMBRANE[:-1]
+
+    @cached_property
+    def _usual(self) -> Array:
+        along, both = ("stretch", "stiffening", "rate", "saturation"), (self.scales.weft, self.scales.warp)
+        # A strip feels the part of the coupling that its contraction leaves; half of its stiffness at most.
+        at_rest = np.array([curve.stretch + curve.stiffening for curve in both])
+        left = 1.0 - np.array([curve.contraction for curve in both])
+        coupling = 0.5 * float((at_rest / left).min())
+        usual = np.array([getattr(c, name) for name in along for c in both])
+        usual[:2] = np.maximum(usual[:2] - coupling * left, 0.2 * usual[:2])
+        compression = (left / (1.0 - left))[::-1]
+        return np.array([*usual, *compression, coupling, 0.35 * math.sqrt(float(at_rest.prod())), 1.0])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest unknowns."""
+        low = np.log([1e-2, 1e-2, 1e-1, 1e-1, 0.4, 0.4, 1.0, 1.0, 1e-2, 1e-2, 0.05, 0.03, 0.1])
+        high = np.log([10.0, 10.0, 1e3, 1e3, 2.5, 2.5, 1.0, 1.0, 1e2, 1e2, 20.0, 100.0, 8.0])
+        return np.where(_PLAIN, -4.0, low), np.where(_PLAIN, 12.0, high)
+
+    @property
+    def prior(self) -> Array:
+        """What is taken for constants of which the measurements say nothing: the usual ones."""
+        return np.where(_PLAIN, self._usual, 0.0)
+
+    @property
+    def draws(self) -> Array:
+        """Size of random changes of the start."""
+        return np.array([*np.full(6, 0.3), 1.0, 1.0, 0.5, 0.5, 0.5, 1.0, 0.5])
+
+    def constants(self, unknowns: Array) -> Array:
+        """The constants in SI, (13,)."""
+        usual = self._usual
+        constants = np.where(_PLAIN, unknowns, usual * np.exp(np.where(_PLAIN, 0.0, unknowns)))
+        constants[_PLAIN] = np.where(np.abs(constants[_PLAIN]) < 1e-3, 1e-3, constants[_PLAIN])
+        constants[_COMPRESSION] *= constants[_COUPLING]
+        return constants
+
+    def jacobian(self, unknowns: Array) -> Array:
+        """d(constants)/d(unknowns), (13, 13)."""
+        constants = self.constants(unknowns)
+        relative = np.eye(len(constants))
+        relative[_COMPRESSION, _COUPLING] = 1.0
+        return np.where(_PLAIN, 1.0, constants)[:, None] * relative
+
+    def material(self, unknowns: Array, *, density: float = 0.2) -> DirectionalMaterial:
+        """The material without bending."""
+        constants = (float(k) for k in self.constants(unknowns))
+        return StiffeningMaterial(
+            *constants, log_area=_LEAST_LOG_AREA * self.scales.reference, density=density
+        )
+
+
+Unknowns = OrthotropicUnknowns | StiffeningUnknowns
+UNKNOWNS: dict[ShellModel, type[Unknowns]] = {"stiffening": StiffeningUnknowns, "stvk": OrthotropicUnknowns}

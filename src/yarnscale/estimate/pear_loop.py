@@ -25,7 +25,7 @@ from yarnscale.errors import InputError, positive
 from yarnscale.estimate.held_shell import HeldShell, Measure
 from yarnscale.estimate.measurements import LENGTH, Direction
 from yarnscale.kinematics import GRAVITY
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ class PearLoop:
 
     def respond(
         self,
-        material: OrthotropicMaterial,
+        material: DirectionalMaterial,
         distances: Sequence[float] | Array,
         *,
         near: LoopResponse | None = None,
@@ -112,7 +112,7 @@ class PearLoop:
         return Measure(height / width, by_positions)
 
     def derivatives(
-        self, material: OrthotropicMaterial, response: LoopResponse, constants: Sequence[str]
+        self, material: DirectionalMaterial, response: LoopResponse, constants: Sequence[str]
     ) -> Array:
         """d(ratio)/d(constants), shape (n, constants); NaN for loops that did not converge."""
         states = zip(response.positions, response.converged, strict=True)

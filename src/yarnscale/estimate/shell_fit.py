@@ -6,7 +6,8 @@ measured average, are made small by bounded Gauss–Newton steps with exact deri
 fits of uniform strips, which cost little. Weak priors settle what the measured directions leave open, above all the
 shear stiffness without a bias test, and ``ShellFit.resolution`` says what that is.
 
-Real fabric stiffens more than this material; with EST22 we fit the whole range all the same and report the error.
+The material is one that stiffens, or the polynomial of EST22 eq. 1, which real fabric outruns: with EST22 we fit the
+whole range all the same and report the error.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from scipy.optimize import least_squares
 
 from yarnscale.errors import InputError
 from yarnscale.estimate.measurements import POWER_LOAD, Direction, StretchTest, SwatchMeasurements
-from yarnscale.estimate.membrane_constants import MEMBRANE, MembraneUnknowns
+from yarnscale.estimate.membrane_constants import UNKNOWNS, AlongCurve, Scales, ShellModel, Unknowns
 from yarnscale.estimate.swatch import ELEMENTS_ACROSS, StretchResponse, StretchSwatch
 from yarnscale.estimate.uniaxial import uniaxial, uniaxial_sensitivity
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 
 Array = NDArray[np.float64]
 
@@ -38,8 +39,14 @@ Swatches feel them all the same, through their clamps. Clamps of real rigs hold 
 alone, the fit lets the middle contract by driving shear to nothing, until the simulated cloth buckles within its
 plane, or explains half of the force by a stiffness across that nobody measured.
 """
-_FELT_ALONG = {Direction.WEFT: "stretch_weft", Direction.BIAS: "shear", Direction.WARP: "stretch_warp"}
+_FELT_ALONG = {
+    Direction.WEFT: ("stretch_weft", "stiffening_weft", "rate_weft", "compression_warp", "saturation_weft"),
+    Direction.BIAS: ("shear", "shear_rate", "coupling"),
+    Direction.WARP: ("stretch_warp", "stiffening_warp", "rate_warp", "compression_weft", "saturation_warp"),
+}
 _STARTS = 6
+_ACROSS = 0.5
+"""Weight of the contraction beside 1 of the load: it depends more on how much real clamps hold back."""
 _FAILED = 3.0
 """Residual of a state that is no equilibrium: no fit goes there."""
 _UNIFORM_PRIOR = 0.1
@@ -83,7 +90,7 @@ class ShellFit:
     to an impossible one.
     """
 
-    material: OrthotropicMaterial
+    material: DirectionalMaterial
     curves: tuple[FittedCurve, ...]
     resolution: dict[str, float]
     seconds: float
@@ -115,12 +122,13 @@ def mean_error(pairs: Sequence[tuple[Array, Array]]) -> float:
 
 
 def fit_membrane(
-    measurements: SwatchMeasurements, *, largest_load: float = POWER_LOAD, states: int = STATES,
-    elements: int = ELEMENTS_ACROSS, tolerance: float = 1e-5,
+    measurements: SwatchMeasurements, *, model: ShellModel = "stiffening", largest_load: float = POWER_LOAD,
+    states: int = STATES, elements: int = ELEMENTS_ACROSS, tolerance: float = 1e-5,
 ) -> ShellFit:  # fmt: skip
     """Membrane constants from stretch tests along any directions.
 
-    largest_load: the range that is fitted [N/m]; states: stretches per direction; elements: of the swatches' meshes.
+    model: the shell that stiffens, or that of EST22 eq. 1. largest_load: the range that is fitted [N/m]; states:
+    stretches per direction; elements: of the swatches' meshes.
     tolerance: relative change of the unknowns at which the fit ends. Raises InputError without a stretch test.
     """
     if not measurements.stretch:
@@ -128,7 +136,7 @@ def fit_membrane(
     begin = time.perf_counter()
     targets = tuple(_Target.of(test, largest_load, states) for test in measurements.stretch)
     density = measurements.area_density or 0.2
-    problem = _Problem(targets, density, elements)
+    problem = _Problem(targets, density, elements, UNKNOWNS[model])
     found = problem.solved(tolerance)
     if not problem.is_plausible(found):
         problem.usual_weight = _USUAL_PRIOR
@@ -167,6 +175,7 @@ class _Problem:
     targets: tuple[_Target, ...]
     density: float
     elements: int
+    kind: type[Unknowns]
     usual_weight: float = 0.0
     _point: Array | None = None
     _responses: list[StretchResponse | None] = field(default_factory=list)
@@ -176,8 +185,7 @@ class _Problem:
         measured = [t.contraction.mean() for t in self.targets if t.contraction is not None]
         usual = [_contraction(target.stretch, _USUAL_CONTRACTION).mean() for target in self.targets]
         self.mean_contraction = max(float(np.mean(measured or usual)), 1e-3)
-        secants = [target.load[-1] / target.stretch[-1] for target in self.targets]
-        self.unknowns = MembraneUnknowns(float(np.exp(np.mean(np.log(secants)))))
+        self.unknowns = self.kind(_scales(self.targets))
         self.swatches = [
             StretchSwatch(
                 t.test.direction, t.test.swatch_length, t.test.swatch_width, gauge_width=t.test.gauge_width,
@@ -186,11 +194,12 @@ class _Problem:
             for t in self.targets
         ]  # fmt: skip
         self._responses = [None] * len(self.targets)
-        self.prior_weights = np.full(len(MEMBRANE), _PRIOR)
+        names = self.unknowns.names
+        self.prior_weights = np.full(len(names), _PRIOR)
         measured = {target.test.direction for target in self.targets}
-        for direction, constant in _FELT_ALONG.items():
+        for direction, constants in _FELT_ALONG.items():
             if direction not in measured:
-                self.prior_weights[MEMBRANE.index(constant)] = _UNMEASURED_PRIOR
+                self.prior_weights[[name in constants for name in names]] = _UNMEASURED_PRIOR
         self.uniform_weight = 0.0 if Direction.BIAS in measured else _UNIFORM_PRIOR
 
     def solved(self, tolerance: float) -> Array:
@@ -240,10 +249,9 @@ class _Problem:
         low, high = self.unknowns.bounds
         best = None
         for draw in (
-            np.random.default_rng(0).normal(size=(_STARTS, 6)) * np.arange(_STARTS)[:, None] / _STARTS
+            np.random.default_rng(0).normal(size=(_STARTS, len(low))) * np.arange(_STARTS)[:, None] / _STARTS
         ):
-            start = self.unknowns.prior + draw * np.array([1.0, 0.3, 1.0, 1.0, 1.0, 1.0])
-            start[4:] = np.abs(start[4:]) + 0.1
+            start = self.unknowns.prior + draw * self.unknowns.draws
             found = least_squares(
                 lambda x: np.append(self._uniform(x, 1.0, 1.0)[0], self._prior(x)),
                 np.clip(start, low + 1e-3, high - 1e-3),
@@ -263,10 +271,10 @@ class _Problem:
     def _uniform(self, unknowns: Array, load_weight: float, contraction_weight: float) -> tuple[Array, Array]:
         """Differences of uniform strips, weighted, and their derivative by the unknowns."""
         material, chain = self.unknowns.material(unknowns), self.unknowns.jacobian(unknowns)
-        rows, slopes = [np.empty(0)], [np.empty((0, len(MEMBRANE)))]
+        rows, slopes = [np.empty(0)], [np.empty((0, len(unknowns)))]
         for target in self.targets:
             load, contraction, by_load, by_contraction = uniaxial_sensitivity(
-                material, target.angle, target.stretch, MEMBRANE
+                material, target.angle, target.stretch, self.unknowns.names
             )
             scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
             if load_weight:
@@ -296,13 +304,13 @@ class _Problem:
         sensitivity = self._sensitivity(unknowns)
         felt = sensitivity.T @ sensitivity
         share = np.diag(np.linalg.solve(felt + np.diag(self.prior_weights**2), felt))
-        return dict(zip(MEMBRANE, share.tolist(), strict=True))
+        return dict(zip(self.unknowns.names, share.tolist(), strict=True))
 
     def _differences(self, target: _Target, load: Array, contraction: Array) -> Array:
         scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
         rows = [scale * (load - target.load) / self.mean_load]
         if target.contraction is not None:
-            rows.append(scale * (contraction - target.contraction) / self.mean_contraction)
+            rows.append(_ACROSS * scale * (contraction - target.contraction) / self.mean_contraction)
         return np.concatenate(rows)
 
     def _sensitivity(self, unknowns: Array) -> Array:
@@ -311,12 +319,12 @@ class _Problem:
         for target, response, swatch in zip(
             self.targets, self._respond(unknowns), self.swatches, strict=True
         ):
-            derivatives = swatch.derivatives(material, response, MEMBRANE)
+            derivatives = swatch.derivatives(material, response, self.unknowns.names)
             derivatives = np.nan_to_num(derivatives)
             scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
             rows.append(scale * derivatives[:, 0] / swatch.width / self.mean_load)
             if target.contraction is not None:
-                rows.append(scale * derivatives[:, 1] / self.mean_contraction)
+                rows.append(_ACROSS * scale * derivatives[:, 1] / self.mean_contraction)
         return np.vstack(rows) @ self.unknowns.jacobian(unknowns)
 
     def _respond(self, unknowns: Array) -> Sequence[StretchResponse]:
@@ -326,6 +334,13 @@ class _Problem:
                 self._responses[k] = swatch.respond(material, target.stretch, near=self._responses[k])
             self._point = unknowns.copy()
         return [response for response in self._responses if response is not None]
+
+
+def _scales(targets: Sequence[_Target]) -> Scales:
+    """The curves along weft and warp; one that was not measured is taken to be like another direction's."""
+    found = {t.test.direction: AlongCurve.of(t.stretch, t.load, t.contraction) for t in targets}
+    other = next(iter(found.values()))
+    return Scales(found.get(Direction.WEFT, other), found.get(Direction.WARP, other))
 
 
 def _contraction(stretch: Array, exponent: float) -> Array:

@@ -16,7 +16,7 @@ from yarnscale.errors import InputError, positive
 from yarnscale.estimate.held_shell import Equilibrium, HeldShell, Measure
 from yarnscale.estimate.measurements import LENGTH, Direction
 from yarnscale.shell.materials.material import ShellMaterial
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ class StretchSwatch:
         return Measure(force, nothing, pulled), Measure(contraction, -self._gauge / self.gauge_width)
 
     def derivatives(
-        self, material: OrthotropicMaterial, response: StretchResponse, constants: Sequence[str]
+        self, material: DirectionalMaterial, response: StretchResponse, constants: Sequence[str]
     ) -> Array:
         """d(force [N], contraction)/d(constants), shape (n, 2, constants); NaN for states that did not converge."""
         states = zip(response.positions, response.converged, strict=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.shell.materials.material import LOWER, ShellMaterial
-from yarnscale.shell.materials.orthotropic import OrthotropicMaterial, OrthotropicTerm
+from yarnscale.shell.materials.orthotropic import ConstantTerm, DirectionalMaterial
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def uniaxial(material: ShellMaterial, angle: float, stretches: Array) -> tuple[A
 
 
 def uniaxial_sensitivity(
-    material: OrthotropicMaterial, angle: float, stretches: Array, constants: Sequence[str]
+    material: DirectionalMaterial, angle: float, stretches: Array, constants: Sequence[str]
 ) -> tuple[Array, Array, Array, Array]:
     """Stress [N/m] and contraction as ``uniaxial``, (n,), and their derivatives by constants, both (n, constants).
 
@@ -54,7 +54,7 @@ def uniaxial_sensitivity(
     _, _, hessian = _derivatives(material, angle, along, across)
     by_stress, by_contraction = np.empty((2, len(stretches), len(constants)))
     for k, name in enumerate(constants):
-        _, mixed, _ = _derivatives(OrthotropicTerm(material.derivative(name)), angle, along, across)
+        _, mixed, _ = _derivatives(ConstantTerm(material, name), angle, along, across)
         wider = -mixed[:, 1] / np.maximum(hessian[:, 1, 1], 1e-300)
         by_stress[:, k], by_contraction[:, k] = mixed[:, 0] + hessian[:, 0, 1] * wider, -wider
     return stress, contraction, by_stress, by_contraction

@@ -18,6 +18,7 @@ from yarnscale.estimate.construction import FabricConstruction, weighed
 from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
 from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
+from yarnscale.estimate.membrane_constants import ShellModel
 from yarnscale.estimate.objective import ErrorWeights, Evaluation, YarnObjective, errors_of
 from yarnscale.estimate.uniform_data import UniformBend, UniformData, UniformErrors
 from yarnscale.estimate.yarn_bending import bending_stiffness
@@ -217,6 +218,7 @@ def fit_fabric(
     directions: Sequence[Direction] | None = None,
     holdout: Direction | None = None,
     follow: Follow = "measured",
+    shell_model: ShellModel = "stiffening",
     options: FitOptions | None = None,
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
@@ -226,12 +228,14 @@ def fit_fabric(
     """Fit the shell, translate to uniform data, fit the yarn, and predict the direction that was held out.
 
     directions: those to fit, all measured ones by default, but for ``holdout``. follow: what the yarn follows, see
-    ``FabricShell.uniform_data``. Raises InputError for directions that were not measured, and for a weight of bending
+    ``FabricShell.uniform_data``; shell_model: see ``fit_shell``.
+
+    Raises InputError for directions that were not measured, and for a weight of bending
     where no loops were.
     """
     fitted = fitted_directions(measurements, directions, holdout)
     check_bending(measurements, weights)
-    shell = fit_shell(measurements.only(*fitted))
+    shell = fit_shell(measurements.only(*fitted), model=shell_model)
     data = shell.uniform_data(follow=follow)
     fit = fit_yarn(
         model, data, options=options, weights=weights, executor=executor, store=store, progress=progress
@@ -239,7 +243,7 @@ def fit_fabric(
     measured = shell.uniform_data(follow="measured")
     held_out, prediction = None, None
     if holdout is not None:
-        held_out = fit_shell(measurements).uniform_data(follow="measured").only(holdout)
+        held_out = fit_shell(measurements, model=shell_model).uniform_data(follow="measured").only(holdout)
         unknowns = fit.evaluation.unknowns
         prediction = evaluate(YarnObjective(model, held_out), unknowns, None)
     bending = _bending(fit, data.bending)

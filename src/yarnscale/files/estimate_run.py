@@ -11,6 +11,7 @@ from yarnscale.checked import checked
 from yarnscale.errors import InputError, notify
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
+from yarnscale.estimate.membrane_constants import ShellModel
 from yarnscale.estimate.objective import ErrorWeights
 from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, Follow, fit_fabric
 from yarnscale.estimate.yarn_fit import FitOptions
@@ -39,6 +40,7 @@ def estimate_yarn(
     directions: Sequence[Direction] | None = None,
     holdout: Direction | None = None,
     follow: Follow = "measured",
+    shell_model: ShellModel = "stiffening",
     options: FitOptions | None = None,
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
@@ -56,8 +58,8 @@ def estimate_yarn(
     model = pattern if isinstance(pattern, YarnModel) else fabric_model(measurements, pattern)
     kept = None if folder is None else evaluation_folder(Path(folder) / EVALUATIONS, resume=resume)
     return fit_fabric(
-        measurements, model, directions=directions, holdout=holdout, follow=follow, options=options, weights=weights,
-        executor=executor, progress=progress,
+        measurements, model, directions=directions, holdout=holdout, follow=follow, shell_model=shell_model,
+        options=options, weights=weights, executor=executor, progress=progress,
         store=None if kept is None else lambda objective: EstimateFolder(kept, objective),
     )  # fmt: skip
 

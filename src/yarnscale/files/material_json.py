@@ -19,8 +19,9 @@ from yarnscale.files.fields import Fields, read_json
 from yarnscale.files.hylc_json import hylc_material, hylc_text, is_hylc
 from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
 from yarnscale.shell.materials.material import ShellMaterial
-from yarnscale.shell.materials.orthotropic import CONSTANTS, OrthotropicMaterial
+from yarnscale.shell.materials.orthotropic import DirectionalMaterial, OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.stiffening import StiffeningMaterial
 
 Array = NDArray[np.float64]
 
@@ -30,11 +31,19 @@ VERSION = 3
 
 COMPACT_UNITS = {"terms": "J/m^2", "scale, samples": "1, 1, 1, 1/m, 1/m, 1/m", "density": "kg/m^2"}
 """Another set of units in a file is refused, not converted."""
-ORTHOTROPIC_UNITS = {"stretch, shear, area": "N/m", "bend": "J", "density": "kg/m^2"}
+DIRECTIONAL: dict[str, tuple[type[DirectionalMaterial], dict[str, str]]] = {
+    "orthotropic": (OrthotropicMaterial, {"stretch, shear, area": "N/m", "bend": "J", "density": "kg/m^2"}),
+    "stiffening": (
+        StiffeningMaterial,
+        {"stretch, stiffening, compression, coupling, shear, log_area": "N/m", "rate, saturation": "1", "bend": "J",
+         "density": "kg/m^2"},
+    ),
+}  # fmt: skip
+"""Kind of a file → class and units."""
 
 
 @checked
-def read_material(path: str | Path) -> CompactMaterial | OrthotropicMaterial | SplineMaterial:
+def read_material(path: str | Path) -> CompactMaterial | DirectionalMaterial | SplineMaterial:
     """Material of a yarnscale material file or a published HYLC JSON file, told apart by content.
 
     Raises InputError (file and field) where the file is neither, or broken.
@@ -55,9 +64,10 @@ def read_material(path: str | Path) -> CompactMaterial | OrthotropicMaterial | S
         raise fields.fault("version", expected=f"{VERSION}, the one this release reads", found=version)
     if kind == "compact":
         return _read_compact(fields)
-    if kind == "orthotropic":
-        return _read_orthotropic(fields)
-    raise fields.fault("kind", expected="'compact' or 'orthotropic'", found=repr(kind)[:60])
+    if kind in DIRECTIONAL:
+        return _read_directional(fields, *DIRECTIONAL[kind])
+    expected = ", ".join(repr(known) for known in ("compact", *DIRECTIONAL))
+    raise fields.fault("kind", expected=expected, found=repr(kind)[:60])
 
 
 def is_material(path: str | Path) -> bool:
@@ -81,12 +91,14 @@ def material_text(material: ShellMaterial) -> str:
     """The content of the material file of a material, ending in a newline."""
     if isinstance(material, CompactMaterial):
         body = _compact_content(material)
-    elif isinstance(material, OrthotropicMaterial):
-        body = _orthotropic_content(material)
+    elif isinstance(material, DirectionalMaterial):
+        body = _directional_content(material)
     elif isinstance(material, SplineMaterial):
         return hylc_text(material)
     else:
-        raise InputError("material", expected="a compact or orthotropic one", found=type(material).__name__)
+        raise InputError(
+            "material", expected="a compact, orthotropic or stiffening one", found=type(material).__name__
+        )
     content = {"format": FORMAT, "version": VERSION, **body}
     try:
         return _layout(content) + "\n"
@@ -154,23 +166,26 @@ def _matrix(terms: Fields, name: str, shape: tuple[int, ...]) -> Array:
     return terms.numbers(name, shape=shape)
 
 
-def _orthotropic_content(material: OrthotropicMaterial) -> dict[str, object]:
+def _directional_content(material: DirectionalMaterial) -> dict[str, object]:
+    kind, units = next((name, units) for name, (of, units) in DIRECTIONAL.items() if of is type(material))
     return {
-        "kind": "orthotropic",
-        "units": ORTHOTROPIC_UNITS,
+        "kind": kind,
+        "units": units,
         "density": float(material.density),
         "provenance": dict(material.provenance),
-        "terms": {name: getattr(material, name) for name in CONSTANTS},
+        "terms": {name: getattr(material, name) for name in material.constants()},
     }
 
 
-def _read_orthotropic(fields: Fields) -> OrthotropicMaterial:
-    _check_units(fields, ORTHOTROPIC_UNITS)
+def _read_directional(
+    fields: Fields, kind: type[DirectionalMaterial], units: Mapping[str, str]
+) -> DirectionalMaterial:
+    _check_units(fields, units)
     terms = fields.fields("terms")
-    constants = {name: terms.number(name) for name in CONSTANTS}
+    constants = {name: terms.number(name) for name in kind.constants()}
     density, provenance = fields.number("density", positive=True), fields.fields("provenance").content
     with located(fields.path):
-        return OrthotropicMaterial(**constants, density=density, provenance=provenance)
+        return kind(**constants, density=density, provenance=provenance)
 
 
 def _check_units(fields: Fields, units: Mapping[str, str]) -> None:

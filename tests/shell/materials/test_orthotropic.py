@@ -8,7 +8,9 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
-FABRIC = OrthotropicMaterial(40.0, 9.0, 25.0, 6.0, 1.5, 0.3, 4e-6, 3e-6, 2e-6, density=0.18)
+FABRIC = OrthotropicMaterial(
+    40.0, 9.0, 25.0, 6.0, 1.5, 0.3, bend_weft=4e-6, bend_bias=3e-6, bend_warp=2e-6, density=0.18
+)
 
 
 def curved(curvature: float, angle: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from yarnscale.shell.scenes.scene import drape
 from yarnscale.shell.scenes.thickness import UNKNOWN_THICKNESS, cloth_thickness, garment_thickness
 from yarnscale.shell.state import ClothState
 
-SHEET = OrthotropicMaterial(40.0, 5.0, 40.0, 15.0, 1.0, 1.0, 1e-6, 1e-6, 1e-6, 0.2)
+SHEET = OrthotropicMaterial(40.0, 5.0, 40.0, 15.0, 1.0, 1.0, bend_weft=1e-6, bend_bias=1e-6, bend_warp=1e-6)
 
 
 @pytest.mark.parametrize(
