@@ -147,6 +147,10 @@ REFUSED = {
         piece(FRONT) + (passes(FRONT[:4], "+") + passes(FRONT[4:], "+", carrier="2")) + passes(FRONT, "-"),
         "(short row or intarsia)",
     ),
+    "intarsia only": (
+        piece(FRONT)[:11] + (passes(FRONT[:4], "+") + passes(FRONT[4:], "+", carrier="2")) * 3,
+        ":32: 'knit + f4 2' begins a course of needles 4 to 7 of 0 to 7",
+    ),
     "racked": ([*piece(BOTH, BOTH), "rack 1", *passes(BOTH, "-"), "rack 0", *passes(BOTH, "+")], "racked by 1"),
     "tube": (piece(*[FRONT, BACK] * 4), "front and back are two layers; expected a course that knits on both"),
     "half-gauge tube": (piece(*[FRONT[::2], BACK[1::2]] * 4), "front and back are two layers"),

@@ -230,11 +230,13 @@ def _fabric(path: Path, courses: list[_Course]) -> list[_Course]:
         course.fault = course.fault or short
         if "knit" in course.loops.values() and not short:
             across.append(number)
-    first = next((number for number in across if not courses[number].fault), None)
-    if first is None:
+    # Without a good course the fault of the last one says why there is no fabric.
+    body = [course for course in courses if "knit" in course.loops.values()][-1:]
+    if good := [number for number in across if not courses[number].fault]:
+        body = [course for course in courses[good[0] : across[-1] + 1] if course.loops or course.fault]
+    if not body:
         expected = "a course that knits all across on needles with loops"
         raise InputError("file knits no fabric", where=path, expected=expected)
-    body = [course for course in courses[first : across[-1] + 1] if course.loops or course.fault]
     for course in body:
         if course.fault:
             where, expected = f"{path}:{course.start.line}", "knit, tuck and miss all across the fabric"
