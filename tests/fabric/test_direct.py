@@ -16,10 +16,10 @@ from yarnscale.fabric.direct_moves import PassageCount, safe_way
 from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.sheet_frames import unit_edges
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Plane
 from yarnscale.numerics.newton import Status
+from yarnscale.yarn.frames import unit_edges
 from yarnscale.yarn.friction import FRICTION, YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 

@@ -13,11 +13,10 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import CROSSING, LOOPED, border_distance, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.sheet_frames import unit_edges
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.close_pairs import close_pairs, segment_gap
+from yarnscale.yarn.frames import signed_angle, unit_edges
 from yarnscale.yarn.material import YarnMaterial
-from yarnscale.yarn.rest_frames import signed_angle
 
 STOCKINETTE = library.build("stockinette")
 SOFT = YarnMaterial.preset("hylc2020-stockinette")
@@ -140,7 +139,7 @@ def test_glue_pulls_through_the_thickness_only() -> None:
     border = border_distance(sheet) < 6.0 * sheet.radius
     assert len(springs) > 100
     near = springs.pairs.ravel()
-    touching = border | border[np.maximum(sheet.preceding, 0)] | border[np.maximum(sheet.following, 0)]
+    touching = border | border[np.maximum(sheet.strands.before, 0)] | border[np.maximum(sheet.following, 0)]
     assert touching[near].all()
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.numerics.kernel import run_columns
-from yarnscale.yarn.rest_frames import material_curvature, parallel_transport, reference_twist
+from yarnscale.yarn.frames import material_curvature, parallel_transport, reference_twist
 from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, STRETCH, TWO_PHASE_STRETCH, carried_frames
 
 
@@ -188,7 +188,7 @@ def at_rest(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_rest_shape_costs_nothing_and_is_an_equilibrium() -> None:
-    """Ties the kernel to the frames of ``rest_frames``, which files are read with."""
+    """Ties the kernel to the frames of ``frames``, which files are read with."""
     q, p = at_rest(15, 7)
     value, gradient = run_columns(BEND_TWIST.gradient, q, p)
     np.testing.assert_allclose(value, 0, atol=1e-24)

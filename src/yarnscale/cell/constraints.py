@@ -7,13 +7,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from yarnscale.numerics.null_space import Chain, ChainConstraints
+from yarnscale.yarn.frames import unit
 from yarnscale.yarn.pattern import YarnPattern
 
 Array = NDArray[np.float64]
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def independent(rows: Array) -> Array:
@@ -25,8 +22,8 @@ def independent(rows: Array) -> Array:
 
 def vertex_tangents(pattern: YarnPattern) -> Array:
     """Mean direction of the yarn at each vertex at rest (n, 3)."""
-    edge = _unit(pattern.edge_vectors())
-    return _unit(edge + edge[pattern.previous_vertex])
+    edge = unit(pattern.edge_vectors())
+    return unit(edge + edge[pattern.previous_vertex])
 
 
 def _translations_and_chains(pattern: YarnPattern, sliding: bool) -> tuple[Array, list[Chain]]:

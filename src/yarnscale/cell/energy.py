@@ -23,6 +23,7 @@ from yarnscale.numerics.null_space import ChainConstraints
 from yarnscale.numerics.sums import ShiftedHessian
 from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.energy import PATTERN_MARGIN, RodEnergy
+from yarnscale.yarn.frames import unit, upright
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.rod import ANCHORS, carried_frames
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
@@ -41,10 +42,6 @@ TWIST_LIMIT = 1.0
 """Largest change of a twist in one step [rad]."""
 SLACK = 2.0
 """How much farther than they touch copies are enumerated [r]."""
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def _size(vector: Array) -> float:
@@ -131,9 +128,8 @@ class CellEnergy:
         Also their derivatives by that state, (N, 6, 6): rows tangent and director, columns the six components.
         """
         vertex = start % self.count
-        rest = _unit(self.pattern.edge_vectors())[vertex]
-        director = self.pattern.reference_director[vertex]
-        director = _unit(director - (director * rest).sum(1)[:, None] * rest)
+        rest = unit(self.pattern.edge_vectors())[vertex]
+        director = upright(self.pattern.reference_director[vertex], rest)
         turn = rotation[start]
         edge = self.nodes.offset[end] - self.nodes.offset[start]
         turned = np.einsum("nij,nj->ni", turn, rest), np.einsum("nij,nj->ni", turn, director)

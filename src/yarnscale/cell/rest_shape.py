@@ -10,8 +10,15 @@ from numpy.typing import NDArray
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
+from yarnscale.yarn.frames import (
+    carried,
+    material_curvature,
+    parallel_transport,
+    reference_twist,
+    unit,
+    upright,
+)
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.rest_frames import material_curvature, parallel_transport, signed_angle
 
 Array = NDArray[np.float64]
 
@@ -47,19 +54,18 @@ def redrawn(pattern: YarnPattern, strain: ShellStrain, positions: Array, twist: 
     stretch = np.array([1.0 + strain.s_x, 1.0 + strain.s_y, 1.0])
     period = pattern.period * stretch[:2]
     edge = pattern.edge_vectors()
-    rest, affine = _unit(edge), _unit(edge * stretch)
+    rest, affine = unit(edge), unit(edge * stretch)
     moved = positions[pattern.edges[:, 1]] - positions
     moved[:, :2] += pattern.edges[:, 2:] * period
-    tangent = _unit(moved)
-    director = _upright(pattern.reference_director, rest)
-    director = parallel_transport(parallel_transport(director, rest, affine), affine, tangent)
-    director = _upright(director, tangent)
+    tangent = unit(moved)
+    director = parallel_transport(upright(pattern.reference_director, rest), rest, affine)
+    director, previous = carried(affine, tangent, director), pattern.previous_vertex
     return replace(
         pattern,
         vertices=positions,
         twist=twist,
         reference_director=director,
-        reference_twist=_continued_twist(pattern, tangent, director),
+        reference_twist=reference_twist(tangent, director, previous, pattern.reference_twist),
         period=period,
     )
 
@@ -74,7 +80,7 @@ def set_as_drawn(pattern: YarnPattern, *, share: float = 1.0, lengths: bool = Tr
     length = np.linalg.norm(edge, axis=1)
     tangent = edge / length[:, None]
     previous = pattern.previous_vertex
-    director = _upright(pattern.reference_director, tangent)
+    director = upright(pattern.reference_director, tangent)
     curvature = material_curvature(tangent, director, pattern.twist, previous)
     twist = pattern.twist - pattern.twist[previous] + pattern.reference_twist
     rest_length = pattern.rest_length
@@ -86,20 +92,3 @@ def set_as_drawn(pattern: YarnPattern, *, share: float = 1.0, lengths: bool = Tr
         rest_curvature=pattern.rest_curvature + share * (curvature - pattern.rest_curvature),
         rest_twist=pattern.rest_twist + share * (twist - pattern.rest_twist),
     )
-
-
-def _continued_twist(pattern: YarnPattern, tangent: Array, director: Array) -> Array:
-    """Reference twist of moved frames, on the branch of the old one as the rod energy counts it (n,) [rad]."""
-    previous, twist = pattern.previous_vertex, pattern.reference_twist[:, None]
-    carried = parallel_transport(director[previous], tangent[previous], tangent)
-    carried = np.cos(twist) * carried + np.sin(twist) * np.cross(tangent, carried)
-    return pattern.reference_twist + signed_angle(carried, director, tangent)
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
-def _upright(director: Array, tangent: Array) -> Array:
-    """Unit vectors nearest to directors at right angles to the tangents."""
-    return _unit(director - np.einsum("ij,ij->i", director, tangent)[:, None] * tangent)

@@ -22,6 +22,7 @@ from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, glue
 from yarnscale.fabric.rod_fabric import RodFabric
 from yarnscale.fabric.sheet import LARGEST_SHEET, YarnSheet
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.yarn.frames import unit
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
 
@@ -64,8 +65,7 @@ def sheet_on_mesh(
         name=f"{pattern.name} on a mesh",
     )
     rotations = _rotations(detail, positions)
-    edge = pattern.edge_vectors()[vertex]
-    tangents = edge / np.linalg.norm(edge, axis=1)[:, None]
+    tangents = unit(pattern.edge_vectors()[vertex])
     twist = None if state is None else state.twist[vertex]
     laid = sheet.moved(places, twist=twist, rotations=rotations, tangents=tangents)
     return SheetOnMesh(laid, rotations[:, :, 2], _border_distance(mesh, layout, pattern.radius))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from yarnscale.errors import InputError
+from yarnscale.yarn.frames import carried_along, material_curvature, reference_twist, upright
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.rest_frames import carried_along, material_curvature, reference_twist
 
 REST_SHAPES = ("straight", "current")
 
@@ -135,8 +135,7 @@ def _tangents(curve: PeriodicCurve, period: np.ndarray) -> np.ndarray:
 def _transported_directors(tangent: np.ndarray) -> np.ndarray:
     """Directors along one yarn without twist, beginning near the z axis; shape (k, 3)."""
     start = np.array([0.0, 0.0, 1.0]) if abs(tangent[0, 2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    director = start - (start @ tangent[0]) * tangent[0]
-    return carried_along(director / np.linalg.norm(director), tangent)
+    return carried_along(upright(start[None], tangent[:1])[0], tangent)
 
 
 def _even_twist(joint_twist: np.ndarray, length: np.ndarray) -> np.ndarray:

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from yarnscale.fabric.boundary import Springs
 from yarnscale.fabric.sheet import YarnSheet
-from yarnscale.fabric.sheet_frames import carried, joint_twists, unit_edges
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.yarn.contact_list import PlacedPairs
 from yarnscale.yarn.energy import NOT_TURNED, RodEnergy
+from yarnscale.yarn.frames import carried, reference_twist, unit_edges
 from yarnscale.yarn.friction import YarnFriction, no_friction
 from yarnscale.yarn.rod import STRETCH
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
@@ -106,7 +106,7 @@ class FabricEnergy(RodEnergy):
         tangent = unit_edges(self.positions(x), self.sheet.following)
         if frames is None:
             director = carried(self._tangent, tangent, self.frames.director)
-            twist = joint_twists(tangent, director, self.sheet.preceding, self.frames.twist)
+            twist = reference_twist(tangent, director, self.strands.before, self.frames.twist)
             frames = EdgeFrames(director, twist)
         self._tangent = tangent
         self._take(frames)

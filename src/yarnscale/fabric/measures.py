@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
 from yarnscale.fabric.spline_knit import SplineFabric
+from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
+from yarnscale.yarn.strands import Strands
 
 Array = NDArray[np.float64]
 
-_SPACING = 0.1
-"""Spacing of the points sampled on a yarn [radii]: a distance of 2 r is found to 0.03 %."""
+_SPACING = 0.2
+"""Length of the segments sampled on a yarn [radii]: a distance of 2 r is found to 0.1 %."""
 _TURN = 2.5
 """Distance along a yarn within which it is not its own neighbour [diameters]."""
 
@@ -25,18 +26,14 @@ def penetration(fabric: SplineFabric, control: Array) -> float:
     along = _lengths(fabric, fabric.control.reshape(-1, 3)).reshape(fabric.yarn_count, -1).sum(axis=1).max()
     per_segment = int(np.ceil(along / fabric.segments_per_yarn / (_SPACING * fabric.radius)))
     lines = fabric.lines(control, per_segment)
-    points = lines.reshape(-1, 3)
-    near = KDTree(points).query_pairs(2.0 * fabric.radius, output_type="ndarray")
-    count = lines.shape[1]
-    steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
-    place = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, axis=1)], axis=1).ravel()
-    same = near[:, 0] // count == near[:, 1] // count
-    apart = np.abs(place[near[:, 0]] - place[near[:, 1]]) > 2.0 * _TURN * fabric.radius
-    met = near[~same | apart]
-    if not len(met):
-        return 0.0
-    closest = np.linalg.norm(points[met[:, 0]] - points[met[:, 1]], axis=1).min()
-    return float(1.0 - closest / (2.0 * fabric.radius))
+    points, reach = lines.reshape(-1, 3), 2.0 * fabric.radius
+    strands = Strands.finite(lines.shape[1] * np.arange(len(lines) + 1), np.zeros(len(lines), bool))
+    first, second = close_pairs(strands, points, reach, neighbours=1)
+    place = strands.arc_lengths(np.linalg.norm(points[strands.ends] - points, axis=1))[0]
+    met = strands.yarn[first] != strands.yarn[second]
+    met |= np.abs(place[first] - place[second]) > _TURN * reach
+    gaps = pair_gaps(points, strands.ends, first[met], second[met])
+    return 1.0 - float(gaps.min(initial=reach)) / reach
 
 
 def fibre_extension(fabric: SplineFabric, control: Array) -> tuple[float, float]:

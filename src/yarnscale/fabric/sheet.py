@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.fabric.sheet_frames import carried, joint_twists, rest_frames, unit_edges
+from yarnscale.yarn.frames import carried, reference_twist, unit, unit_edges, untwisted_frames
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
 
@@ -70,11 +70,6 @@ class YarnSheet:
         return self.strands.ends
 
     @property
-    def preceding(self) -> Indices:
-        """Vertex before each (n,), −1 at the start of an open yarn."""
-        return self.strands.before
-
-    @property
     def edges(self) -> Indices:
         """First vertices of all edges (m,)."""
         return self.strands.edges
@@ -103,7 +98,7 @@ class YarnSheet:
     def voronoi_length(self) -> Array:
         """Rest length that belongs to each vertex, half of its edges (n,) [m]."""
         own = np.where(self.following >= 0, self.rest_length, 0.0)
-        before = np.where(self.preceding >= 0, self.rest_length[self.preceding], 0.0)
+        before = np.where(self.strands.before >= 0, self.rest_length[self.strands.before], 0.0)
         return 0.5 * (own + before)
 
     @property
@@ -228,7 +223,7 @@ class YarnSheet:
             source=np.full(n, NO_PATTERN), tile=np.zeros((n, 2), np.int64),
             yarn_material=np.zeros(len(lines), np.int64), area=0.0, name=name,
         )  # fmt: skip
-        director, twist, curvature, length = rest_frames(sheet.vertices, sheet.following, sheet.preceding)
+        director, twist, curvature, length = untwisted_frames(sheet.vertices, sheet.strands)
         return replace(
             sheet,
             reference_director=director,
@@ -272,7 +267,7 @@ class YarnSheet:
             director = np.einsum("nij,nj->ni", rotations, director)
         end = unit_edges(positions, self.following)
         director = carried(start, end, director)
-        reference = joint_twists(end, director, self.preceding, self.reference_twist)
+        reference = reference_twist(end, director, self.strands.before, self.reference_twist)
         return replace(
             self,
             vertices=np.array(positions, np.float64),
@@ -298,8 +293,7 @@ class YarnSheet:
             return points, np.moveaxis(np.array(rows), 2, 0)
 
         positions, rotations = tube(self.vertices)
-        tangents = edge / np.linalg.norm(edge, axis=1)[:, None]
-        return self.moved(positions, rotations=rotations, tangents=tangents)
+        return self.moved(positions, rotations=rotations, tangents=unit(edge))
 
 
 def _lines(

@@ -7,7 +7,7 @@ import pytest
 
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.files.pyp import read_pyp
-from yarnscale.yarn.rest_frames import (
+from yarnscale.yarn.frames import (
     carried_along,
     material_curvature,
     parallel_transport,
