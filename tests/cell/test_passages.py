@@ -74,11 +74,9 @@ def test_segments_side_by_side_do_not_cut_however_round_off_tilts_them() -> None
 def test_two_opposite_cuts_of_one_motion_undo_each_other() -> None:
     """Forth and back at the same place counts for nothing, at distant places of the yarn it does."""
     energy = PeriodicCell(library.build("basket-2x2"), MATERIAL).energy(ShellStrain())
-    pattern = energy.pattern
 
     def lasting(*rows: np.ndarray) -> int:
-        found = Passages(energy.strands, pattern.rest_length / pattern.radius, np.concatenate(rows))
-        return len(found.lasting().rows)
+        return len(Passages(energy.strands, energy.stiffness, np.concatenate(rows)).lasting().rows)
 
     one = np.array([[0.0, energy.pattern.yarns[1][0], 0.5, 0.2, 0.5, 1.0]])
     far = one.copy()

@@ -25,16 +25,14 @@ def passages_between(energy: CellEnergy, before: Shape, after: Shape) -> Passage
 
     Pairs that the contact list of a bent cell leaves out are left out.
     """
-    moved, pattern = after[1] - before[1], energy.pattern
+    moved = after[1] - before[1]
     strands = energy.copies_within(2.0 * float(np.sqrt((moved * moved).sum(axis=1).max())))
-    found = Passages.between(
-        strands, pattern.rest_length / pattern.radius, _nodes(energy, strands, *before),
-        _nodes(energy, strands, *after), neighbours=energy.stiffness.rule.neighbours,
-    )  # fmt: skip
+    ends = (_nodes(energy, strands, *shape) for shape in (before, after))
+    found = Passages(strands, energy.stiffness).along(*ends)
     bent = next((strain for strain, _ in (after, before) if not strain.is_flat), None)
     if bent is None or not len(found.rows):
         return found
-    turning = Midsurface(bent, length=pattern.radius).rotation_vectors(energy.placed(strands))
+    turning = Midsurface(bent, length=energy.pattern.radius).rotation_vectors(energy.placed(strands))
     first, second = found.rows[:, :2].astype(np.int64).T
     turned = turning[second] - turning[first]
     return replace(found, rows=found.rows[(turned * turned).sum(axis=1) < math.pi**2])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, no_passages
+from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.kinematics import GRAVITY
@@ -43,7 +43,7 @@ class FabricMotion:
     """State x and velocity, both (4n,) [r, rad; per s], at a time [s].
 
     shift: regularisation that the last implicit step ended with; the next begins with it. frames: of the edges (None:
-    those of the energy). passages: up to now, as ``PassageCount`` has them. before: the state one
+    those of the energy). passages: rows of ``Passages`` up to now. before: the state one
     step earlier, where the integrator needs it.
     """
 
@@ -52,7 +52,7 @@ class FabricMotion:
     time: float = 0.0
     shift: float = _LEAST_SHIFT
     frames: EdgeFrames | None = None
-    passages: Array = field(default_factory=no_passages)
+    passages: Array = field(default_factory=lambda: np.empty((0, 6)))
     before: Earlier | None = None
 
 
@@ -187,7 +187,7 @@ class FabricDynamics(Body[FabricMotion]):
         before: Earlier | None = None,
     ) -> FabricMotion:
         """The state at the end of a step, where the frames of the energy are."""
-        passages = motion.passages if self.count is None else self.count.found
+        passages = motion.passages if self.count is None else self.count.found.rows
         return FabricMotion(x, velocity, time, shift, self.energy.frames, passages, before)
 
     def _arrive(self, x: Array) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,34 +39,18 @@ class PassageCount:
 
     def __init__(self, energy: FabricEnergy, start: Array) -> None:
         self._energy = energy
-        self.begin(start, no_passages())
+        self.begin(start, Passages(energy.strands, energy.stiffness).rows)
 
-    def begin(self, x: Array, found: Array) -> None:
+    def begin(self, x: Array, rows: Array) -> None:
         """Go on from a state (4n,) with the passages (m, 6) found before it."""
-        self._last, self.found = x.copy(), found
+        self._last, self.found = x.copy(), Passages(self._energy.strands, self._energy.stiffness, rows)
 
     def follow(self, x: Array) -> None:
         """The next state (4n,)."""
-        self.found = np.concatenate([self.found, self._between(self._last, x).rows])
-        self._last = x.copy()
-
-    def jump(self, x: Array) -> None:
-        """Another state that is not looked at."""
-        self._last = x.copy()
+        positions = self._energy.positions
+        self._last, self.found = x.copy(), self.found.along(positions(self._last), positions(x))
 
     @property
     def passages(self) -> int:
         """Passages that no opposite one near the same place undid."""
-        return len(replace(self._between(self._last, self._last), rows=self.found).lasting().rows)
-
-    def _between(self, before: Array, after: Array) -> Passages:
-        energy = self._energy
-        return Passages.between(
-            energy.sheet.strands, energy.sheet.rest_length / energy.radius, energy.positions(before),
-            energy.positions(after), neighbours=energy.stiffness.rule.neighbours,
-        )  # fmt: skip
-
-
-def no_passages() -> Array:
-    """Rows of ``Passages`` of yarns that do not meet."""
-    return np.empty((0, 6))
+        return len(self.found.lasting().rows)

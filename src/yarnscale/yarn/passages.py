@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.yarn.close_pairs import close_pairs
+from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import ENDLESS, Strands
 
 Array = NDArray[np.float64]
@@ -38,27 +39,23 @@ _MEETING = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Passages:
-    """Passages of yarns through each other.
+    """Passages of yarns through each other, none to begin with.
 
-    length: of the edges at rest (n,) [r]. rows: (k, 6), a passage each: primary segment, segment of a copy (its node),
-    time, places on both segments in [0, 1), and sign of the change of the volume.
+    rows: (k, 6), a passage each: primary segment, segment of a copy (its node), time, places on both segments in
+    [0, 1), and sign of the change of the volume.
     """
 
     strands: Strands
-    length: Array
-    rows: Array
+    stiffness: PatternStiffness
+    rows: Array = field(default_factory=lambda: np.empty((0, 6)))
 
-    @classmethod
-    def between(
-        cls, strands: Strands, length: Array, before: Array, after: Array, *, neighbours: int
-    ) -> Passages:
-        """All passages on straight ways between two positions (T·n, 3) [r] of all copies.
-
-        neighbours: segments at most so many edges apart along a yarn do not touch.
-        """
+    def along(self, before: Array, after: Array) -> Passages:
+        """These, and those on straight ways between two positions (T·n, 3) [r] of all copies."""
         before, after = np.ascontiguousarray(before), np.ascontiguousarray(after)
-        pairs = close_pairs(strands, before, _ROUNDING, neighbours=neighbours, moves=after - before)
-        return cls(strands, length, pair_passages(before, after, strands.ends, *pairs))
+        neighbours = self.stiffness.rule.neighbours
+        pairs = close_pairs(self.strands, before, _ROUNDING, neighbours=neighbours, moves=after - before)
+        found = pair_passages(before, after, self.strands.ends, *pairs)
+        return replace(self, rows=np.concatenate([self.rows, found]))
 
     def lasting(self) -> Passages:
         """Those that no opposite one near them undoes, matched nearest first."""
@@ -97,10 +94,11 @@ class _Ends:
     @classmethod
     def of(cls, found: Passages) -> _Ends:
         strands = found.strands
-        start, period = strands.arc_lengths(found.length)
+        length = found.stiffness.pattern.rest_length / found.stiffness.pattern.radius
+        start, period = strands.arc_lengths(length)
         nodes = found.rows[:, :2].astype(np.int64)
         vertex, tile = nodes % strands.count, strands.tiles[nodes // strands.count]
-        place = start[vertex] + found.rows[:, 3:5] * found.length[vertex]
+        place = start[vertex] + found.rows[:, 3:5] * length[vertex]
         period = np.where(strands.lengths == ENDLESS, _ENDLESS_LENGTH, period)
         return cls(strands.yarn[vertex], place, tile - strands.walked[vertex], period, strands.shift)
 
