@@ -92,10 +92,10 @@ def test_states_that_a_cloth_visited_are_added(outcome: tuple[Path, int], tmp_pa
 @pytest.mark.slow
 def test_the_published_form_is_hylc_json(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    command = [*COMMAND, *RANGE, "--out", str(folder)]
+    command = [*COMMAND, *RANGE, "--out", str(folder), "--one-dimensional"]
     assert main(command) in (0, 1)
     material = read_material(folder / "material.json")
-    assert material.planes
+    assert not material.planes
     with pytest.raises(InputError, match="store of strains"):
         fit_published(SampleStore(_loads(tmp_path)))
 
@@ -109,6 +109,7 @@ def _loads(folder: Path) -> Path:
 def test_options_of_the_other_form_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for more, message in (
         (["--stretch", "-0.1,0.2"], "--stretch; expected --form hylc2020 with it"),
+        (["--one-dimensional"], "--one-dimensional; expected --form hylc2020 with it"),
         ([*RANGE, "--limit", "3"], "--limit; expected --form compact with it"),
         (["--visited", "run"], "--visited; expected --resume with it"),
     ):

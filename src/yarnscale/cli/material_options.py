@@ -41,6 +41,11 @@ def add_material_commands(add: Add) -> None:
     option("--shear", type=number, metavar="S", help="largest shear of the form hylc2020 (0.6)")
     curvature = "largest curvature of the form hylc2020 times yarn radius (0.1)"
     option("--curvature", type=number, metavar="C", help=curvature)
+    option("--one-dimensional", action="store_true", help="no terms of two strains in the form hylc2020")
+    smoothing = "width of the local polynomials that even out noise, over the distance of states (0.35)"
+    option("--smoothing", type=number, metavar="W", help=smoothing)
+    knots = "bending control points spaced evenly, not closer near zero"
+    option("--even-knots", action="store_true", help=knots)
 
     about = "Relax a pattern along rays of loads, or under all states of a strain grid, into a store."
     option = add("sample", "samples", about, *sampling, add_free_sliding, add_starts(1))

@@ -21,6 +21,7 @@ from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.homogenize import Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.plan import StrainRange
+from yarnscale.homogenize.published_fit import PublishedOptions
 from yarnscale.homogenize.rays import load_rays
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS, ShellStrain, strain_units
@@ -65,11 +66,16 @@ def _settings(options: argparse.Namespace) -> dict[str, object]:
         for names in (("solves",), ("limit", "visited"), ("stretch", "shear", "curvature"))
     )
     compact = options.form == "compact"
-    for name in ranges if compact else loads:
+    ablations = [name for name in ("one_dimensional", "smoothing", "even_knots") if getattr(options, name)]
+    for name in [*ranges, *ablations] if compact else loads:
         other = "hylc2020" if compact else "compact"
         raise InputError(f"--{name.replace('_', '-')}", expected=f"--form {other} with it")
     if not compact:
-        return {"form": "hylc2020", "solves": 400, **solves, "range": StrainRange(**ranges)}
+        settings = {"pairs": not options.one_dimensional, "even_knots": options.even_knots}
+        if options.smoothing is not None:
+            settings["smoothing"] = options.smoothing
+        fit = {"range": StrainRange(**ranges), "options": PublishedOptions(**settings)}
+        return {"form": "hylc2020", "solves": 400, **solves, **fit}
     if "visited" in loads:
         if not options.resume:
             raise InputError("--visited", expected="--resume with it")
