@@ -86,7 +86,7 @@ def test_an_advance_ends_where_the_kept_distance_is_left() -> None:
         x, p = rng.standard_normal((4, 3)), 2.0 * rng.standard_normal((4, 3))
         c, y = np.empty(4), np.empty((4, 3))
         start = np.sqrt(closest_points(x, is_corner, c))
-        fraction = advance(x, p, is_corner, 0.1, 1.0, c, y)
+        fraction = advance(x, p, is_corner, 0.0, 0.1, 1.0, c, y)
         way = [np.sqrt(closest_points(x + s * p, is_corner, c)) for s in np.linspace(0.0, fraction, 200)]
         assert min(way) >= 0.1 * start * (1 - 1e-9)
         if fraction < 1.0:

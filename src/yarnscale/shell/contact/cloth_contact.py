@@ -113,7 +113,7 @@ class ClothContact:
         found = [part.hessian(positions) for part in self.parts]
         if not found:
             return np.zeros(0, np.int64), np.zeros(0)
-        if len(found) == 1 and isinstance(self.parts[0], SurfaceContact):
+        if len(found) == 1:
             return found[0]
         keys = np.concatenate([k for k, _ in found])
         order = np.argsort(keys, kind="stable")  # sorted runs merge in linear time

@@ -114,11 +114,12 @@ def _square(x, c):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def advance(x, p, is_corner, kept, until, c, y):
+def advance(x, p, is_corner, radius, kept, until, c, y):
     """Fraction of moves p (4, 3) of a pair x (4, 3) that leaves a share ``kept`` of its distance, at most ``until``.
 
     Conservative advancement (Li, Kaufman and Jiang 2021, section 5): the closest points of a pair approach no faster
-    than its fastest points do, measured from their common motion. c (4,), y (4, 3): memory.
+    than its fastest points do, measured from their common motion. radius: taken off distances.
+    c (4,), y (4, 3): memory.
     """
     mean = np.empty(3)
     for k in range(3):
@@ -133,7 +134,7 @@ def advance(x, p, is_corner, kept, until, c, y):
         else:
             second = max(second, square)
     fastest = math.sqrt(first) + math.sqrt(second)
-    distance = math.sqrt(closest_points(x, is_corner, c))
+    distance = math.sqrt(closest_points(x, is_corner, c)) - radius
     if (1.0 - kept) * distance >= until * fastest:
         return until
     least, done = kept * distance, 0.0
@@ -147,7 +148,7 @@ def advance(x, p, is_corner, kept, until, c, y):
         for i in range(4):
             for k in range(3):
                 y[i, k] = x[i, k] + done * p[i, k]
-        distance = math.sqrt(closest_points(y, is_corner, c))
+        distance = math.sqrt(closest_points(y, is_corner, c)) - radius
         if distance <= least:
             break
     return done

@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-from yarnscale.shell.contact.pair_distance import advance, closest_points
+from yarnscale.shell.contact.pair_distance import advance, closest_points, separation
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -25,51 +25,56 @@ def distances(positions, pairs, corners, begin, end):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def close_pairs(positions, pairs, corners, gaps, moved, within, begin, end):
-    """Pairs begin … end − 1 nearer than ``within``: their numbers (k,), coefficients (k, 4) and distances (k,).
+def close_pairs(positions, pairs, corners, gaps, moved, radius, within, begin, end):
+    """Pairs begin … end − 1 nearer than ``within``: numbers (k,), coefficients (k, 4), distances (k,), normals (k, 3).
 
-    gaps: their distances (n,) before vertices moved by lengths (nv,).
+    gaps: their distances (n,) before vertices moved by lengths (nv,); radius: taken off their distances.
     """
     numbers, count = np.empty(end - begin, np.int64), 0
-    found, distances = np.empty((256, 4)), np.empty(256)
-    x, c = np.empty((4, 3)), np.empty(4)
+    coefficients, normals = np.empty((256, 4)), np.empty((256, 3))
+    x, c, r, reach = np.empty((4, 3)), np.empty(4), np.empty(3), within + radius
     for n in range(begin, end):
         is_corner = n < corners
-        if gaps[n] - _both_sides(moved, pairs, n, is_corner) >= within:
+        if gaps[n] - _both_sides(moved, pairs, n, is_corner) >= reach:
             continue
-        if _gap(positions, pairs, n, is_corner) >= within:
+        if _gap(positions, pairs, n, is_corner) >= reach:
             continue
         _gather(positions, pairs, n, x)
-        square = closest_points(x, is_corner, c)
-        if square >= within * within:
+        if closest_points(x, is_corner, c) >= reach * reach:
             continue
-        if count == len(found):
-            found = np.concatenate((found, np.empty_like(found)))
-            distances = np.concatenate((distances, np.empty_like(distances)))
-        numbers[count], distances[count] = n, math.sqrt(square)
-        found[count] = c
+        if count == len(coefficients):
+            coefficients = np.concatenate((coefficients, np.empty_like(coefficients)))
+            normals = np.concatenate((normals, np.empty_like(normals)))
+        separation(x, c, r)
+        numbers[count], coefficients[count], normals[count] = n, c, r
         count += 1
-    return numbers[:count].copy(), found[:count].copy(), distances[:count].copy()
+    normals = normals[:count].copy()
+    lengths = np.empty(count)
+    for k in range(count):
+        lengths[k] = math.sqrt(normals[k, 0] ** 2 + normals[k, 1] ** 2 + normals[k, 2] ** 2)
+        normals[k] /= lengths[k]
+    return numbers[:count].copy(), coefficients[:count].copy(), lengths - radius, normals
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def free_fraction(positions, step, pairs, corners, gaps, moved, ways, kept, until, begin, end):
+def free_fraction(positions, step, pairs, corners, gaps, moved, ways, radius, kept, until, begin, end):
     """Fraction of a step, up to ``until``, in which pairs begin … end − 1 keep a share of their distances.
 
-    gaps: their distances (n,) before vertices moved by lengths (nv,); ways: lengths of the step (nv,).
+    gaps: their distances (n,) before vertices moved by lengths (nv,); ways: lengths of the step (nv,);
+    radius: taken off distances.
     """
     fraction = until
     x, p, y, c = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3)), np.empty(4)
     for n in range(begin, end):
         is_corner = n < corners
         fastest = fraction * _both_sides(ways, pairs, n, is_corner) / (1.0 - kept)
-        if gaps[n] - _both_sides(moved, pairs, n, is_corner) >= fastest:
+        if gaps[n] - _both_sides(moved, pairs, n, is_corner) - radius >= fastest:
             continue
-        if _gap(positions, pairs, n, is_corner) >= fastest:
+        if _gap(positions, pairs, n, is_corner) - radius >= fastest:
             continue
         _gather(positions, pairs, n, x)
         _gather(step, pairs, n, p)
-        fraction = min(fraction, advance(x, p, is_corner, kept, fraction, c, y))
+        fraction = min(fraction, advance(x, p, is_corner, radius, kept, fraction, c, y))
     return fraction
 
 
@@ -81,23 +86,14 @@ def _both_sides(lengths, pairs, n, is_corner):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def add_forces(positions, pairs, coefficients, forces, moments, gradient):
-    """Add, of pairs (n, 4), forces (n,) times the vector between closest points, and moments (n,) times ∇|a × b|².
-
-    a and b: the first and second edge, x₁ − x₀ and x₃ − x₂.
-    """
+def add_moments(positions, pairs, moments, gradient):
+    """Add moments (n,) times ∇|a × b|² of pairs of edges (n, 4), a = x₁ − x₀ and b = x₃ − x₂."""
     x, a, b, u = np.empty((4, 3)), np.empty(3), np.empty(3), np.empty(3)
     first, second = np.empty(3), np.empty(3)
     for n in range(len(pairs)):
-        _gather(positions, pairs, n, x)
-        for k in range(3):
-            r = 0.0
-            for i in range(4):
-                r += coefficients[n, i] * x[i, k]
-            for i in range(4):
-                gradient[pairs[n, i], k] += coefficients[n, i] * forces[n] * r
         if moments[n] == 0.0:
             continue
+        _gather(positions, pairs, n, x)
         for k in range(3):
             a[k], b[k] = x[1, k] - x[0, k], x[3, k] - x[2, k]
         cross(a, b, u)

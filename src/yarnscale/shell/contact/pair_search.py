@@ -37,7 +37,7 @@ class Pairs:
     """Pairs that may be near while every vertex stays in its box ``lowest`` … ``highest`` (nv, 3) [m].
 
     figures: numbers of the vertex and the triangle, for the first ``corners`` pairs, or of the two edges (n, 2);
-    vertices: (n, 4); gaps: distances (n,) [m] at ``origin`` (nv, 3).
+    vertices: (n, 4); gaps: distances (n,) [m] at ``origin`` (nv, 3); radius: of a ball about the vertex of every pair.
     """
 
     lowest: Floats
@@ -47,6 +47,7 @@ class Pairs:
     corners: int
     origin: Floats
     gaps: Floats
+    radius: float = 0.0
 
     def hold(self, positions: Floats) -> bool:
         """Whether every vertex is in its box."""
@@ -66,8 +67,8 @@ class Close:
     """Pairs nearer than some distance at ``positions`` (nv, 3).
 
     vertices: (k, 4); is_corner: whether of a vertex and a triangle, (k,); weights: (k,); coefficients: Σ c x leads
-    from one closest point to the other (k, 4); distances: (k,) [m]; fade: factor of repulsion and its first and
-    second derivative by the squared cross product of edges, each (k,).
+    from one closest point to the other (k, 4); distances: (k,) [m]; normals: their gradients by Σ c x (k, 3); fade:
+    factor of repulsion and its first and second derivative by the squared cross product of edges, each (k,).
     """
 
     positions: Floats
@@ -76,6 +77,7 @@ class Close:
     weights: Floats
     coefficients: Floats
     distances: Floats
+    normals: Floats
     fade: tuple[Floats, Floats, Floats]
 
 
@@ -153,11 +155,11 @@ class PairSearch:
     def nearer(self, positions: Floats, within: float) -> Integers:
         """Vertices (n, 4) of pairs closer than a distance [m]; complete up to the thickness only."""
         pairs = self.along(positions, positions)
-        return pairs.vertices[_nearer(pairs, positions, within)[0]]
+        return pairs.vertices[nearer(pairs, positions, within)[0]]
 
     def _closest(self, positions: Floats, within: float) -> Close:
         pairs = self.along(positions, positions)
-        numbers, coefficients, distances = _nearer(pairs, positions, within)
+        numbers, coefficients, distances, normals = nearer(pairs, positions, within)
         vertices = pairs.vertices[numbers]
         corners, met = np.split(pairs.figures[numbers], [np.searchsorted(numbers, pairs.corners)])
         areas = self.shares[corners[:, 1]] * self.vertex_areas[corners[:, 0]]
@@ -165,7 +167,7 @@ class PairSearch:
         limits = np.concatenate([np.zeros(len(corners)), _PARALLEL * (self.lengths[met] ** 2).prod(axis=1)])
         fade = _fade(pair_loops.crossed_squares(positions, vertices), limits)
         is_corner = np.arange(len(numbers)) < len(corners)
-        return Close(positions, vertices, is_corner, weights, coefficients, distances, fade)
+        return Close(positions, vertices, is_corner, weights, coefficients, distances, normals, fade)
 
     def _search(self, start: Floats, end: Floats) -> Pairs:
         self.searches += 1
@@ -185,19 +187,18 @@ class PairSearch:
         return Pairs(lowest - slack, highest + slack, figures, vertices, len(corners), start, gaps)
 
 
-def _nearer(pairs: Pairs, positions: Floats, within: float) -> tuple[Integers, Floats, Floats]:
-    """Numbers (k,) in order, coefficients (k, 4) and distances (k,) [m] of pairs closer than a distance [m]."""
-
+def nearer(pairs: Pairs, positions: Floats, within: float) -> tuple[Integers, Floats, Floats, Floats]:
+    """Numbers (k,), coefficients, distances and normals (see ``Close``) of pairs closer than ``within`` [m]."""
     moved = np.linalg.norm(positions - pairs.origin, axis=1)
 
-    def part(bounds: tuple[int, int]) -> tuple[Integers, Floats, Floats]:
+    def part(bounds: tuple[int, int]) -> tuple[Integers, Floats, Floats, Floats]:
         return pair_loops.close_pairs(
-            positions, pairs.vertices, pairs.corners, pairs.gaps, moved, within, *bounds
+            positions, pairs.vertices, pairs.corners, pairs.gaps, moved, pairs.radius, within, *bounds
         )
 
     found = run_parts(part, shares(len(pairs.vertices)))
-    numbers, coefficients, distances = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-    return numbers, coefficients, distances
+    numbers, coefficients, distances, normals = (np.concatenate(a) for a in zip(*found, strict=True))
+    return numbers, coefficients, distances, normals
 
 
 def shares(count: int) -> list[tuple[int, int]]:

@@ -1,0 +1,219 @@
+"""Energy, forces, matrix and friction of pairs: a vertex and a triangle, two edges, or a triangle and a ball's centre.
+
+Energy Σ w b(d) over the pairs of a search, those of edges times a factor that vanishes for parallel edges (Li et al.
+2020, sections 4 and 5). The weights w are areas such that the pressure does not depend on the mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.numerics.threads import run_parts
+from yarnscale.shell.contact import pair_hessian, pair_loops
+from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
+from yarnscale.shell.contact.pair_search import Close, Pairs, shares
+from yarnscale.shell.contact.stick import begun_with, ended_with
+from yarnscale.shell.state import Slips
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+KEPT = 0.1
+"""Part of a distance that remains after a step."""
+
+
+class Search(Protocol):
+    """Finds pairs that are near; positions are of all vertices (nv, 3) [m]."""
+
+    def close(self, positions: Floats) -> Close:
+        """Pairs nearer than the thickness."""
+        ...
+
+    def nearer(self, positions: Floats, within: float) -> Integers:
+        """Vertices (n, 4) of pairs closer than a distance [m]; complete up to the thickness only."""
+        ...
+
+    def along(self, start: Floats, end: Floats) -> Pairs:
+        """Pairs that can be near along the straight path from start to end."""
+        ...
+
+    def known(self, start: Floats, moves: Floats) -> tuple[Pairs | None, float]:
+        """Pairs that can be near along a share of moves (nv, 3), and that share, as far as no search is needed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Grip:
+    """Friction contacts of a step: pairs (k, 4), coefficients (k, 4), normals (k, 3), largest friction (k,) [N].
+
+    origin: all vertices at its start (nv, 3) [m]; reach: slip of full friction [m]; begun: elastic slip at the start
+    (k, 3) [m]; between: (k, 5) as in ``Slips``, and signs (k,) for the order of the two edges of a pair.
+    """
+
+    vertices: Integers
+    coefficients: Floats
+    normals: Floats
+    limits: Floats
+    origin: Floats
+    reach: float
+    begun: Floats
+    between: Integers
+    signs: Floats
+
+    def slip(self, positions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Tangential motion of the closest points (k, 3), and its smoothed length f: f, f'/l and f'', each (k,)."""
+        sliding = pair_loops.slips(positions, self.origin, self.vertices, self.coefficients, self.normals)
+        sliding += self.begun
+        return sliding, *smooth_length(np.linalg.norm(sliding, axis=1), self.reach)
+
+
+class PairContact:
+    """Contact of the pairs of a search. Vertices: all ``rows`` of the positions, then ``fixed`` ones (n, 3) [m]."""
+
+    def __init__(self, search: Search, settings: ContactSettings, rows: int, fixed: Floats) -> None:
+        self.search, self.settings, self.rows, self.fixed = search, settings, rows, fixed
+        self._grip: _Grip | None = None
+
+    def start_step(
+        self, positions: Floats, duration: float, time: float, number: int = 0, slips: Slips | None = None
+    ) -> None:
+        if self.settings.friction == 0.0:
+            return
+        everything = self.everything(positions)
+        close = self.search.close(everything)
+        slope, reach = barrier(close.distances, self.settings.thickness)[1], self.settings.slip * duration
+        swapped = ~close.is_corner & (close.vertices[:, 0] > close.vertices[:, 2])
+        between = np.column_stack([2 * number + close.is_corner, close.vertices])
+        between[swapped, 1:] = close.vertices[swapped][:, [2, 3, 0, 1]]
+        signs = np.where(swapped, -1.0, 1.0)
+        begun = signs[:, None] * begun_with(slips, between, close.normals, reach)
+        self._grip = _Grip(
+            close.vertices,
+            close.coefficients,
+            close.normals,
+            -self.settings.friction * close.weights * close.fade[0] * slope,
+            everything,
+            reach,
+            self._carried(close, everything, begun, time, duration),
+            between,
+            signs,
+        )
+
+    def _carried(
+        self, close: Close, everything: Floats, begun: Floats, time: float, duration: float
+    ) -> Floats:
+        """Slips (k, 3) with which a step begins, less the motion of surfaces that vertices do not show."""
+        return begun
+
+    def slips(self, positions: Floats) -> Slips:
+        """Elastic slips at the end of a step."""
+        grip = self._grip
+        if grip is None:
+            return Slips(np.zeros((0, 5), np.int64), np.zeros((0, 3)))
+        sliding = grip.slip(self.everything(positions))[0]
+        return ended_with(grip.between, grip.signs[:, None] * sliding, grip.reach)
+
+    def value(self, positions: Floats) -> float:
+        everything = self.everything(positions)
+        close = self.search.close(everything)
+        if (close.distances <= 0).any():
+            return math.inf
+        energy = barrier(close.distances, self.settings.thickness)[0]
+        value = float((close.weights * close.fade[0]) @ energy)
+        if self._grip is not None:
+            value += float(self._grip.limits @ self._grip.slip(everything)[1])
+        return value
+
+    def gradient(self, positions: Floats, gradient: Floats) -> float:
+        everything = self.everything(positions)
+        close = self.search.close(everything)
+        if (close.distances <= 0).any():
+            return math.inf
+        energy, slope, _ = barrier(close.distances, self.settings.thickness)
+        fade, turning, _ = (close.weights * factor for factor in close.fade)
+        forces = np.zeros_like(everything)
+        pulls = (fade * slope)[:, None] * close.normals
+        pair_loops.add_pulls(close.vertices, close.coefficients, pulls, forces)
+        pair_loops.add_moments(everything, close.vertices, turning * energy, forces)
+        value = float(fade @ energy)
+        if self._grip is not None:
+            grip = self._grip
+            sliding, potential, rate, _ = grip.slip(everything)
+            pair_loops.add_pulls(
+                grip.vertices, grip.coefficients, (grip.limits * rate)[:, None] * sliding, forces
+            )
+            value += float(grip.limits @ potential)
+        gradient += forces[: self.rows]
+        return value
+
+    def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
+        everything, grip = self.everything(positions), self._grip
+        close = self.search.close(everything)
+        count = len(close.distances)
+        pairs = close.vertices if grip is None else np.concatenate([close.vertices, grip.vertices])
+        slots, starts, found = pair_hessian.block_slots(pairs, self.rows)
+        blocks = np.zeros((len(found), 9))
+        self._add_repulsion(close, everything, slots[:count], blocks)
+        if grip is not None:
+            sliding, _, rate, change = grip.slip(everything)
+            pair_hessian.add_friction(
+                grip.vertices,
+                grip.coefficients,
+                grip.normals,
+                sliding,
+                grip.limits * rate,
+                grip.limits * change,
+                slots[count:],
+                blocks,
+            )
+        keys = pair_hessian.scalar_keys(starts, found, 3 * self.rows)
+        return keys, pair_hessian.scalar_entries(starts, found, blocks, len(keys))
+
+    def _add_repulsion(self, close: Close, everything: Floats, slots: Integers, blocks: Floats) -> None:
+        energy, slope, bend = barrier(close.distances, self.settings.thickness)
+        fade, turning, turned = (close.weights * factor for factor in close.fade)
+        pair_hessian.add_repulsion(
+            everything, close.vertices, close.is_corner, close.coefficients, fade * slope, fade * bend,
+            turning * energy, turned * energy, slots, blocks,
+        )  # fmt: skip
+
+    def room(self, positions: Floats, within: float) -> Integers:
+        """Keys, as of ``hessian``, of pairs closer than ``within`` [m]."""
+        near = self.search.nearer(self.everything(positions), within)
+        _, starts, found = pair_hessian.block_slots(near, self.rows)
+        return pair_hessian.scalar_keys(starts, found, 3 * self.rows)
+
+    def bound(self, positions: Floats, step: Floats) -> float:
+        start, end = self.everything(positions), self.everything(positions + step)
+        moves = end - start
+        known, share = self.search.known(start, moves)
+        if known is not None and 0.0 < share < 1.0:
+            # Steps that are cut short need no search along their whole length.
+            fraction = _free_fraction(known, start, moves, share)
+            if fraction < share:
+                return fraction
+        return _free_fraction(self.search.along(start, end), start, moves, 1.0)
+
+    def closest(self, positions: Floats) -> float:
+        return float(self.search.close(self.everything(positions)).distances.min(initial=math.inf))
+
+    def everything(self, positions: Floats) -> Floats:
+        """Every vertex."""
+        return np.concatenate([positions, self.fixed])
+
+
+def _free_fraction(pairs: Pairs, start: Floats, moves: Floats, until: float) -> float:
+    """Fraction of moves (nv, 3), up to ``until``, during which all pairs keep a part of their distance."""
+    moved, ways = np.linalg.norm(start - pairs.origin, axis=1), np.linalg.norm(moves, axis=1)
+
+    def part(bounds: tuple[int, int]) -> float:
+        return pair_loops.free_fraction(
+            start, moves, pairs.vertices, pairs.corners, pairs.gaps, moved, ways, pairs.radius, KEPT, until, *bounds
+        )  # fmt: skip
+
+    return min(run_parts(part, shares(len(pairs.vertices))))
