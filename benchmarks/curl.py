@@ -109,8 +109,9 @@ def homogenized(size: tuple[float, float]) -> tuple[TriangleMesh, np.ndarray]:
 
 def draw(path: Path, piece: YarnSheet, yarns: np.ndarray, mesh: TriangleMesh, surface: np.ndarray) -> None:
     """Both side by side, seen from the lower right."""
-    from yarnscale.show.cloth import ClothFrame, contact_sheet
+    from yarnscale.files.animation import Animation, Moment, Surface
     from yarnscale.show.curves import Curve
+    from yarnscale.show.run_page import frames_picture
     from yarnscale.show.tubes import yarn_picture
 
     parts = [path.with_name(f"{path.stem}-{side}.png") for side in ("yarns", "cloth")]
@@ -118,7 +119,8 @@ def draw(path: Path, piece: YarnSheet, yarns: np.ndarray, mesh: TriangleMesh, su
     curves = [Curve(yarns[a:b], number) for number, (a, b) in enumerate(ends)]
     camera, size = (0.45, -1.0, 0.55), (580, 451)
     yarn_picture(parts[0], curves, piece.radius, camera=camera, size=size)
-    contact_sheet(parts[1], mesh.triangles, [ClothFrame(surface)], camera=camera, size=size)
+    cloth = Animation(np.zeros(1), lambda _: Moment(0.0, cloth=surface), Surface(mesh.triangles))
+    frames_picture(parts[1], cloth, camera=camera, size=size, titles=[" "])
     image = import_module("matplotlib.image")
     image.imsave(path, np.concatenate([image.imread(part)[:, :, :3] for part in parts], axis=1))
     for part in parts:

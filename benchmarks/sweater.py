@@ -97,19 +97,20 @@ def run(scene: Scene) -> list[ClothState]:
 
 def draw(scene: Scene, states: list[ClothState], path: Path) -> None:
     """Eight moments side by side."""
-    from yarnscale.show.cloth import ClothFrame, Solid, contact_sheet
+    from yarnscale.files.animation import Animation, Moment, Surface
+    from yarnscale.show.run_page import frames_picture
 
     bodies = BodySurface(scene.cloth.obstacles)
     chosen = [states[round(k)] for k in np.linspace(0, len(states) - 1, min(8, len(states)))]
-    frames = [
-        ClothFrame(
-            s.positions,
-            solids=[Solid(bodies.vertices(s.time, s.obstacles), bodies.triangles)],
-            title=f"{s.time:.2f} s",
-        )
-        for s in chosen
-    ]
-    contact_sheet(path, scene.cloth.mesh.triangles, frames, columns=4, camera=(0.5, -2.0, 0.4))
+
+    def moment(index: int) -> Moment:
+        state = chosen[index]
+        body = bodies.vertices(state.time, state.obstacles)
+        return Moment(state.time, cloth=state.positions, bodies=body)
+
+    times = np.array([state.time for state in chosen])
+    drawn = Animation(times, moment, Surface(scene.cloth.mesh.triangles), bodies=Surface(bodies.triangles))
+    frames_picture(path, drawn, columns=4, camera=(0.5, -2.0, 0.4))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from yarnscale.files.animation import Animation, Moment, Surface
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
@@ -15,7 +18,7 @@ from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
-from yarnscale.show.cloth import ClothFrame, contact_sheet
+from yarnscale.show.run_page import frames_picture
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE, SPACING = 0.10, 0.004
@@ -25,7 +28,8 @@ MOMENTS = (0.0, 0.04, 0.08)
 def main() -> None:
     """Simulate both and draw three moments of each."""
     mesh = rectangle(SIZE, SIZE, SPACING)
-    frames = []
+    shapes: list[np.ndarray] = []
+    titles: list[str] = []
     for name in ("stockinette", "plain"):
         material = read_material(ROOT / "tests" / "fabrics" / f"{name}.json")
         cloth = Cloth(mesh, material, gravity=(0, 0, 0), contact=ContactSettings(thickness=5e-4), damping=5.0)
@@ -37,8 +41,11 @@ def main() -> None:
             schedule,
             on_frame=lambda _, s, kept=states: kept.append(s),
         )
-        frames += [ClothFrame(s.positions, title=f"{name}, {s.time:.2f} s") for s in states]
-    contact_sheet(ROOT / "docs" / "pictures" / "curl.png", mesh.triangles, frames, columns=len(MOMENTS))
+        shapes += [state.positions for state in states]
+        titles += [f"{name}, {state.time:.2f} s" for state in states]
+    numbers = np.arange(float(len(shapes)))
+    drawn = Animation(numbers, lambda k: Moment(k, cloth=shapes[k]), Surface(mesh.triangles))
+    frames_picture(ROOT / "docs" / "pictures" / "curl.png", drawn, columns=len(MOMENTS), titles=titles)
 
 
 if __name__ == "__main__":

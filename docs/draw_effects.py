@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from yarnscale.files.animation import Animation, Moment, Surface
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
@@ -21,7 +22,7 @@ from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
-from yarnscale.show.cloth import ClothFrame, contact_sheet
+from yarnscale.show.run_page import frames_picture
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE, SPACING, STRETCH = 0.12, 0.005, 0.3
@@ -51,7 +52,8 @@ def pulled(material: SplineMaterial, direction: Direction) -> tuple[np.ndarray, 
 
 def main() -> None:
     """Pull four fabrics along course and wale, whole and with terms of one strain only."""
-    frames = []
+    shapes: list[np.ndarray] = []
+    titles: list[str] = []
     for direction in ("course", "wale"):
         for pairs in (True, False):
             for name in NAMES:
@@ -63,15 +65,15 @@ def main() -> None:
                 told = "" if pairs else ", no pairs"
                 title = f"{name}, {direction}{told}: {force / SIZE:.2g} N/m"
                 print(title, flush=True)
-                frames.append(ClothFrame(positions, title=title))
-    contact_sheet(
-        ROOT / "docs" / "pictures" / "effects.png",
-        MESH.triangles,
-        frames,
-        columns=len(NAMES),
-        camera=(0.25, -0.6, 1.0),
-        size=(len(NAMES) * 500, 4 * 500),
+                shapes.append(positions)
+                titles.append(title)
+    drawn = Animation(
+        np.arange(float(len(shapes))), lambda k: Moment(k, cloth=shapes[k]), Surface(MESH.triangles)
     )
+    frames_picture(
+        ROOT / "docs" / "pictures" / "effects.png", drawn, columns=len(NAMES), camera=(0.25, -0.6, 1.0),
+        size=(500, 500), titles=titles,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

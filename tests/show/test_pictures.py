@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 from matplotlib.image import imread
 
 from yarnscale.errors import InputError
+from yarnscale.files.animation import Animation, Moment, Surface
 from yarnscale.files.body_surface import ball
 from yarnscale.show.canvas import PicturesUnavailable, require_renderer
-from yarnscale.show.cloth import ClothFrame, Solid, contact_sheet
 from yarnscale.show.curves import Curve
+from yarnscale.show.run_page import frames_picture
 from yarnscale.show.seen_tubes import SIDES, tube_mesh
 from yarnscale.show.tubes import yarn_picture
 
@@ -62,17 +64,14 @@ def test_yarn_picture(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixtu
     assert capfd.readouterr() == ("", "")
 
 
-def test_cloth_picture_and_sheet(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_frames_side_by_side(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     positions, triangles = sheet()
     vertices, faces = ball()
-    solids = [Solid(0.3 * vertices - [0, 0, 0.5], faces)]
-    frame = ClothFrame(positions, solids=solids, title="end")
-    contact_sheet(tmp_path / "one.png", triangles, [frame], size=(240, 180))
-    contact_sheet(
-        tmp_path / "all.png",
-        triangles,
-        [ClothFrame(positions), frame, ClothFrame(positions)],
-        size=(400, 300),
+    moment = Moment(0.0, cloth=positions, bodies=0.3 * vertices - [0, 0, 0.5])
+    one = Animation(np.zeros(1), lambda _: moment, Surface(triangles), bodies=Surface(faces))
+    frames_picture(tmp_path / "one.png", one, size=(240, 180), titles=["end"])
+    frames_picture(
+        tmp_path / "all.png", replace(one, times=np.arange(3.0), numbers=()), columns=2, size=(200, 150)
     )
     assert ink(tmp_path / "one.png") > 0.1
     assert imread(tmp_path / "all.png").shape[:2] == (300, 400)
@@ -85,8 +84,6 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
         yarn_picture(tmp_path / "a.png", [broken], 0.1)
     with pytest.raises(InputError, match="radius"):
         yarn_picture(tmp_path / "a.png", [wave(0.1)], -1.0)
-    with pytest.raises(InputError, match="finite"):
-        contact_sheet(tmp_path / "a.png", sheet()[1], [])
     assert list(tmp_path.iterdir()) == []
 
 

@@ -27,8 +27,7 @@ from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes.scene import SceneResult, drape, stretch
-from yarnscale.show.cloth import Solid
-from yarnscale.show.detail import yarn_cloth_picture
+from yarnscale.show.detail import Solid, yarn_cloth_picture
 from yarnscale.show.report import Picture, Section, Table, write_report
 from yarnscale.yarn.material import YarnMaterial
 

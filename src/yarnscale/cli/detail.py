@@ -247,8 +247,7 @@ def _finished(out: Path, offsets: np.ndarray, frames: ClothFrames) -> set[int]:
 
 
 def _draw(path: Path, yarns: YarnDetail, frames: ClothFrames) -> None:
-    from yarnscale.show.cloth import Solid
-    from yarnscale.show.detail import yarn_cloth_picture
+    from yarnscale.show.detail import Solid, yarn_cloth_picture
 
     number = max(frames.paths)
     last, bodies = frames.state(number), frames.bodies(number)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyvista as pv
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, canvas, light
-from yarnscale.show.cloth import Solid, add_solid
 from yarnscale.show.curves import Curve
 from yarnscale.show.seen_tubes import add_tubes, tube_mesh
 
@@ -22,6 +24,15 @@ _SHADED = 2.0
 """Radius [pixels] from which yarns shade each other."""
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A body beside the cloth: ``vertices`` (n, 3) [m], ``triangles`` (m, 3), ``colour`` #rrggbb."""
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    colour: str = theme.OBSTACLE
 
 
 def yarn_cloth_picture(
@@ -64,8 +75,16 @@ def yarn_cloth_picture(
         mesh = tube_mesh(pieces, scale=scale, smooth=4 if near else 0)
         add_tubes(plotter, mesh, radius if scale * radius > _SHADED else None)
         for solid in drawn:
-            add_solid(plotter, solid)
+            _add_solid(plotter, solid)
         plotter.reset_camera_clipping_range()
+
+
+def _add_solid(plotter: Any, solid: Solid) -> None:
+    """Put a body into a picture."""
+    mesh = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
+    plotter.add_mesh(
+        mesh, color=solid.colour, smooth_shading=True, split_sharp_edges=True, ambient=0.3, specular=0.1
+    )
 
 
 def _pieces(curves: CurveSet, positions: Floats, middle: Floats | None, reach: float) -> list[Curve]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -128,7 +128,8 @@ class Film:
     are drawn instead of it. The camera sees all frames and does not move.
 
     colour: "sides" or "stretch", the larger principal stretch. camera: as of ``yarn_picture``. size:
-    width and height [pixels], made even. wires: draw the edges of triangles too. Raises InputError where there is
+    width and height [pixels], made even. wires: draw the edges of triangles too. titles: of the frames, by default
+    their times. Raises InputError where there is
     nothing to draw, the cloth has no material coordinates for its stretch, or the machine cannot draw.
     """
 
@@ -140,8 +141,9 @@ class Film:
         camera: Camera | tuple[float, float, float] = "oblique",
         size: tuple[int, int] = MOVIE_SIZE,
         wires: bool = False,
+        titles: Sequence[str] = (),
     ) -> None:
-        self.animation = animation
+        self.animation, self._titles = animation, titles
         self.size = (size[0] // 2 * 2, size[1] // 2 * 2)
         self._cloth = animation.cloth if animation.yarns is None else None
         self._stretch = self._cloth if colour == "stretch" else None
@@ -174,7 +176,7 @@ class Film:
             stretch = vertex_stretch(self._stretch, moment.cloth)
             np.copyto(np.asarray(self._parts[0][0].point_data["stretch"]), stretch)
             self._parts[0][0].GetPointData().GetArray("stretch").Modified()
-        self._caption.SetInput(f"{moment.time:.2f} s")
+        self._caption.SetInput(self._titles[index] if self._titles else f"{moment.time:.2f} s")
         self._plotter.render()
         return self._plotter.screenshot(return_img=True)
 

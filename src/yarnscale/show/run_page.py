@@ -17,8 +17,8 @@ from yarnscale.show.movie import Film
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 
 CAPTIONS = {"frames.png": "Moments of the run, bodies where they are.", "last.png": "At the end."}
-_MOMENTS, _COLUMNS, _TILE = 6, 3, (640, 500)
-"""Moments of a picture at most, how many in a row, and their size [pixels]."""
+_MOMENTS, _TILE = 6, (640, 500)
+"""Moments of a picture at most, and the size of each [pixels]."""
 View = Camera | tuple[float, float, float]
 
 
@@ -54,15 +54,22 @@ def draw_moments(folder: Path, animation: Animation, camera: View = "oblique") -
     """``frames.png``: up to six moments side by side at one scale; ``last.png``: the last one, larger."""
     count = min(_MOMENTS, len(animation))
     chosen = [animation.numbers[round(k)] for k in np.linspace(0, len(animation) - 1, count)]
-    columns = min(_COLUMNS, count)
-    with Film(animation.among(chosen), camera=camera, size=_TILE) as film:
-        tiles = [film.pixels(k) for k in range(count)]
-    blank = np.full_like(tiles[0], 255)
-    tiles += [blank] * (-count % columns)
-    rows = [np.concatenate(tiles[k : k + columns], axis=1) for k in range(0, len(tiles), columns)]
-    write_png(folder / "frames.png", np.concatenate(rows))
-    with Film(animation.among(chosen[-1:]), camera=camera, size=theme.PICTURE_SIZE) as film:
-        write_png(folder / "last.png", film.pixels(0))
+    frames_picture(folder / "frames.png", animation.among(chosen), camera=camera)
+    frames_picture(folder / "last.png", animation.among(chosen[-1:]), camera=camera, size=theme.PICTURE_SIZE)
+
+
+def frames_picture(
+    path: Path, animation: Animation, *, columns: int = 3, camera: View = "oblique", size: tuple[int, int] = _TILE,
+    titles: Sequence[str] = (),
+) -> None:  # fmt: skip
+    """All frames of an animation side by side at one scale, as a PNG file; size: of each [pixels]; titles: by frame."""
+    with Film(animation, camera=camera, size=size, titles=titles) as film:
+        tiles = [film.pixels(k) for k in range(len(animation))]
+    columns = min(columns, len(tiles))
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
+    write_png(
+        path, np.concatenate([np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)])
+    )
 
 
 def _cell(value: object) -> Cell:
