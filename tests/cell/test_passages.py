@@ -12,11 +12,11 @@ import pytest
 from yarnscale.cell import PeriodicCell, periodic
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.passages import (
+    has_passages,
     jump_is_safe,
     linked_differently,
     passages_between,
     passages_from_drawing,
-    passed,
     safe_move,
 )
 from yarnscale.drawing import library
@@ -92,13 +92,13 @@ def _lifted(points: np.ndarray) -> np.ndarray:
 
 
 def test_a_yarn_lifted_out_of_the_cloth_has_crossed(energy: CellEnergy) -> None:
-    assert passed(energy, _moved(energy, 0, _lifted))
+    assert has_passages(energy, _moved(energy, 0, _lifted))
 
 
 def test_rest_and_small_moves_have_not(energy: CellEnergy) -> None:
-    assert not passed(energy, energy.start())
+    assert not has_passages(energy, energy.start())
     noise = 0.15 * np.random.default_rng(0).standard_normal(3 * energy.count)
-    assert not passed(energy, np.concatenate([noise, energy.pattern.twist]))
+    assert not has_passages(energy, np.concatenate([noise, energy.pattern.twist]))
 
 
 def test_a_weave_with_one_crossing_swapped_has_crossed() -> None:
@@ -173,7 +173,7 @@ def test_links_change_where_a_weft_is_lifted_and_not_where_a_course_is() -> None
     knit = PeriodicCell(library.build("stockinette").repeated(1, 2), MATERIAL).energy(ShellStrain())
     for energy, linked in ((weave, True), (knit, False)):
         x = _moved(energy, 0, _lifted)
-        assert passed(energy, x)
+        assert has_passages(energy, x)
         assert linked_differently(energy, x) == linked
         assert not linked_differently(energy, energy.start())
 
@@ -197,7 +197,7 @@ def test_a_yarn_moved_by_more_than_the_cell_is_seen_to_cross() -> None:
     chain = energy.pattern.yarns[number]
     fluctuation = np.zeros((energy.count, 3))
     fluctuation[chain, 0], fluctuation[chain, 2] = 3.5 * period[0], 0.2
-    assert passed(energy, np.concatenate([fluctuation.ravel(), energy.pattern.twist]))
+    assert has_passages(energy, np.concatenate([fluctuation.ravel(), energy.pattern.twist]))
 
 
 def test_a_course_lifted_out_of_its_loops_is_no_start() -> None:
@@ -222,7 +222,9 @@ def test_a_start_known_to_be_crossed_is_left_aside() -> None:
 def test_a_state_that_a_straight_motion_takes_for_crossed_is_good(monkeypatch: pytest.MonkeyPatch) -> None:
     """Loops may swing around each other on their way; no step of the solver cuts, and its equilibrium is kept."""
     pattern = library.build("stockinette")
-    monkeypatch.setattr(periodic, "passed", lambda *_: True)  # as where the straight motion is of no use
+    monkeypatch.setattr(
+        periodic, "has_passages", lambda *_: True
+    )  # as where the straight motion is of no use
     cell = PeriodicCell(pattern, MATERIAL)
     rest = cell.relax()
     state = cell.relax(ShellStrain(s_x=0.2), start=rest)

@@ -183,10 +183,8 @@ class CellEnergy:
 
     def bound(self, x: Array, step: Array) -> float:
         """Fraction of a step that moves no vertex, twist or pair too far."""
-        n = self.count
-        moves = step[: 3 * n].reshape(-1, 3)
-        longest = math.sqrt(float((moves * moves).sum(1).max()))
-        turn = float(np.abs(step[3 * n :]).max())
+        moves, turns = self.split(step)
+        longest, turn = math.sqrt(float((moves * moves).sum(1).max())), float(np.abs(turns).max())
         fraction = min(1.0, STEP_LIMIT / max(longest, 1e-300), TWIST_LIMIT / max(turn, 1e-300))
         full, positions = self.nodes.expand(x), self.rods.positions
         moves = positions(self.nodes.expand(x + fraction * step)) - positions(full)
@@ -201,6 +199,10 @@ class CellEnergy:
         free = np.concatenate([u.ravel(), theta])
         return self.constraints.project(free)
 
+    def split(self, x: Array) -> tuple[Array, Array]:
+        """Fluctuation (n, 3) [r] and twists (n,) of a free vector."""
+        return x[: 3 * self.count].reshape(-1, 3), x[3 * self.count :]
+
     def parts(self, x: Array) -> dict[str, float]:
         """Energy of stretch, bending with twist, and contact [J/m²]."""
         parts = self.rods.parts(self.nodes.expand(x))
@@ -214,7 +216,7 @@ class CellEnergy:
         full = self.nodes.expand(x)
         nodes = self.rods.positions(self.rods.gradient(full)[1].sum(axis=0))
         loaded = np.flatnonzero((nodes != 0.0).any(axis=1))
-        fluctuation = x[: 3 * self.count].reshape(-1, 3)[self.nodes.source[loaded]]
+        fluctuation = self.split(x)[0][self.nodes.source[loaded]]
         slopes = self.surface.by_state(self.reference[loaded], fluctuation)
         by_anchors = self.rods.bend_twist.by_parameters(full, ANCHORS)
         total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum(

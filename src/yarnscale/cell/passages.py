@@ -50,7 +50,7 @@ def _nodes(energy: CellEnergy, strands: Strands, strain: ShellStrain, fluctuatio
 
 
 def _shape(energy: CellEnergy, x: Array, strain: ShellStrain | None = None) -> Shape:
-    return strain or energy.strain, x[: 3 * energy.count].reshape(-1, 3)
+    return strain or energy.strain, energy.split(x)[0]
 
 
 def passages_from_drawing(energy: CellEnergy, x: Array) -> Passages:
@@ -58,7 +58,7 @@ def passages_from_drawing(energy: CellEnergy, x: Array) -> Passages:
     return passages_between(energy, _shape(energy, np.zeros_like(x)), _shape(energy, x))
 
 
-def passed(energy: CellEnergy, x: Array) -> bool:
+def has_passages(energy: CellEnergy, x: Array) -> bool:
     """Whether the straight motion from the drawing to a free vector takes yarns through each other.
 
     If not, both are the same fabric; if so, they may be.

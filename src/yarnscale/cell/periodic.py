@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
-from yarnscale.cell.passages import jump_is_safe, linked_differently, passed, safe_move
+from yarnscale.cell.passages import has_passages, jump_is_safe, linked_differently, safe_move
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.cell.starts import perturbed
@@ -153,7 +153,7 @@ class PeriodicCell:
         """What one solve from a seed leads to; the seed itself where its yarns would be crossed under the target."""
         energy = self.energy(ShellStrain.from_vector(target))
         start = energy.start(seed[1] / self.pattern.radius, seed[2])
-        cell = replace(self, max_iterations=0) if passed(energy, start) else self
+        cell = replace(self, max_iterations=0) if has_passages(energy, start) else self
         return energy, cell._minimised(energy, start)
 
     def _from_seed(self, target: Array, seed: tuple[ShellStrain, Array, Array]) -> _Reached | None:
@@ -162,7 +162,7 @@ class PeriodicCell:
         energy = self.energy(ShellStrain.from_vector(target))
         start = energy.start(*scaled)
         direct: _Reached | None = None
-        if not passed(energy, start):
+        if not has_passages(energy, start):
             direct = energy, self._minimised(energy, start)
             if direct[1].converged:
                 return direct
@@ -177,7 +177,7 @@ class PeriodicCell:
         """
         energy = self.energy(strain)
         x = energy.start(*scaled)
-        if not passed(energy, x):
+        if not has_passages(energy, x):
             return True
         if linked_differently(energy, x):
             return False
@@ -188,11 +188,7 @@ class PeriodicCell:
         """An unfinished solve, continued: loose yarns touch and part many times before they rest."""
         patient = replace(self, max_iterations=PATIENCE * self.max_iterations)
         further = patient._minimised(energy, solution.x)
-        return replace(
-            further,
-            iterations=solution.iterations + further.iterations,
-            factorisations=solution.factorisations + further.factorisations,
-        )
+        return _with_work(further, solution)
 
     def _released(
         self,
@@ -208,37 +204,31 @@ class PeriodicCell:
         held = replace(self, sliding=False).relax_from(energy.strain, seed, nearby=nearby)
         other = self._minimised(energy, energy.start(held.fluctuation / self.pattern.radius, held.twist))
         better = other.converged and (not solution.converged or other.value < solution.value)
-        return replace(
-            other if better else solution,
-            iterations=solution.iterations + held.iterations + other.iterations,
-            factorisations=solution.factorisations + held.factorisations + other.factorisations,
-        )
+        return _with_work(other, solution, held) if better else _with_work(solution, other, held)
 
     def _stepwise(self, strain: Array) -> _Reached | None:
         """From rest in equal steps, each from the equilibrium before."""
-        n, seed = len(self.pattern.edges), None
-        spent, reached = np.zeros(2, int), None
+        seed, solutions, energy = None, [], None
         for step in range(1, FEWEST_STEPS + 1):
             before, here = (step - 1) / FEWEST_STEPS * strain, step / FEWEST_STEPS * strain
             reached = self._continued(before, here, seed, LARGEST_HALVING)
             if reached is None:
                 return None
-            solution = reached[1]
-            spent += solution.iterations, solution.factorisations
-            seed = solution.x[: 3 * n].reshape(n, 3), solution.x[3 * n :]
-        assert reached is not None
-        return reached[0], replace(reached[1], iterations=int(spent[0]), factorisations=int(spent[1]))
+            energy, solution = reached
+            solutions.append(solution)
+            seed = energy.split(solution.x)
+        assert energy is not None
+        return energy, _with_work(solutions.pop(), *solutions)
 
     def _lowest(self, energy: CellEnergy, solution: Solution) -> Solution:
         """The lowest equilibrium found from perturbed starts about a first one."""
-        best, generator = solution, np.random.default_rng(self.seed)
-        spent = np.array([solution.iterations, solution.factorisations])
+        best, others, generator = solution, [], np.random.default_rng(self.seed)
         for _ in range(self.starts - 1):
             other = self._minimised(energy, perturbed(energy, solution.x, generator))
-            spent += other.iterations, other.factorisations
             if other.converged and (not best.converged or other.value < best.value):
-                best = other
-        return replace(best, iterations=int(spent[0]), factorisations=int(spent[1]))
+                best, other = other, best
+            others.append(other)
+        return _with_work(best, *others)
 
     def _minimised(self, energy: CellEnergy, start: Array) -> Solution:
         return minimise(
@@ -277,27 +267,21 @@ class PeriodicCell:
         half = self._continued(origin, middle, seed, halvings - 1)
         if half is None or not half[1].converged:
             return direct
-        n, x = len(self.pattern.edges), half[1].x
-        further = self._continued(middle, strain, (x[: 3 * n].reshape(n, 3), x[3 * n :]), halvings - 1)
+        further = self._continued(middle, strain, half[0].split(half[1].x), halvings - 1)
         if further is None:
             return direct
-        tried = [half[1]] if direct is None else [half[1], direct[1]]
-        return further[0], replace(
-            further[1],
-            iterations=further[1].iterations + sum(other.iterations for other in tried),
-            factorisations=further[1].factorisations + sum(other.factorisations for other in tried),
-        )
+        return further[0], _with_work(further[1], half[1], *([] if direct is None else [direct[1]]))
 
     def _equilibrium(
         self, energy: CellEnergy, solution: Solution, seconds: float, *, crossed: bool
     ) -> Equilibrium:
-        n, unit = len(self.pattern.edges), energy.unit / self.pattern.area
-        gaps = energy.gaps(solution.x)
+        unit, gaps = energy.unit / self.pattern.area, energy.gaps(solution.x)
+        fluctuation, twist = energy.split(solution.x)
         return Equilibrium(
             strain=energy.strain,
             positions=energy.positions(solution.x),
-            twist=solution.x[3 * n :].copy(),
-            fluctuation=solution.x[: 3 * n].reshape(n, 3) * self.pattern.radius,
+            twist=twist.copy(),
+            fluctuation=fluctuation * self.pattern.radius,
             energy_density=solution.value * unit,
             energy_parts=energy.parts(solution.x),
             stress=energy.stress(solution.x),
@@ -351,3 +335,12 @@ class PeriodicCell:
     def sensitivities(self, state: Equilibrium) -> Sensitivities:
         """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium."""
         return sensitivities(self.energy(state.strain), state, self.backend)
+
+
+def _with_work(solution: Solution, *others: Solution | Equilibrium) -> Solution:
+    """A solution whose counts of work include those of others."""
+    return replace(
+        solution,
+        iterations=solution.iterations + sum(other.iterations for other in others),
+        factorisations=solution.factorisations + sum(other.factorisations for other in others),
+    )

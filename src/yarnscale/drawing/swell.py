@@ -211,7 +211,7 @@ def _forces(x, end, tile, rest, copies, source, ends, first, second, diameter, f
         e, g = first[m], second[m]
         a, b, h, k = source[e], source[ends[e]], source[g], source[ends[g]]
         p, q, o, w = copies[e], copies[ends[e]], copies[g], copies[ends[g]]
-        s, t, gap = closest_points(p[0], p[1], p[2], q[0], q[1], q[2], o[0], o[1], o[2], w[0], w[1], w[2])
+        s, t, gap = closest_points(copies, e, ends[e], g, ends[g])
         gap = np.sqrt(gap)
         touch = 0.5 * (diameter[a] + diameter[h])
         if gap >= touch:

@@ -61,7 +61,7 @@ class EdgeFrames:
 class FabricEnergy(RodEnergy):
     """Energy of a sheet as a function of [positions / r, twists].
 
-    springs: hold boundaries together. contact: whether yarns touch each other at all.
+    springs: hold boundaries together.
     """
 
     def __init__(
@@ -70,9 +70,8 @@ class FabricEnergy(RodEnergy):
         material: Materials,
         *,
         springs: Springs | None = None,
-        contact: bool = True,
     ) -> None:
-        super().__init__(PatternStiffness.of(sheet, material), sheet.strands, contact=contact)
+        super().__init__(PatternStiffness.of(sheet, material), sheet.strands)
         self.sheet, self.force_unit = sheet, self.unit / self.radius
         self.springs = Springs.none() if springs is None else springs
         ties = np.column_stack(

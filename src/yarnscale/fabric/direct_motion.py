@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount
+from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.kinematics import GRAVITY
@@ -190,17 +190,13 @@ class FabricDynamics(Body[FabricMotion]):
         passages = motion.passages if self.count is None else self.count.found.rows
         return FabricMotion(x, velocity, time, shift, self.energy.frames, passages, before)
 
-    def _arrive(self, x: Array) -> None:
-        self.energy.anchor(x)
-        if self.count is not None:
-            self.count.follow(x)
-
     def _minimised(
         self, objective: FabricObjective, motion: FabricMotion, enough: float, iterations: int
     ) -> Solution:
         """The least of a step's energy, from where the fabric is, up to a gain of ``enough`` [E π r³]."""
         return minimise(
-            objective, motion.x, bound=self.energy.bound, after_step=self._arrive, tolerance=self.tolerance,
+            objective, motion.x, bound=self.energy.bound, tolerance=self.tolerance,
+            after_step=lambda x: arrive(self.energy, x, self.count),
             enough=enough, max_iterations=iterations, shift=replace(_SHIFT, start=motion.shift),
             check_minimum=False, linear=self._linear,
         )  # fmt: skip
@@ -224,7 +220,7 @@ class FabricDynamics(Body[FabricMotion]):
         velocity[held] = led
         step = duration * velocity
         x = motion.x + min(1.0, energy.bound(motion.x, step)) * step
-        self._arrive(x)
+        arrive(energy, x, self.count)
         moved = self._moved(motion, x, velocity, motion.time + duration, motion.shift)
         return Step(moved, Status.CONVERGED, duration)
 

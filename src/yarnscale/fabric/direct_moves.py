@@ -22,12 +22,17 @@ def safe_way(energy: FabricEnergy, start: Array, goal: Array, count: PassageCoun
             break
         fraction = energy.bound(x, step)
         x = goal if fraction >= 1.0 else x + fraction * step
-        energy.anchor(x)
-        if count is not None:
-            count.follow(x)
+        arrive(energy, x, count)
         if fraction < 1e-3:
             break
     return x
+
+
+def arrive(energy: FabricEnergy, x: Array, count: PassageCount | None) -> None:
+    """Carry frames to a state (4n,) that a step has reached, and count passages on the way there."""
+    energy.anchor(x)
+    if count is not None:
+        count.follow(x)
 
 
 class PassageCount:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount
+from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.kkt import ConstrainedSolver
@@ -129,13 +129,8 @@ def equilibrium(
     solver = ConstrainedSolver(None, None) if linear is None else linear
     energy.anchor(start)
 
-    def after(x: Array) -> None:
-        energy.anchor(x)
-        if count is not None:
-            count.follow(x)
-
     solution: Solution = minimise(
-        objective, start, bound=energy.bound, after_step=after, tolerance=tolerance,
+        objective, start, bound=energy.bound, after_step=lambda x: arrive(energy, x, count), tolerance=tolerance,
         max_iterations=max_iterations, shift=ShiftRule(), check_minimum=False, linear=solver,
     )  # fmt: skip
     return Rest(

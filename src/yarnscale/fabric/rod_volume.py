@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion
-from yarnscale.fabric.direct_moves import PassageCount
+from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.numerics.affine import FreeUnknowns, MappedObjective, NodeMap
@@ -80,15 +80,10 @@ class RodVolume:
             move[positions.places] = nodes.expand(step) - nodes.offset
             return energy.bound(state(free), move)
 
-        def after(free: Array) -> None:
-            x = state(free)
-            energy.anchor(x)
-            if count is not None:
-                count.follow(x)
-
         solution = minimise(
             MappedObjective(MappedObjective(objective, positions), nodes), np.zeros(self.unknowns),
-            bound=bound, after_step=after, tolerance=tolerance, enough=enough, max_iterations=max_iterations,
+            bound=bound, after_step=lambda free: arrive(energy, state(free), count), tolerance=tolerance,
+            enough=enough, max_iterations=max_iterations,
             shift=_SHIFT, check_minimum=False,
         )  # fmt: skip
         return replace(solution, x=state(solution.x))

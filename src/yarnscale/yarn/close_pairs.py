@@ -53,11 +53,11 @@ def close_pairs(
 
 
 @numba.njit(**_JIT)
-def closest_points(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz):
-    """Places s, t in [0, 1] on the segments a–b and c–d that are closest, and their squared distance."""
-    ux, uy, uz = bx - ax, by - ay, bz - az
-    vx, vy, vz = dx - cx, dy - cy, dz - cz
-    wx, wy, wz = ax - cx, ay - cy, az - cz
+def closest_points(x, a, b, c, d):
+    """Places s, t in [0, 1] on the segments x[a]–x[b] and x[c]–x[d] that are closest, and their squared distance."""
+    ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    vx, vy, vz = x[d, 0] - x[c, 0], x[d, 1] - x[c, 1], x[d, 2] - x[c, 2]
+    wx, wy, wz = x[a, 0] - x[c, 0], x[a, 1] - x[c, 1], x[a, 2] - x[c, 2]
     uu, vv, uv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
     uw, vw = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
     skew = uu * vv - uv * uv
@@ -67,14 +67,8 @@ def closest_points(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz):
         t, s = 0.0, min(max(-uw / uu, 0.0), 1.0)
     elif t > 1.0:
         t, s = 1.0, min(max((uv - uw) / uu, 0.0), 1.0)
-    x, y, z = wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz
-    return s, t, x * x + y * y + z * z
-
-
-@numba.njit(**_JIT)
-def segment_gap(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz):
-    """Squared distance of the segments a–b and c–d."""
-    return closest_points(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz)[2]
+    dx, dy, dz = wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz
+    return s, t, dx * dx + dy * dy + dz * dz
 
 
 @numba.njit(**_JIT)
@@ -165,11 +159,7 @@ def _find(
                         i, j, tiles[tile], neighbours, yarn, place, walked, lengths, shift
                     ):
                         continue
-                    e, f = ends[i], ends[g]
-                    gap = segment_gap(
-                        nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[e, 0], nodes[e, 1], nodes[e, 2],
-                        nodes[g, 0], nodes[g, 1], nodes[g, 2], nodes[f, 0], nodes[f, 1], nodes[f, 2],
-                    )  # fmt: skip
+                    gap = closest_points(nodes, i, ends[i], g, ends[g])[2]
                     if gap < limit * limit:
                         if found == pairs.shape[0]:
                             return -1
@@ -236,13 +226,7 @@ def pair_gaps(nodes, ends, first, second):
     gaps = np.empty(first.shape[0])
     for m in range(first.shape[0]):
         i, g = first[m], second[m]
-        e, f = ends[i], ends[g]
-        gaps[m] = np.sqrt(
-            segment_gap(
-                nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[e, 0], nodes[e, 1], nodes[e, 2],
-                nodes[g, 0], nodes[g, 1], nodes[g, 2], nodes[f, 0], nodes[f, 1], nodes[f, 2],
-            )
-        )  # fmt: skip
+        gaps[m] = np.sqrt(closest_points(nodes, i, ends[i], g, ends[g])[2])
     return gaps
 
 
@@ -260,9 +244,6 @@ def safe_fraction(nodes, moves, ends, first, second, share):
                 largest = max(largest, x * x + y * y + z * z)
         if largest == 0.0:
             continue
-        gap = segment_gap(
-            nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[e, 0], nodes[e, 1], nodes[e, 2],
-            nodes[g, 0], nodes[g, 1], nodes[g, 2], nodes[f, 0], nodes[f, 1], nodes[f, 2],
-        )  # fmt: skip
+        gap = closest_points(nodes, i, e, g, f)[2]
         fraction = min(fraction, share * np.sqrt(gap / largest))
     return fraction

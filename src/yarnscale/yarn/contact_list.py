@@ -60,14 +60,10 @@ class ContactList:
         *,
         symmetric: bool = False,
         turning: Array | None = None,
-        contact: bool = True,
     ) -> None:
-        """symmetric: every pair from both sides, half each. turning: rotation vectors of copies (T·n, 3), None: flat.
-
-        contact: whether yarns touch each other at all.
-        """
+        """symmetric: every pair from both sides, half each. turning: rotation vectors (T·n, 3), None: flat."""
         self._strands, self._stiffness = strands, stiffness
-        self._symmetric, self._turning, self._touch = symmetric, turning, contact
+        self._symmetric, self._turning = symmetric, turning
         self._length = stiffness.pattern.rest_length / stiffness.pattern.radius
         self.reach = contact_reach(stiffness.rule)
         self._last: Contacts | None = None
@@ -102,8 +98,6 @@ class ContactList:
         Copies are those of an endless periodic surface: more than half a turn apart, two of them are near in space only
         because the cylinder closes on itself, which no cloth that is bent like this at one point has to do.
         """
-        if not self._touch:
-            return np.empty(0, np.int64), np.empty(0, np.int64)
         first, second = close_pairs(
             self._strands, positions, reach, neighbours=self._stiffness.rule.neighbours,
             ordered=self._symmetric, moves=moves,

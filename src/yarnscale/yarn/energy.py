@@ -47,12 +47,11 @@ class RodEnergy:
         copies: CopiedNodes | None = None,
         symmetric: bool = False,
         turning: Array | None = None,
-        contact: bool = True,
         margin: float = PATTERN_MARGIN,
     ) -> None:
         """copies: how nodes follow from free vertices; None: they are these. margin: as ``PATTERN_MARGIN`` [r].
 
-        symmetric, turning, contact: as in ``ContactList``.
+        symmetric, turning: as in ``ContactList``.
         """
         self.stiffness, self.strands, self.unit, self.count = (
             stiffness,
@@ -67,9 +66,7 @@ class RodEnergy:
         before, scalars = strands.before[joints], 3 * self.count * len(strands.tiles)
         nodes = position_variables(np.stack([before, joints, ends[joints]], 1))
         self._joint_variables = np.column_stack([nodes, scalars + before % self.count, scalars + joints])
-        self.contact_list = ContactList(
-            strands, stiffness, symmetric=symmetric, turning=turning, contact=contact and len(edges) > 1
-        )
+        self.contact_list = ContactList(strands, stiffness, symmetric=symmetric, turning=turning)
         self._copies, self._margin, self._positions_end = copies, margin, scalars
         self._rotation = NOT_TURNED if copies is None else copies.rotation
         self._others: tuple[StencilSet, ...] = ()
