@@ -15,8 +15,8 @@ to_rest = ys.Schedule(duration=0.1, time_step=1 / 120)  # dynamics, then steps w
 
 volume = ys.BoundingVolume.around(fabric.sheet.vertices, (5, 5))
 scenes = {
-    "every yarn": ys.RodScene(fabric, loads, to_rest),
-    "in a volume": ys.RodScene(fabric, loads, to_rest, volume=volume),
+    "every yarn": ys.RodScene(fabric, loads, schedule=to_rest),
+    "in a volume": ys.RodScene(fabric, loads, schedule=to_rest, volume=volume),
 }
 drops = []
 for name, scene in scenes.items():
@@ -32,7 +32,7 @@ assert np.isclose(grip[1], weight, rtol=0.02) and 0.0 < drops[1] < drops[0]
 
 knit = ys.jersey(6, 6, ys.YarnMaterial.preset("wool"))
 around = ys.BoundingVolume.around(knit.control, (5, 5))
-result = ys.run(ys.SplineScene(knit, ys.Schedule(0.2, 1 / 240, to_rest=False), volume=around))
+result = ys.run(ys.SplineScene(knit, schedule=ys.Schedule(0.2, 1 / 240, to_rest=False), volume=around))
 counts = result.summary()
 print(f"jersey: {counts['unknowns']} unknowns, {counts['reduced_unknowns']} in its volume")
 assert result.succeeded and counts["reduced_unknowns"] == 150

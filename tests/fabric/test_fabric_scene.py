@@ -36,7 +36,7 @@ def plain() -> RodFabric:
 def test_a_free_fabric_falls_as_implicit_steps_let_it(plain: RodFabric, reduced: bool) -> None:
     """g Δt² n (n + 1) / 2 along gravity of 5 m/s², every point of it."""
     volume = BoundingVolume.around(plain.sheet.vertices, (4, 4)) if reduced else None
-    result = run(RodScene(plain, FREE, SHORT, damping=3.0, volume=volume))
+    result = run(RodScene(plain, FREE, schedule=SHORT, damping=3.0, volume=volume))
     fallen = 5.0 * STEP**2 * STEPS * (STEPS + 1) / 2
     assert result.succeeded
     assert result.measures["centre_drop"] == pytest.approx(fallen, rel=1e-3)
@@ -46,7 +46,9 @@ def test_a_free_fabric_falls_as_implicit_steps_let_it(plain: RodFabric, reduced:
 
 
 def test_without_gravity_nothing_falls(plain: RodFabric) -> None:
-    result = run(RodScene(plain, stretch(plain.sheet, amount=0.01, duration=0.02), Schedule(0.02, STEP)))
+    result = run(
+        RodScene(plain, stretch(plain.sheet, amount=0.01, duration=0.02), schedule=Schedule(0.02, STEP))
+    )
     assert result.measures["centre_drop"] is None is result.measures["lower_edge_drop"]
     assert result.measures["force"] is not None and result.measures["force"] > 0.0
 
@@ -55,22 +57,22 @@ def test_hanging_splines_fall_less_in_a_volume() -> None:
     knit = jersey(3, 3, WOOL)
     volume = BoundingVolume.around(knit.control, (4, 4))
     drops = []
-    for scene in (SplineScene(knit, SHORT), SplineScene(knit, SHORT, volume=volume)):
+    for scene in (SplineScene(knit, schedule=SHORT), SplineScene(knit, schedule=SHORT, volume=volume)):
         drops.append(float(run(scene).measures["centre_drop"] or 0.0))
     assert 0.0 < drops[1] < drops[0]
     with pytest.raises(InputError, match="a volume"):
-        SplineScene(knit, SHORT, adaptive=True)
+        SplineScene(knit, schedule=SHORT, adaptive=True)
 
 
 def test_a_run_goes_on_in_its_folder_and_refuses_another_scene(plain: RodFabric, tmp_path: Path) -> None:
-    scene = RodScene(plain, hang(plain.sheet), SHORT)
+    scene = RodScene(plain, hang(plain.sheet), schedule=SHORT)
     frames: list[int] = []
     run(scene, tmp_path, on_frame=lambda number, _: frames.append(number))
     assert frames == [0, 1, 2, 3] == list(read_curve_frames(tmp_path).paths)
     again = run(scene, tmp_path, resume=True, on_frame=lambda number, _: frames.append(number))
     assert len(frames) == 4 and again.run.steps == STEPS
     moved = replace(plain, sheet=plain.sheet.moved(1.001 * plain.sheet.vertices))
-    other = RodScene(moved, hang(moved.sheet), SHORT)
+    other = RodScene(moved, hang(moved.sheet), schedule=SHORT)
     with pytest.raises(InputError, match="another fabric, another loads"):
         run(other, tmp_path, resume=True)
     assert np.isfinite(read_curve_frames(tmp_path).points(3)[0]).all()

@@ -81,6 +81,15 @@ def _model(options: argparse.Namespace) -> str:
     return model
 
 
+def _method(options: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of every scene."""
+    return {
+        "schedule": fabric_schedule(options.duration, options.time_step), "damping": options.damping,
+        "method": "explicit" if options.explicit else "implicit", "integrator": options.integrator,
+        "may_give_way": options.may_give_way,
+    }  # fmt: skip
+
+
 # --- splines ------------------------------------------------------------------------------------------
 
 
@@ -98,11 +107,7 @@ def _splines(options: argparse.Namespace) -> int:
         return _counted(options, {**knitted.counts(), **held})
 
     def scene() -> SplineScene:
-        return SplineScene(
-            knitted, fabric_schedule(options.duration, options.time_step), options.damping, volume,
-            options.adaptive, "explicit" if options.explicit else "implicit", options.integrator,
-            may_give_way=options.may_give_way,
-        )  # fmt: skip
+        return SplineScene(knitted, volume=volume, adaptive=options.adaptive, **_method(options))
 
     return _simulated(options, YarnMotion, scene, pattern=knitted.control, yarn=yarn)
 
@@ -133,28 +138,19 @@ def _rods(options: argparse.Namespace) -> int:
     yarn.say()
     plan = _planned(options)
 
-    def laid() -> RodFabric:
-        return _laid(options, pattern, yarn)
-
     if options.count:
-        sheet = laid().sheet
+        sheet = _laid(options, pattern, yarn).sheet
         return _counted(options, rod_counts(sheet, _volume(options, sheet)))
 
     def scene() -> RodScene:
-        fabric = laid()
+        fabric, method = _laid(options, pattern, yarn), _method(options)
         if plan is not None:
             fabric = replace(fabric, sheet=plan.laid(fabric.sheet))
+            allowed = plan.may_give_way or options.may_give_way
+            method |= {"schedule": plan.schedule, "damping": plan.damping, "may_give_way": allowed}
+        loads = _loads(options, fabric.sheet) if plan is None else plan.of(fabric.sheet)
         friction = USUAL_FRICTION if options.friction is None else options.friction
-        made = RodScene(
-            fabric, _loads(options, fabric.sheet) if plan is None else plan.of(fabric.sheet),
-            fabric_schedule(options.duration, options.time_step), options.damping, friction,
-            _volume(options, fabric.sheet), "explicit" if options.explicit else "implicit", options.integrator,
-            options.may_give_way,
-        )  # fmt: skip
-        if plan is None:
-            return made
-        allowed = plan.may_give_way or options.may_give_way
-        return replace(made, schedule=plan.schedule, damping=plan.damping, may_give_way=allowed)
+        return RodScene(fabric, loads, friction=friction, volume=_volume(options, fabric.sheet), **method)
 
     mesh = None if options.on is None else options.on.read_text(errors="replace")
     parts = {"pattern": pattern, "yarn": yarn.materials, "mesh": mesh, "file": plan}

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Generic, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.motion.body import Body, State
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.motion.body import Body, Method, State
+from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.run import Run
 from yarnscale.motion.schedule import Schedule
@@ -38,19 +40,26 @@ class YarnLines(NamedTuple):
     colours: NDArray[np.int64]
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FabricScene(ABC, Generic[State]):
     """A finite fabric to simulate.
 
-    schedule: of the motion; may_give_way: whether grips may be kept from their prescribed places; gravity [m/s²].
+    schedule: of the motion. damping: rate at which non-rigid motion decays [1/s]. volume: around the yarns, whose
+    control points are then the unknowns. method: of steps; explicit ones are as long as is stable. integrator: of
+    implicit ones. may_give_way: whether grips may be kept from their prescribed places.
     """
 
-    schedule: Schedule
-    may_give_way: bool
+    schedule: Schedule = field(default_factory=fabric_schedule)
+    damping: float = 1.0
+    volume: BoundingVolume | None = None
+    method: Method = "implicit"
+    integrator: Integrator = "euler"
+    may_give_way: bool = False
 
     @property
     def settings(self) -> dict[str, object]:
         """All that shapes a run, by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
     @property
     @abstractmethod

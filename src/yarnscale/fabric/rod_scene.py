@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,16 +13,13 @@ from yarnscale.checked import checked
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_moves import PassageCount
-from yarnscale.fabric.fabric_scene import FabricScene, YarnLines, fabric_schedule
+from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.rod_fabric import RodFabric
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.motion.body import Method
-from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Obstacle
-from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.friction import YarnFriction
 
 Array = NDArray[np.float64]
@@ -37,21 +34,14 @@ curls (docs/validation/fabric.md)."""
 class RodScene(FabricScene[FabricMotion]):
     """A fabric of rods to simulate.
 
-    loads: gravity, grips and obstacles, such as ``sheet_scenes.hang(fabric.sheet)``. damping: rate at which non-rigid
-    motion decays [1/s]. friction: coefficient between yarns. volume: around ``fabric.sheet.vertices``, whose control
-    points are then the unknowns. method: of steps; explicit ones are as long as is stable. integrator: of implicit
-    ones.
+    loads: gravity, grips and obstacles, such as ``sheet_scenes.hang(fabric.sheet)``. friction: coefficient between
+    yarns. volume: around ``fabric.sheet.vertices``. Other arguments: see ``FabricScene``.
     """
 
     fabric: RodFabric
     loads: SheetScene
-    schedule: Schedule = field(default_factory=fabric_schedule)
-    damping: float = 1.0
+    _: KW_ONLY
     friction: float = USUAL_FRICTION
-    volume: BoundingVolume | None = None
-    method: Method = "implicit"
-    integrator: Integrator = "euler"
-    may_give_way: bool = False
 
     @cached_property
     def energy(self) -> FabricEnergy:

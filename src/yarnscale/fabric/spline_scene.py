@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveVolume
-from yarnscale.fabric.fabric_scene import FabricScene, YarnLines, fabric_schedule
+from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, SplineMotion, YarnMotion
-from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.motion.body import Method
-from yarnscale.motion.integrator import Integrator
-from yarnscale.motion.schedule import Schedule
 
 Array = NDArray[np.float64]
 
@@ -30,19 +26,14 @@ _POINTS_PER_SEGMENT = 3
 class SplineScene(FabricScene[YarnMotion]):
     """A fabric of spline yarns to simulate, held along its last row.
 
-    damping: rate at which free motion decays [1/s]. volume: around ``fabric.control``, whose control points are then
-    the unknowns; adaptive: whether it inserts and removes knots. gravity: [m/s²]. integrator: of implicit steps.
+    volume: around ``fabric.control``; adaptive: whether it inserts and removes knots. gravity: [m/s²]. Other arguments:
+    see ``FabricScene``.
     """
 
     fabric: SplineFabric
-    schedule: Schedule = field(default_factory=fabric_schedule)
-    damping: float = 1.0
-    volume: BoundingVolume | None = None
+    _: KW_ONLY
     adaptive: bool = False
-    method: Method = "implicit"
-    integrator: Integrator = "euler"
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
-    may_give_way: bool = False
 
     def __post_init__(self) -> None:
         if self.adaptive and self.volume is None:
