@@ -9,21 +9,25 @@ rate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.optimize import isotonic_regression
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.measurements import at_zero_force
+from yarnscale.estimate.measurements import POWER_LOAD, StretchRun, Unloading, at_zero_force
 from yarnscale.estimate.slack import slack_and_offset
 
 Array = NDArray[np.float64]
 Cycle = Literal["first", "last"]
 CYCLES: tuple[Cycle, ...] = ("first", "last")
 
+_USED = 1.1
+"""Forces are used up to this multiple of the power range."""
 _BINS = 200
 """Readings that are kept of a loading, at most."""
 _BLOCKS = 2000
@@ -40,12 +44,16 @@ _NOTABLE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Loading:
-    """Force, which does not fall [N], length [m] and width [m] or None of one loading, all (n,), and remarks on it."""
+    """Force, which does not fall [N], length [m] and width [m] or None of one loading, all (n,), and remarks on it.
+
+    unloading: the branch that follows, None where there is none.
+    """
 
     force: Array
     length: Array
     width: Array | None
     remarks: tuple[str, ...] = ()
+    unloading: Unloading | None = None
 
 
 def loading(
@@ -62,7 +70,10 @@ def loading(
     largest_force: end of the range that is used [N]. cycle: which of several loadings that reach 90 % of the largest
     force counts. Raises InputError where no loading of three readings is found.
     """
-    begin, end, remarks = _branch(force, length, largest_force, cycle)
+    begin, end, back, remarks = _branch(force, length, largest_force, cycle)
+    unloading = _unloading(force[begin:back], length[begin:back], end - begin)
+    if unloading is not None and unloading.lost_work is not None:
+        remarks.append(f"unloading does not give back {100 * unloading.lost_work:.0f} % of the work")
     columns = [column[begin:end] for column in (force, length, width) if column is not None]
     rising = isotonic_regression(columns[0]).x
     beyond = np.flatnonzero(rising > largest_force)
@@ -74,20 +85,55 @@ def loading(
         raise InputError("loading", expected="three readings or more whose force grows", found=len(rising))
     longer = isotonic_regression(columns[1]).x
     columns, counts = _binned(columns, rising, longer)
-    return _from_zero(columns, counts, float(longer[0]), remarks)
+    return replace(_from_zero(columns, counts, float(longer[0]), remarks), unloading=unloading)
 
 
-def _branch(force: Array, length: Array, largest_force: float, cycle: Cycle) -> tuple[int, int, list[str]]:
-    """First reading and end of the loading, and what is said of the rest."""
+def stretch_run(
+    name: str,
+    force: Array,
+    length: Array,
+    middle: Array | None,
+    *,
+    swatch_width: float,
+    cycle: Cycle = "first",
+) -> tuple[StretchRun, tuple[str, ...]]:
+    """The loading up to the end of the power range of a swatch of some width [m], as a run, and remarks."""
+    found = loading(force, length, middle, largest_force=_USED * POWER_LOAD * swatch_width, cycle=cycle)
+    return StretchRun(name, found.force, found.length, found.width, found.unloading), found.remarks
+
+
+def _unloading(force: Array, length: Array, top: int) -> Unloading | None:
+    """The branch from the reading ``top`` on, and the work that it does not give back."""
+    if len(force) - top < 3:
+        return None
+    up, down = slice(0, top), slice(top - 1, None)
+    level = float(min(force[0], force[-1]))
+    returned = length[top - 1] - length[-1] > 0.5 * (length[top - 1] - length[0])
+    lost = None
+    if returned and force[-1] - level <= 0.2 * (force[top - 1] - level):
+        work, back = (float(trapezoid(force[part] - level, length[part])) for part in (up, down))
+        lost = min(max(1.0 + back / work, 0.0), 1.0) if work > 0 else None
+    every = max(1, (len(force) - top) // _BINS)
+    return Unloading(force[top::every], length[top::every], lost)
+
+
+def _branch(
+    force: Array, length: Array, largest_force: float, cycle: Cycle
+) -> tuple[int, int, int, list[str]]:
+    """First reading and end of the loading, end of the unloading that follows, and what is said of the rest."""
     edges = np.unique(np.linspace(0, len(force), min(len(force), _BLOCKS) + 1).astype(int))
     sizes = np.diff(edges)
     force, length = (np.add.reduceat(values, edges[:-1]) / sizes for values in (force, length))
     turns = _turns(length, _least_fall(length, 0.1))
-    found = []
-    for low, high in zip(turns[::2], turns[1::2], strict=False):
+    found, backs = [], []
+    for low, high, back in zip_longest(turns[::2], turns[1::2], turns[2::2]):
+        if high is None:
+            continue
         peak = low + int(np.argmax(force[low : high + 1]))
         broken = force[peak] - force[low : high + 1][-1] > _least_fall(force, 0.25)
         found.append((low, peak if broken else high))
+        # A swatch that tore does not unload.
+        backs.append(high if back is None or force[high] < 0.75 * force[peak] else back)
     tops = np.array([min(force[low : high + 1].max(), largest_force) for low, high in found])
     # A log may begin with the swatch extended, and unload first: a loading begins below half of the force.
     begins = np.array([force[low] < 0.5 * tops.max() for low, _ in found])
@@ -96,6 +142,7 @@ def _branch(force: Array, length: Array, largest_force: float, cycle: Cycle) -> 
     chosen = int(full[0 if cycle == "first" else -1])
     low, high = found[chosen]
     begin, end = int(edges[low]), int(edges[high + 1])
+    back = max(end, int(edges[backs[chosen] + 1]))
     remarks = []
     if len(found) > 1 and (np.diff(found, axis=1) > 1).sum() > 1:
         remarks.append(
@@ -103,7 +150,7 @@ def _branch(force: Array, length: Array, largest_force: float, cycle: Cycle) -> 
         )
     elif high + 1 < len(force) and force[high + 1 :].min() < _REACHED * tops[chosen]:
         remarks.append(f"{edges[-1] - end} readings after the loading (unloading or break) are left out")
-    return begin, end, remarks
+    return begin, end, back, remarks
 
 
 def _ordinal(k: int) -> str:

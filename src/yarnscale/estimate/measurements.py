@@ -48,10 +48,24 @@ class Direction(Enum):
 
 
 @dataclass(frozen=True, eq=False)
+class Unloading:
+    """The swatch on its way back, which no fit uses.
+
+    force [N] and length [m] in the order of time, (n,); lost_work: share of the work of the loading that is not given
+    back, None where the way back was not measured to its end.
+    """
+
+    force: Array
+    length: Array
+    lost_work: float | None
+
+
+@dataclass(frozen=True, eq=False)
 class StretchRun:
     """One loading of a swatch.
 
     force: [N]; length: distance of the clamps [m]; width: at the middle [m], None where it was not measured; all (n,).
+    unloading: what followed, None where it was not measured.
     force never falls. Raises InputError for anything that is not such a run.
     """
 
@@ -59,6 +73,7 @@ class StretchRun:
     force: Array
     length: Array
     width: Array | None = None
+    unloading: Unloading | None = None
 
     def __post_init__(self) -> None:
         where = f"run '{self.name}'"
@@ -206,6 +221,13 @@ class StretchTest:
         """Width at zero force over which contraction was measured, mean over runs [m]; the swatch's at most."""
         widths = [run.rest_width for run in self.runs if run.rest_width is not None]
         return min(float(np.mean(widths)), self.swatch_width) if widths else None
+
+    @property
+    def lost_work(self) -> float | None:
+        """Share of the work that unloading does not give back, mean over runs; None where no run knows it."""
+        lost = [run.unloading.lost_work for run in self.runs if run.unloading is not None]
+        known = [share for share in lost if share is not None]
+        return float(np.mean(known)) if known else None
 
     @cached_property
     def curve(self) -> StretchCurve:

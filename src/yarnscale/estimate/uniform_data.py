@@ -145,8 +145,9 @@ class UniformData:
         parts = []
         for curve, stress, contraction in zip(self.curves, stresses, contractions, strict=True):
             difference = np.abs(stress / (1.0 + curve.stretch) - curve.second_stress) / self.stress_scale
-            across = np.abs(contraction - curve.contraction) / self.contraction_scale
-            across = across if curve.contraction_measured else np.empty(0)
+            across = np.empty(0)
+            if curve.contraction_measured:
+                across = np.abs(contraction - curve.contraction) / self.contraction_scale
             parts.append((difference[curve.comfort], difference, across))
         directions = {curve.direction: _means(*part) for curve, part in zip(self.curves, parts, strict=True)}
         together = _means(*(np.concatenate(column) for column in zip(*parts, strict=True)))

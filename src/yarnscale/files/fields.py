@@ -159,7 +159,13 @@ class Fields:
 @contextmanager
 def json_file(path: str | Path) -> Iterator[Fields]:
     """The object in a JSON file; InputError as ``read_json``, and with the line of the field that a fault names."""
-    text = read_source(path)
+    with json_text(path, read_source(path)) as table:
+        yield table
+
+
+@contextmanager
+def json_text(path: str | Path, text: str) -> Iterator[Fields]:
+    """The object in a JSON text; errors as of ``json_file``, with this name in place of the file's."""
     with _lines_of(path, text, _json_line):
         yield Fields(_json_object(path, text), path)
 
@@ -224,7 +230,14 @@ def _lines_of(path: str | Path, text: str, line_of: Callable[[str, str], int | N
 
 
 def _json_line(text: str, what: str) -> int | None:
-    """The line of the first field that a message names."""
+    """The line of the first field that a message names; of a field in others, below theirs."""
+    if (path := re.search(r"'([\w.\[\]]+)'", what)) is not None:
+        place, names = 0, re.findall(r"[A-Za-z_]\w*", path[1])
+        for name in names:
+            found = re.compile(rf'"{name}"\s*:').search(text, place)
+            place = place if found is None else found.start()
+        if place:
+            return text.count("\n", 0, place) + 1
     for word in re.findall(r"[A-Za-z_]\w*", what):
         if (found := re.search(rf'"{word}"\s*:', text)) is not None:
             return text.count("\n", 0, found.start()) + 1

@@ -1,4 +1,4 @@
-"""Measurements of a fabric from a TOML or CSV file; the form is described in docs/reference/measurement_format.md."""
+"""Measurements of a fabric from a file; docs/reference/measurement_format.md describes the formats."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from yarnscale.estimate.measurements import SwatchMeasurements, YarnComposition
 from yarnscale.files.fields import Fields, toml_file
 from yarnscale.files.measurements_csv import read_bend, read_logs
 from yarnscale.files.measurements_swatches import LogSettings, direction_named
+from yarnscale.files.measurements_u3m import SUFFIXES as U3M_SUFFIXES
+from yarnscale.files.measurements_u3m import read_u3m
 
 _FIELDS = (
     "name", "fabric", "stretch", "bend", "single_run", "area_density", "pattern", "photographs", "yarn",
@@ -33,6 +35,9 @@ def read_measurements(
     Raises InputError with file, row and column.
     """
     path = Path(path)
+    if path.suffix.lower() in U3M_SUFFIXES:
+        cycle = "first" if settings is None else settings.cycle
+        return read_u3m(path, cycle=cycle, single_run=single_run)
     if path.suffix.lower() == ".toml":
         return _from_toml(path, sample, single_run, settings or LogSettings())
     readings = read_logs([(path, settings or LogSettings())], fabric=sample, single_run=single_run)

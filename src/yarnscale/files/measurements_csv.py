@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.loading import loading
-from yarnscale.estimate.measurements import POWER_LOAD, BendTest, Direction, StretchRun, StretchTest
+from yarnscale.estimate.loading import stretch_run
+from yarnscale.estimate.measurements import BendTest, Direction, StretchRun, StretchTest
 from yarnscale.files.measurements_reader import read_tables
 from yarnscale.files.measurements_swatches import (
     LogSettings,
@@ -41,8 +41,6 @@ _LONGEST = 8.0
 """Longest length of a swatch over that before the test; what is longer is a wrong unit."""
 _NOISE = 0.1
 """Part of a run's extension by which a length may fall while the force grows."""
-_USED = 1.1
-"""Forces are read up to this multiple of the power range."""
 
 
 @dataclass(frozen=True)
@@ -235,10 +233,7 @@ def _run(swatch: Swatch, name: str, width: float, mean_width: float) -> tuple[St
     middle = table.numbers(columns["mid_width"], rows, positive=True) if "mid_width" in columns else None
     _refuse_shrinking(table, columns.get("clamp_distance") or columns["extension"], rows, force, length)
     try:
-        found = loading(
-            force, length, middle, largest_force=_USED * POWER_LOAD * mean_width, cycle=swatch.settings.cycle
-        )
-        return StretchRun(name, found.force, found.length, found.width), found.remarks
+        return stretch_run(name, force, length, middle, swatch_width=mean_width, cycle=swatch.settings.cycle)
     except InputError as error:
         where = f"{table.path}:{rows[0][0]}"
         raise InputError(

@@ -1,0 +1,132 @@
+"""Raw measurements of fabric in the U3M format (schema 1.1): JSON, or a zip archive that contains it.
+
+The machine (Browzwear FAB) pulls strips along the length (L), width (W) and bias (B) of a fabric from two distances of
+the clamps, in cycles that go farther each time, loading and unloading apart. Readings alternate between distance [cm]
+and force [g]. Strips of 8 cm are read; of 2 cm, clamps cause most of the force.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError, quoted
+from yarnscale.estimate.loading import Cycle, stretch_run
+from yarnscale.estimate.measurements import Direction, StretchTest, SwatchMeasurements
+from yarnscale.files.fields import Fields, json_file, json_text
+
+Array = NDArray[np.float64]
+
+SUFFIXES = (".u3m", ".u3ma", ".json")
+SCHEMA = "1.1"
+DIRECTIONS = {"W": Direction.WEFT, "B": Direction.BIAS, "L": Direction.WARP}
+"""Names of the format → directions of a knit or weave, whose warp runs along the length."""
+_TEST = "S2"
+_UNUSED = "stretch from 2 cm (S1), bending (U1, D1, D2) and thickness (T)"
+_LARGEST, _MOST = 64 * 1024 * 1024, 10_000
+"""Largest size of a JSON file in an archive when unpacked, and most files in one."""
+_CENTIMETRE, _GRAM = 1e-2, 9.80665e-3
+
+
+def read_u3m(path: Path, *, cycle: Cycle, single_run: bool) -> SwatchMeasurements:
+    """The stretch tests and the mass of a fabric; InputError with file, line and field."""
+    with _physics(path) as table:
+        if table.text("schema") != SCHEMA:
+            raise table.fault("schema", expected=f"'{SCHEMA}'", found=quoted(table.get("schema")))
+        raw, tests, notes = table.fields("raw_data"), [], [f"not used: {_UNUSED}"]
+        for name, direction in DIRECTIONS.items():
+            if name in raw.content:
+                test, remarks = _test(raw.fields(name), direction, cycle)
+                tests.append(test)
+                notes += [f"{direction.value} ({name}): {remark}" for remark in remarks]
+        if not tests:
+            raise table.fault("raw_data", expected=f"one of {', '.join(DIRECTIONS)}", found="none")
+        if not single_run:
+            notes.append("one strip a direction, whose spread is unknown")
+        mass = 1e-3 * raw.number("M", positive=True) if "M" in raw.content else None
+        return SwatchMeasurements(_name(table, path), tuple(tests), area_density=mass, notes=tuple(notes))
+
+
+def _name(table: Fields, path: Path) -> str:
+    custom = table.content.get("custom")
+    product = custom.get("browzwear") if isinstance(custom, dict) else None
+    name = product.get("name") if isinstance(product, dict) else None
+    return name if isinstance(name, str) and name.strip() else path.stem
+
+
+def _test(direction: Fields, along: Direction, cycle: Cycle) -> tuple[StretchTest, tuple[str, ...]]:
+    part = direction.fields(_TEST)
+    width = _CENTIMETRE * part.number("width", positive=True)
+    readings = part.get("samplesTree")
+    if not isinstance(readings, list) or not readings:
+        raise part.fault(
+            "samplesTree", expected="lists of distance [cm] and force [g]", found=quoted(readings)
+        )
+    pairs = []
+    for k, values in enumerate(readings):
+        key = f"samplesTree[{k}]"
+        branch = Fields({key: values}, part.path, part.name).numbers(key)
+        if len(branch) % 2:
+            expected = "pairs of distance [cm] and force [g]"
+            raise part.fault(key, expected=expected, found=f"{len(branch)} numbers")
+        if (branch[::2] <= 0).any():
+            raise part.fault(key, expected="distances above zero [cm]", found=float(branch[::2].min()))
+        pairs.append(branch.reshape(-1, 2))
+    length, force = np.concatenate(pairs).T * [[_CENTIMETRE], [_GRAM]]
+    try:
+        run, remarks = stretch_run("1", force, length, None, swatch_width=width, cycle=cycle)
+    except InputError as error:
+        raise part.fault("samplesTree", expected=error.expected, found=error.found) from None
+    return StretchTest(along, width, (run,)), remarks
+
+
+@contextmanager
+def _physics(path: Path) -> Iterator[Fields]:
+    """The object with raw data: a JSON file, or the one of an archive that has it."""
+    if not zipfile.is_zipfile(path):
+        with json_file(path) as table:
+            yield _holding_raw_data(table)
+        return
+    with zipfile.ZipFile(path) as archive:
+        entries = [e for e in archive.infolist() if Path(e.filename).suffix.lower() in (".json", ".u3m")]
+        if len(archive.infolist()) > _MOST or not entries:
+            expected = f"an archive of at most {_MOST} files with a JSON file"
+            raise InputError("no measurements", where=path, expected=expected, found=len(archive.infolist()))
+        texts = {entry.filename: _unpacked(path, archive, entry) for entry in entries}
+    chosen = next((name for name in texts if '"raw_data"' in texts[name]), None)
+    if chosen is None:
+        raise InputError("no measurements", where=path, expected="raw_data in a JSON file", found="none")
+    with json_text(f"{path}[{chosen}]", texts[chosen]) as table:
+        yield _holding_raw_data(table)
+
+
+def _unpacked(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> str:
+    """The text of a file of an archive, never more than the largest size."""
+    where = f"{path}[{entry.filename}]"
+    try:
+        with archive.open(entry) as file:
+            content = file.read(_LARGEST + 1)
+        if len(content) > _LARGEST:
+            raise InputError("file is too large", where=where, expected=f"≤ {_LARGEST} bytes", found="more")
+        return content.decode("utf-8-sig")
+    except (OSError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("file cannot be unpacked", where=where, expected="UTF-8 text", found=error) from None
+
+
+def _holding_raw_data(table: Fields) -> Fields:
+    """The object itself, or the first one within it that has the field raw_data."""
+    waiting: list[tuple[object, str]] = [(table.content, "")]
+    while waiting:
+        content, label = waiting.pop(0)
+        if isinstance(content, dict):
+            if "raw_data" in content:
+                return Fields(content, table.path, label)
+            waiting += [(v, f"{label}.{k}" if label else k) for k, v in content.items()]
+    raise table.fault("raw_data", expected="measurements of the U3M format", found="none")

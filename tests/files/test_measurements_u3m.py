@@ -1,0 +1,120 @@
+"""Raw measurements of the U3M format: the published example, an archive of it, and broken ones in one line."""
+
+from __future__ import annotations
+
+import copy
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.estimate.measurements import Direction
+from yarnscale.files import measurements_u3m
+from yarnscale.files.measurements import read_measurements
+
+
+def cycles(stiffness: float) -> list[list[float]]:
+    """Two cycles of a strip of 8 cm, in cm and g, the second one farther; unloading gives back half of the work."""
+    branches = []
+    for far in (1.0, 3.0):
+        up = np.linspace(0.0, far, 30)
+        for length, force in ((up, stiffness * up**2), (up[::-1], stiffness * up[::-1] ** 5 / far**3)):
+            branches.append(np.column_stack([8.0 + length, force]).ravel().tolist())
+    return branches
+
+
+def physics() -> dict:
+    """A small file of the format."""
+    tests = {
+        name: {"S2": {"width": 4, "length": 8.0, "samplesTree": cycles(k)}}
+        for name, k in (("L", 30.0), ("W", 15.0), ("B", 20.0))
+    }
+    return {"schema": "1.1", "custom": None, "raw_data": {**tests, "M": 210}}
+
+
+def written(tmp_path: Path, content: object) -> Path:
+    path = tmp_path / "physics.json"
+    path.write_text(json.dumps(content, indent=1))
+    return path
+
+
+def test_directions_units_cycles_and_lost_work(tmp_path):
+    path = written(tmp_path, physics())
+    found = read_measurements(path)
+    assert [test.direction for test in found.stretch] == list(Direction)
+    assert found.area_density == pytest.approx(0.21)
+    for test, k in zip(found.stretch, (15.0, 20.0, 30.0), strict=True):
+        assert test.swatch_width == pytest.approx(0.04)
+        assert test.swatch_length == pytest.approx(0.08, rel=0.02)
+        assert test.curve.load_at(np.array([0.25]))[0] == pytest.approx(k * 4 * 9.80665e-3 / 0.04, rel=0.05)
+        assert test.lost_work == pytest.approx(0.5, abs=0.03)
+    assert any("of 2 loadings the second" in note for note in found.notes)
+    archive = tmp_path / "fabric.u3m"
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("textures/diffuse.png", b"\x89PNG")
+        file.writestr("fabric.json", json.dumps({"material": {"physics": {"fab": physics()}}}))
+    packed = read_measurements(archive)
+    assert packed.stretch[0].curve.load == pytest.approx(found.stretch[0].curve.load)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("schema",), "1.0", "field 'schema'; expected '1.1'; found '1.0'"),
+        (("raw_data",), None, "field 'raw_data"),
+        (("raw_data", "L", "S2"), None, "raw_data.L.S2"),
+        (("raw_data", "L", "S2", "width"), "4", "raw_data.L.S2.width"),
+        (("raw_data", "B", "S2", "samplesTree"), [], "raw_data.B.S2.samplesTree"),
+        (("raw_data", "B", "S2", "samplesTree", 1), [8.0, 1.0, 8.1], "samplesTree[1]'; expected pairs"),
+        (("raw_data", "W", "S2", "samplesTree", 0, 3), "1.2 g", "samplesTree[0][3]"),
+        (("raw_data", "W", "S2", "samplesTree"), [[8.0, 0.0, 8.1, 0.0, 8.2, 0.0]], "three readings or more"),
+    ],
+)
+def test_broken_files_are_told_in_one_line(tmp_path, place, value, words):
+    content = copy.deepcopy(physics())
+    within = content
+    for key in place[:-1]:
+        within = within[key]
+    within[place[-1]] = value
+    with pytest.raises(InputError) as error:
+        read_measurements(written(tmp_path, content))
+    assert words in str(error.value) and "physics.json:" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_line_is_that_of_the_field_within_its_direction(tmp_path):
+    content = physics()
+    content["raw_data"]["W"]["S2"]["width"] = -4
+    path = written(tmp_path, content)
+    with pytest.raises(InputError) as error:
+        read_measurements(path)
+    line = int(str(error.value).split(":")[1])
+    assert '"width": -4' in path.read_text().splitlines()[line - 1]
+
+
+def test_archives_without_end_or_measurements_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "bomb.u3m"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("physics.json", b" " * 200_000)
+    with pytest.raises(InputError, match="raw_data"):
+        read_measurements(path)
+    monkeypatch.setattr(measurements_u3m, "_LARGEST", 100_000)
+    with pytest.raises(InputError, match="too large"):
+        read_measurements(path)
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("readme.txt", "none")
+    with pytest.raises(InputError, match="JSON file"):
+        read_measurements(path)
+
+
+def test_the_published_example(shared):
+    found = read_measurements(shared / "measured" / "u3m" / "physics_example.json")
+    assert found.name == "QA Test Fabric shirley" and found.area_density == pytest.approx(0.3)
+    reached = {test.direction: test.curve.stretch_at(33.3) for test in found.stretch}
+    # As read from the published readings of the fourth cycle at 136 g, over 8.2 cm.
+    assert reached[Direction.WEFT] == pytest.approx(0.47, abs=0.02)
+    assert reached[Direction.WARP] == pytest.approx(0.28, abs=0.02)
+    assert all(test.lost_work is not None and 0.1 < test.lost_work < 0.4 for test in found.stretch)
