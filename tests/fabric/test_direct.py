@@ -44,7 +44,7 @@ def test_positions_converge_at_the_order_of_the_integrator(integrator: Integrato
     )
     ends = []
     for count in (16, 32, 64):
-        dynamics = FabricDynamics(FabricEnergy(sheet, SOLID, contact=False), settings)
+        dynamics = FabricDynamics(FabricEnergy(sheet, SOLID), settings)
         start, along = dynamics.start(), sheet.vertices[:, 0]
         kick = np.column_stack([20.0 * along, 800.0 * along**2, 0.0 * along]) / sheet.radius
         state = replace(start, velocity=np.concatenate([kick.ravel(), np.zeros(len(along))]))
@@ -99,7 +99,7 @@ def test_a_cantilever_bends_as_a_beam_and_converges_with_the_square_of_the_edge(
 def _spun(angle: float, wobble: float) -> tuple[FabricEnergy, Holds, np.ndarray]:
     """A yarn whose ends are clamped, one spun; it may draw its ends together."""
     sheet = _straight(40, 0.2)
-    energy = FabricEnergy(sheet, SOLID, contact=False)
+    energy = FabricEnergy(sheet, SOLID)
     ends = np.array([0, 1, 39, 40])
     holds = Holds(ends, sheet.vertices[ends], (False, True, True), np.array([0, 39]), np.array([0.0, angle]))
     x = energy.start()
