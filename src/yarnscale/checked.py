@@ -8,8 +8,9 @@ import numbers
 import os
 import types
 from collections.abc import Callable
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from yarnscale.errors import InputError
 
@@ -47,12 +48,12 @@ def checked(target: Target) -> Target:
     business. Raises WrongArgument with the argument, the expected type and what was found.
     """
     if isinstance(target, type):
-        target.__init__ = _checked(target.__init__, target.__name__)  # type: ignore[misc]
+        target.__init__ = _checked(target.__init__, target.__name__, target)  # type: ignore[misc]
         return target  # type: ignore[return-value]
     return _checked(target, target.__name__)
 
 
-def _checked(function: Any, name: str) -> Any:
+def _checked(function: Any, name: str, owner: type | None = None) -> Any:
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -61,7 +62,7 @@ def _checked(function: Any, name: str) -> Any:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError as error:
             raise WrongArgument(f"{name}: {error}", expected=_usage(signature)) from None
-        for argument, kinds in _kinds(function).items():
+        for argument, kinds in _kinds(function, owner).items():
             if argument in given and not isinstance(given[argument], kinds):
                 raise _fault(name, argument, kinds, given[argument])
         return function(*args, **kwargs)
@@ -93,9 +94,11 @@ def _name(kind: type) -> str:
 
 
 @functools.cache
-def _kinds(function: Any) -> dict[str, tuple[type, ...]]:
+def _kinds(function: Any, owner: type | None) -> dict[str, tuple[type, ...]]:
     """Classes of the arguments that can be compared, by their names."""
-    hints = inspect.get_annotations(function, eval_str=True)
+    # Fields that a dataclass inherits are annotated in the module of its base.
+    made = owner is not None and is_dataclass(owner)
+    hints = get_type_hints(owner) if made else inspect.get_annotations(function, eval_str=True)
     return {name: kinds for name, hint in hints.items() if name != "return" and (kinds := _classes(hint))}
 
 
