@@ -82,7 +82,7 @@ class FabricEnergy(RodEnergy):
         )
         self.glue = StencilSet(STRETCH, position_variables(self.springs.pairs), ties, 2)
         self._friction = no_friction()
-        self.others = self.glue, self._friction
+        self.set_others(self.glue, self._friction)
         self._ties: tuple[PlacedPairs, Array] | None = None
         self._tangent = unit_edges(sheet.vertices, sheet.following)
         self._take(EdgeFrames(sheet.reference_director, sheet.reference_twist))
@@ -141,7 +141,7 @@ class FabricEnergy(RodEnergy):
             no_friction() if friction is None else friction.stencils(self.positions(x), contacts, x)
         )
         if before.count or self._friction.count:
-            self.others = self.glue, self._friction
+            self.set_others(self.glue, self._friction)
 
     def bound(self, x: Array, step: Array) -> float:
         """Fraction of a step that moves no vertex, edge, twist or pair too far."""

@@ -53,13 +53,8 @@ class RodEnergy:
 
         symmetric, turning: as in ``ContactList``.
         """
-        self.stiffness, self.strands, self.unit, self.count = (
-            stiffness,
-            strands,
-            stiffness.unit,
-            strands.count,
-        )
-        self.radius = stiffness.pattern.radius
+        self.stiffness, self.strands = stiffness, strands
+        self.unit, self.count, self.radius = stiffness.unit, strands.count, stiffness.pattern.radius
         edges, joints, ends = strands.edges, strands.joints, strands.ends
         stretch = position_variables(np.stack([edges, ends[edges]], 1))
         self.stretch = StencilSet(stiffness.stretch_energy, stretch, stiffness.edge_parameters()[edges], 2)
@@ -81,13 +76,8 @@ class RodEnergy:
         parameters = np.column_stack([anchors, twist, *rest, bend, stiff])
         self.bend_twist = StencilSet(BEND_TWIST, self._joint_variables, parameters, 3)
 
-    @property
-    def others(self) -> tuple[StencilSet, ...]:
-        """Stencils of other energies on the same nodes."""
-        return self._others
-
-    @others.setter
-    def others(self, stencils: tuple[StencilSet, ...]) -> None:
+    def set_others(self, *stencils: StencilSet) -> None:
+        """Set the stencils of other energies on the same nodes."""
         self._others, self._rod_slots = stencils, None
 
     def positions(self, full: Array) -> Array:
@@ -178,12 +168,9 @@ class RodEnergy:
 
     def parts(self, full: Array) -> dict[str, float]:
         """Energy of stretch, bending with twist, and contact [J]."""
-        parts = {
-            "stretch": self.stretch,
-            "bend_twist": self.bend_twist,
-            "contact": self.contacts(full).stencils,
-        }
-        return {name: stencils.value(full) * self.unit for name, stencils in parts.items()}
+        parts = (self.stretch, self.bend_twist, self.contacts(full).stencils)
+        names = ("stretch", "bend_twist", "contact")
+        return {name: s.value(full) * self.unit for name, s in zip(names, parts, strict=True)}
 
     def gaps(self, full: Array) -> Array:
         """Distances of all listed pairs over the sum of their yarns' radii (N,)."""
