@@ -40,7 +40,7 @@ CLOTH = ys.OrthotropicMaterial(10.0, 1.0, 10.0, 1.0, bend_weft=1e-5, bend_warp=1
         (lambda: ys.run_scene(CLOTH), "argument scene; expected Scene"),
         (lambda: ys.Cloth("mesh.obj", CLOTH), "argument mesh; expected TriangleMesh"),
         (lambda: ys.fit("samples.zarr"), "argument store; expected SampleStore"),
-        (lambda: ys.RodScene(CELL, None, schedule=None), "argument fabric; expected RodFabric"),  # type: ignore[arg-type]
+        (lambda: ys.RodScene(CELL, None), "argument fabric; expected RodFabric"),  # type: ignore[arg-type]
         (lambda: ys.fit(CELL, options=PublishedOptions()), "argument store; expected SampleStore"),
         (lambda: ys.fit_shell("curves.csv"), "argument measurements; expected SwatchMeasurements"),
         (lambda: ys.sample(PATTERN, "store"), "argument cell; expected PeriodicCell"),

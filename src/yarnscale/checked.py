@@ -32,6 +32,7 @@ MAKERS = {
     "ElementMaterial": "a shell material, which read_material reads",
     "ShellMaterial": "read_material reads one",
     "Scene": "scenes.stretch and others make one",
+    "RodFabric": "RodFabric.cut and others make one",
     "SampleStore": "create_store makes one",
     "SwatchMeasurements": "read_measurements makes one",
 }
