@@ -22,6 +22,7 @@ from yarnscale.shell.mesh_arrays import (
     checked_material,
     checked_positions,
     checked_triangles,
+    joined,
     rest_edges,
     triangle_stencils,
     twin_edges,
@@ -156,15 +157,7 @@ class TriangleMesh:
     @property
     def panel_numbers(self) -> Integers:
         """Number of the panel (connected piece of fabric) of every material point, shape (nm,)."""
-        numbers = np.arange(len(self.material))
-        while True:
-            smallest = numbers[self.corners].min(axis=1)
-            joined = numbers.copy()
-            np.minimum.at(joined, self.corners.ravel(), np.repeat(smallest, 3))
-            joined = joined[joined]
-            if (joined == numbers).all():
-                return np.unique(numbers, return_inverse=True)[1]
-            numbers = joined
+        return joined(self.corners[:, [0, 1, 1, 2]].reshape(-1, 2), len(self.material))
 
     def nearest_vertex(self, point: ArrayLike) -> int:
         """The vertex nearest to a point of the panels as cut [m]."""

@@ -132,6 +132,15 @@ def checked_angles(angles: ArrayLike, count: int) -> Floats:
     return array
 
 
+def joined(pairs: Integers, count: int) -> Integers:
+    """Group (count,) of each of ``count`` things when the two of every pair (n, 2) are in one."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
 def twin_edges(triangles: Integers, vertex_count: int) -> Integers:
     """The opposite of every directed edge 3·triangle + k, −1 if there is none, (nt, 3)."""
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline as SmoothSpline
 from yarnscale.errors import InputError
 from yarnscale.numerics.kernel import LANES
 from yarnscale.shell.materials.spline_material import SplineMaterial
-from yarnscale.shell.materials.spline_patches import PLANES
+from yarnscale.shell.materials.spline_patches import PARAMETER_COUNT, PLANES
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
 
 SCALE = np.array([0.8, 0.7, 0.8, 100.0, 120.0])
@@ -145,7 +145,7 @@ def test_gather_and_kernels_serve_blocks():
     forms[:, : 2 * LANES] = np.vstack([a * a, strains[:, 1] * a * b, b * b, strains[:, 3:].T])
     forms[[0, 2], 2 * LANES :] = 1.0
     parameters = material.parameters(forms)
-    assert parameters.shape == (material.parameter_count, stride)
+    assert parameters.shape == (PARAMETER_COUNT, stride)
     psi = np.zeros((1, stride))
     material.kernels().value(2 * LANES, stride, forms, parameters, psi)
     np.testing.assert_allclose(psi[0, : 2 * LANES], material.energy_density(strains), rtol=1e-14)

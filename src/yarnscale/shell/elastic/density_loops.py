@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.kernel import call_kernel
 from yarnscale.shell.elastic.moduli import FAST
-from yarnscale.shell.materials.spline_patches import PackedSplines, gather_parameters
+from yarnscale.shell.materials.spline_patches import PARAMETER_COUNT, PackedSplines, gather_parameters
 
 
 @numba.njit(**FAST)
 def spline_densities(
     packed: PackedSplines,
-    parameter_count: int,
     address: int,
     forms: NDArray,
     densities: NDArray,
@@ -30,7 +29,7 @@ def spline_densities(
     address: kernel (forms, parameters) → density[, stress (nb, 6, B), moduli (nb, 21, B)].
     """
     lanes = forms.shape[2]
-    parameters = np.zeros((parameter_count, lanes))
+    parameters = np.zeros((PARAMETER_COUNT, lanes))
     for b in range(forms.shape[0]):
         gather_parameters(packed, forms[b], lanes, parameters)
         _run(address, forms[b], parameters, densities[b], stress, moduli, b)

@@ -197,9 +197,7 @@ class ShellEnergy:
         material, kernels = self.material, self.material.kernels()
         kernel = kernels.second if len(moduli) else kernels.first if len(stress) else kernels.value
         if isinstance(material, SplineMaterial):
-            spline_densities(
-                material.packed, material.parameter_count, kernel.address, forms, densities, stress, moduli
-            )
+            spline_densities(material.packed, kernel.address, forms, densities, stress, moduli)
             return
         constants = np.ascontiguousarray(material.parameters(forms[0]))
         shared_densities(constants, kernel.address, forms, densities, stress, moduli)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from yarnscale.errors import InputError
 from yarnscale.shell.garments.panels import Panel
 from yarnscale.shell.mesh import TriangleMesh
+from yarnscale.shell.mesh_arrays import joined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -76,7 +77,7 @@ def sew(
                 found=f"{len(one) - 1} and {len(two) - 1} segments",
             )
         pairs.append(np.column_stack([one, two]))
-    vertices = _joined(np.concatenate(pairs), int(starts[-1]))
+    vertices = joined(np.concatenate(pairs), int(starts[-1]))
     for panel in panels:
         wanted, found = (len(panel.points), 3), np.shape(positions.get(panel.name, ()))
         if found != wanted:
@@ -97,19 +98,6 @@ def sew(
         for edge, points in panel.edges.items()
     }
     return Garment(name, mesh, tuple(by_name), edges)
-
-
-def _joined(pairs: Integers, count: int) -> Integers:
-    """Number of the vertex of every point when the points of each pair are one."""
-    smallest = np.arange(count)
-    while True:
-        joined = smallest.copy()
-        least = smallest[pairs].min(axis=1)
-        np.minimum.at(joined, pairs.ravel(), np.repeat(least, 2))
-        joined = joined[joined]
-        if (joined == smallest).all():
-            return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
-        smallest = joined
 
 
 def _folds(triangles: Integers, seams: Sequence[tuple[Integers, float]]) -> Floats:

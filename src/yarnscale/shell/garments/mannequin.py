@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.motion.rigid import rotation_matrix
+from yarnscale.shell.garments.panels import smoothed
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -104,7 +105,7 @@ def mannequin(spacing: float = 0.02) -> Mannequin:
         raise InputError("spacing of the body", expected="between 0.004 and 0.03 m", found=spacing)
     points, triangles = _surface(spacing)
     for _ in range(6):
-        points = _onto_surface(_relaxed(points, triangles))
+        points = _onto_surface(smoothed(points, triangles))
     return Mannequin(points, triangles)
 
 
@@ -195,14 +196,6 @@ def _surface(spacing: float) -> tuple[Floats, Integers]:
     one = np.where(shorter, np.column_stack([a, b, c]), np.column_stack([a, b, d]))
     two = np.where(shorter, np.column_stack([a, c, d]), np.column_stack([b, c, d]))
     return points, np.concatenate([one, two]).astype(np.int64)
-
-
-def _relaxed(points: Floats, triangles: Integers) -> Floats:
-    """Every vertex half way to the mean of its neighbours."""
-    pairs = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    count = np.bincount(pairs[:, 0], minlength=len(points))
-    mean = np.column_stack([np.bincount(pairs[:, 0], points[pairs[:, 1], k], len(points)) for k in range(3)])
-    return 0.5 * points + 0.5 * mean / count[:, None]
 
 
 def _onto_surface(points: Floats) -> Floats:

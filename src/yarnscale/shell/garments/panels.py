@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.shell.garments.polygons import areas_of, flatness, polygon_areas
 from yarnscale.shell.mesh import TriangleMesh
 
 Floats = NDArray[np.float64]
@@ -82,13 +83,12 @@ def cut_panel(
     """
     check_spacing(name, spacing, 0.0)
     boundary, chains = _divided(name, outline, spacing, segments or {})
-    x, y = boundary.T
-    if 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) <= 0:
+    if polygon_areas(boundary, np.array([0, len(boundary)]))[0] <= 0:
         raise InputError(f"outline of panel '{name}'", expected="counter-clockwise edges", found="clockwise")
     inner = _lattice(boundary, spacing)
     points, triangles = _triangulated(name, boundary, inner)
     for _ in range(_SMOOTHING):
-        points = _smoothed(points, triangles, len(boundary))
+        points = smoothed(points, triangles, len(boundary))
         points, triangles = _triangulated(name, boundary, points[len(boundary) :])
     triangles = _without_ears(points, triangles, len(boundary))
     return Panel(name, points, triangles, chains, grain)
@@ -161,12 +161,10 @@ def _triangulated(name: str, boundary: Floats, inner: Floats) -> tuple[Floats, I
     points = np.concatenate([boundary, inner])
     triangles = Delaunay(points).simplices.astype(np.int64)
     corners = points[triangles]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-    triangles[area < 0] = triangles[area < 0][:, [0, 2, 1]]
+    clockwise = areas_of(corners) < 0
+    triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
     # Slivers between points of a straight edge are no part of the panel.
-    longest = np.maximum((first**2).sum(axis=1), (second**2).sum(axis=1))
-    kept = inside(corners.mean(axis=1), boundary) & (np.abs(area) > 1e-3 * longest)
+    kept = inside(corners.mean(axis=1), boundary) & (flatness(corners) > 1e-3)
     triangles = triangles[kept]
     count = len(boundary)
     sides = {(int(t[k]), int(t[(k + 1) % 3])) for t in triangles for k in range(3)}
@@ -182,13 +180,12 @@ def _triangulated(name: str, boundary: Floats, inner: Floats) -> tuple[Floats, I
     return points, triangles
 
 
-def _smoothed(points: Floats, triangles: Integers, fixed: int) -> Floats:
-    """Every inner point half way to the mean of its neighbours."""
+def smoothed(points: Floats, triangles: Integers, fixed: int = 0) -> Floats:
+    """Every point (n, d) but the first ``fixed`` half way to the mean of its neighbours in triangles (m, 3)."""
     pairs = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    count = np.bincount(both[:, 0], minlength=len(points))
-    mean = np.column_stack([np.bincount(both[:, 0], points[both[:, 1], k], len(points)) for k in (0, 1)])
-    result = 0.5 * points + 0.5 * mean / count[:, None]
+    one, two = np.concatenate([pairs, pairs[:, ::-1]]).T
+    sums = np.column_stack([np.bincount(one, column[two], len(points)) for column in points.T])
+    result = 0.5 * points + 0.5 * sums / np.bincount(one, minlength=len(points))[:, None]
     result[:fixed] = points[:fixed]
     return result
 
@@ -210,10 +207,6 @@ def _without_ears(points: Floats, triangles: Integers, fixed: int) -> Integers:
             continue
         d = int(triangles[other[0]].sum() - a - c)
         flipped = np.array([[a, b, d], [b, c, d]])
-        first, second = (
-            points[flipped[:, 1]] - points[flipped[:, 0]],
-            points[flipped[:, 2]] - points[flipped[:, 0]],
-        )
-        if (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0).all():
+        if (areas_of(points[flipped]) > 0).all():
             triangles[row], triangles[other[0]] = flipped
     return triangles

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from yarnscale.shell.garments.polygons import polygon_areas
+from yarnscale.shell.mesh_arrays import joined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -77,12 +76,6 @@ class Weld:
     hanging: int = 0
     closed: int = 0
     place: int = 0
-
-
-def joined(pairs: Integers, count: int) -> Integers:
-    """Group of each of ``count`` things when the two of every pair (n, 2) are in one, (count,)."""
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def weld(cloth: Polygons, distance: float | None = None) -> Weld:

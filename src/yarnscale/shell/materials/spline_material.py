@@ -43,7 +43,7 @@ from yarnscale.shell.materials.spline_patches import (
     PLANE_ROWS,
     PLANES,
     PackedSplines,
-    gather_checked,
+    gather_parameters,
     pack_splines,
 )
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, checked_values
@@ -94,14 +94,9 @@ class SplineMaterial(ShellMaterial):
         )
         return f"SplineMaterial({len(self.planes)} planes; {box}; {self.density:.3g} kg/m²)"
 
-    @property
-    def parameter_count(self) -> int:
-        """Number of parameters of one element."""
-        return PARAMETER_COUNT
-
     def parameters(self, forms: Array) -> Array:
-        parameters = np.zeros((self.parameter_count, forms.shape[1]))
-        gather_checked(self.packed, forms, forms.shape[1], parameters)
+        parameters = np.zeros((PARAMETER_COUNT, forms.shape[1]))
+        gather_parameters(self.packed, forms, forms.shape[1], parameters)
         return parameters
 
     def kernels(self) -> MaterialKernels:
@@ -115,11 +110,7 @@ class SplineMaterial(ShellMaterial):
 
 def spline_energy(forms: ca.SX, parameters: ca.SX) -> ca.SX:
     """ψ [J/m²] of the forms (6) with the polynomial patches of one element as parameters (eq. 31–32)."""
-    return energy_of_strains(strains_of_forms(forms), parameters)
-
-
-def energy_of_strains(strains: ca.SX, parameters: ca.SX) -> ca.SX:
-    """ψ [J/m²] of the six strains with the polynomial patches of one element as parameters."""
+    strains = strains_of_forms(forms)
     u = [strain - parameters[ORIGIN_S + k] for k, strain in enumerate(ca.vertsplit(strains[:3]))]
     energy = ca.SX(0)
     for k, (i, j) in enumerate(PLANES[:3]):

@@ -177,10 +177,3 @@ def _copy_differences(table, first, upper, lower, origin, parameters, row, start
                 parameters[row + k + 1, n] = p[k + 1] - moved
             parameters[row + k + 2, n] = p[k + 2] - (q[k + 2] + 3.0 * offset * q[k + 3])
             parameters[row + k + 3, n] = p[k + 3] - q[k + 3]
-
-
-def gather_checked(packed: PackedSplines, forms: Array, count: int, parameters: Array) -> None:
-    """``gather_parameters`` after a check of the shapes."""
-    if count % LANES or count > forms.shape[1] or parameters.shape != (PARAMETER_COUNT, forms.shape[1]):
-        raise ValueError(f"gather: count {count}, forms {forms.shape}, parameters {parameters.shape}")
-    gather_parameters(packed, forms, count, parameters)

@@ -90,8 +90,7 @@ def _thickness(cloth: Cloth) -> Iterator[str]:
     if cloth.contact is None:
         return
     mesh, thickness = cloth.mesh, cloth.contact.thickness
-    sides = mesh.material[mesh.corners] - mesh.material[np.roll(mesh.corners, 1, axis=1)]
-    edge = float(np.median(np.linalg.norm(sides, axis=2)))
+    edge = mesh.median_edge
     width = float(np.ptp(mesh.panel, axis=0).min())
     if thickness > _THICKEST_EDGES * edge or thickness > _THICKEST_SHARE * width:
         raise InputError(
