@@ -327,7 +327,7 @@ class PeriodicCell:
     def moduli(self, state: Equilibrium) -> Array:
         """∂²Ψ/∂z² (6, 6) at an equilibrium, z = (s_x, s_a, s_y, II11, II12, II22) (theory §2).
 
-        One solve per component with one factorisation. Units follow ``stress``; holds at every equilibrium.
+        One solve per component with one factorisation. Units follow ``stress``; valid at every equilibrium.
         """
         return response(self.energy(state.strain), state, self.backend).moduli
 

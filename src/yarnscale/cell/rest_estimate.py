@@ -48,7 +48,7 @@ def estimated_rest(
     as contact may be strong and uneven at first (EST22 §7.2). Rest lengths stay within ``length_bound`` of the given.
 
     A reset covers half of the difference at first, so that the search ends at the first shape that is good enough,
-    still slightly pre-tensed: yarns without any force would leave a slack cell that nothing holds. Where contact decays
+    still slightly pre-tensed: yarns without any force would leave a slack cell. Where contact decays
     slowly, as between stiff yarns, it covers all of it and repeats a part of the last one. For the same reason the
     yarns are shortened first by the share ``shortening`` (then reset like all else): a drawing whose yarns hardly
     touch would stay slack.

@@ -73,8 +73,8 @@ def redrawn(pattern: YarnPattern, strain: ShellStrain, positions: Array, twist: 
 def set_as_drawn(pattern: YarnPattern, *, share: float = 1.0, lengths: bool = True) -> YarnPattern:
     """The pattern whose yarns have taken on the shape they are drawn in (HYLC20 fig. 10, EST22 §7.2).
 
-    Rest curvatures and twists, and rest lengths unless ``lengths`` is false, move by ``share`` of the way from what
-    they are to what the drawing has.
+    Rest curvatures and twists, and rest lengths unless ``lengths`` is false, move by ``share`` of the difference from
+    what they are to what the drawing has.
     """
     edge = pattern.edge_vectors()
     length = np.linalg.norm(edge, axis=1)

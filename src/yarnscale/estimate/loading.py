@@ -1,6 +1,6 @@
 """One loading from the log of a testing machine, without slack, offset of the load cell, unloading and noise.
 
-A log holds force and length in the order of time, noisy, at any sampling rate, often with slack before the fabric is
+A log has force and length in the order of time, noisy, at any sampling rate, often with slack before the fabric is
 taut, and with unloading, further cycles or a break after the loading. The length separates the branches: it falls only
 where the swatch is unloaded. Force may fall by noise while the length grows; it is then averaged (monotone regression).
 Readings are averaged in bins of equal progress in length and force, so that the curve does not depend on the sampling
@@ -103,7 +103,7 @@ def stretch_run(
 
 
 def _unloading(force: Array, length: Array, top: int) -> Unloading | None:
-    """The branch from the reading ``top`` on, and the work that it does not give back."""
+    """The branch from the reading ``top`` on, and the work that is lost."""
     if len(force) - top < 3:
         return None
     up, down = slice(0, top), slice(top - 1, None)

@@ -49,10 +49,10 @@ class Direction(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Unloading:
-    """The swatch on its way back, which no fit uses.
+    """Unloading of the swatch, which no fit uses.
 
     force [N] and length [m] in the order of time, (n,); lost_work: share of the work of the loading that is not given
-    back, None where the way back was not measured to its end.
+    back, None where unloading was not measured to its end.
     """
 
     force: Array
@@ -224,7 +224,7 @@ class StretchTest:
 
     @property
     def lost_work(self) -> float | None:
-        """Share of the work that unloading does not give back, mean over runs; None where no run knows it."""
+        """Share of the work lost in unloading, mean over runs; None where it was not measured."""
         lost = [run.unloading.lost_work for run in self.runs if run.unloading is not None]
         known = [share for share in lost if share is not None]
         return float(np.mean(known)) if known else None

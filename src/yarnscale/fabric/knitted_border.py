@@ -23,7 +23,7 @@ CARRY_STEP = 2.2
 
 
 def cast_on(heads: Sequence[Strand], width: float) -> Strand:
-    """Heads whose legs cross and go on to their neighbours' (twisted loops), from left to right.
+    """Heads of twisted loops, whose legs cross and join those of their neighbours, from left to right.
 
     The yarn comes in under a loop, goes up its right leg, over the head, down the left leg, and out over itself to the
     right.

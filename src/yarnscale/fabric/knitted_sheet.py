@@ -43,11 +43,11 @@ def knitted_sheet(
     """``columns`` by ``rows`` periods of a knitted pattern with borders, one yarn for every colour.
 
     Every course of the pattern is a yarn along x whose loops reach into the next courses. chart: that the pattern was
-    drawn from, where it has other stitches than knit and purl; the piece is then drawn from it, each vertex standing
-    for that of the pattern as far along its course. more_courses: of another period, knitted last. bound_off: False
-    leaves the last row open, its loops upright, and the piece would unravel. carried: most courses that a yarn is
-    carried past to the next course of its colour; beyond, and on the wrong side, it ends and another begins.
-    The sheet is flat, and its borders are as drawn.
+    drawn from, where it has other stitches than knit and purl; the piece is then drawn from it, each vertex
+    corresponding to that of the pattern as far along its course. more_courses: of another period, knitted last.
+    bound_off: False leaves the last row open, its loops upright, and the piece would unravel. carried: most courses
+    that a yarn is carried past to the next course of its colour; beyond, and on the wrong side, it ends and another
+    begins. The sheet is flat, and its borders are as drawn.
 
     Raises InputError for patterns that are not knitted of such courses, for plated yarns and yarns that are bent at
     rest, and for sizes that are no piece.

@@ -51,7 +51,7 @@ class SheetScene:
     axis: int | None = None
 
     def holds(self, time: float) -> Holds:
-        """What all grips hold at a time [s]."""
+        """Held vertices and their targets at a time [s]."""
         grips = self.grips.values()
         nodes = np.concatenate([*(grip.nodes for grip in grips), np.empty(0, np.int64)])
         places = np.concatenate([*(g.motion.place(g.places, time) for g in grips), np.empty((0, 3))])

@@ -30,7 +30,7 @@ JERSEYS = ("jersey", "single-jersey", "stockinette")
 JERSEY_SEGMENTS = 8
 """Segments of a stitch of jersey (LOD03)."""
 SEGMENTS_PER_STITCH = 16
-"""Segments of a stitch where knit and purl stitches meet: with 8, sinkers between them would cut through loops."""
+"""Segments of a stitch where knit and purl stitches adjoin: with 8, sinkers between them would cut through loops."""
 _DENSE = 512
 """Points per stitch of the polylines that crossings are looked for on."""
 _CROSSINGS = 4

@@ -24,7 +24,7 @@ _NO_ROTATION = np.empty((0, 3, 3))
 class SplineEnergy:
     """Elastic energy of the yarns about their shape at rest, gravity not included.
 
-    Full vectors hold the control points one after another, 3 n. ``pattern`` is that of Hessian and mass matrix.
+    Full vectors are the control points one after another, 3 n. ``pattern`` is that of Hessian and mass matrix.
     """
 
     def __init__(self, fabric: SplineFabric) -> None:
@@ -86,7 +86,7 @@ class SplineEnergy:
 
 
 def point_rows(fabric: SplineFabric, points: CurvePoints) -> csr_array:
-    """Rows (3k, 3n) that give positions of points on yarns."""
+    """Matrix (3k, 3n) from control points to positions of points on yarns."""
     index, weights = fabric.rows(points)
     row = np.repeat(np.arange(len(points)), index.shape[1])
     count = fabric.yarn_count * fabric.points_per_yarn

@@ -172,7 +172,7 @@ class SplineMotion(Body[YarnMotion]):
         if self.method == "explicit":
             step = self._explicit(state, duration)
             return replace(step, state=replace(step.state, time=until))
-        if not inertia and self.volume is None:  # contacts, linearised in every step, would not be met
+        if not inertia and self.volume is None:  # contacts, linearised in every step, would not be satisfied
             raise InputError(
                 "steps without inertia", expected="spline yarns in a volume", found="all of them"
             )
@@ -243,7 +243,7 @@ class SplineMotion(Body[YarnMotion]):
         return Step(moved, status, duration)
 
     def _implicit(self, motion: YarnMotion, duration: float, iterations: int) -> Step[YarnMotion]:
-        # Yarns carried on straight would stretch where they turn, and are far stiffer so than in any other way.
+        # Yarns extrapolated along their velocities would stretch where they turn, in their stiffest direction by far.
         rule = self._rule(motion, duration)
         weight, centre = self._balance(rule)
         solution = minimise(
@@ -289,7 +289,7 @@ class SplineMotion(Body[YarnMotion]):
         return SparseConstraints(csr_array(vstack([rows, self._held])), right)
 
     def _held_volume(self, control: Array) -> LinearConstraints | None:
-        """Held points as constraints on the volume; those that it cannot tell apart are one."""
+        """Held points as constraints on the volume, without linearly dependent ones."""
         if self._held.shape[0] == 0 or self.map is None:  # type: ignore[index]
             return None
         columns = [

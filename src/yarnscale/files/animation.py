@@ -52,7 +52,7 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """Moving cloth, yarns and bodies, frames read one by one: nothing holds them all.
+    """Moving cloth, yarns and bodies, frames read one by one: they are never in memory together.
 
     times: of the frames, strictly increasing [s], (nf,). moment: the frame of an index below nf. numbers: that the
     frames bear in their folder, default 0, 1, 2, …

@@ -16,7 +16,7 @@ from yarnscale.yarn.stiffness import Materials
 
 @dataclass(frozen=True)
 class CellOrigin:
-    """The cell: name and hash of its pattern, tiles of a smaller pattern that it holds, its yarn materials.
+    """The cell: name and hash of its pattern, number of tiles of a smaller pattern, its yarn materials.
 
     where: the file that says so.
     """
@@ -53,7 +53,7 @@ class CellOrigin:
         return cls.of(read_material(os.fspath(path)).provenance, path)
 
     def cell_pattern(self, pattern: YarnPattern, source: str | os.PathLike[str]) -> YarnPattern:
-        """The pattern of the cell, from one of its tiles or all; InputError where ``source`` holds another."""
+        """The pattern of the cell, from one of its tiles or all; InputError where ``source`` has another."""
         for tiles in ((1, 1), self.tiles):
             cell = pattern if tiles == (1, 1) else pattern.repeated(*tiles)
             if cell.content_hash() == self.pattern_hash:

@@ -41,7 +41,7 @@ LARGEST_CHART_FILE = 100_000
 
 @dataclass
 class _Row:
-    """A row as written: its symbols, where each stands (columns from 1), and its kinds of yarn."""
+    """A row as written: its symbols, the column of each (from 1), and its kinds of yarn."""
 
     line: int
     symbols: str
@@ -51,7 +51,7 @@ class _Row:
 
 @dataclass
 class _Chart:
-    """What a file holds; rows from the top one down."""
+    """The contents of a file; rows from the top one down."""
 
     keys: dict[str, tuple[int, str]] = field(default_factory=dict)
     rows: list[_Row] = field(default_factory=list)

@@ -28,7 +28,7 @@ BODIES = "bodies.npz"
 class FrameWriter:
     """A folder with ``frame_0000.npz``, ``frame_0001.npz``, …, each replaced in one step.
 
-    Where there are obstacles with a surface, ``bodies.npz`` holds their triangles and every frame their vertices as
+    Where there are obstacles with a surface, ``bodies.npz`` has their triangles and every frame their vertices as
     ``bodies`` (nb, 3) [m], in their actual places, also if they missed their prescribed ones. keep: frames
     of an earlier run, from the first on, that stay; all others are removed at the start. Raises InputError where the
     folder cannot be written.
@@ -64,7 +64,7 @@ class FrameWriter:
 class FrameFolder(FrameWriter):
     """Frames of a cloth, and ``mesh.npz``: material points (nm, 2) [m], triangles (nt, 3), corners (nt, 3) among them.
 
-    A frame holds positions [m], velocities [m/s], both (nv, 3), and time [s]. Pass ``write`` as ``on_frame``.
+    A frame has positions [m], velocities [m/s], both (nv, 3), and time [s]. Pass ``write`` as ``on_frame``.
     """
 
     def __init__(

@@ -107,7 +107,7 @@ def _per_point(radii: NDArray, offsets: Integers) -> Floats:
 class CurveFolder(FrameWriter):
     """Frames of curves, and ``curves.npz``, the fields of a ``CurveSet``.
 
-    A frame holds positions (n, 3) [m] of all points and time [s]; radii (n,) [m] too where they change. Frames
+    A frame has positions (n, 3) [m] of all points and time [s]; radii (n,) [m] too where they change. Frames
     bear the numbers of the cloth's frames they belong to.
     """
 

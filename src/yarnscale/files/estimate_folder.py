@@ -49,7 +49,7 @@ class EstimateFolder:
 
 
 def check_resumable(folder: Path) -> None:
-    """InputError where a folder holds no evaluations of an earlier run."""
+    """InputError where a folder has no evaluations of an earlier run."""
     if not folder.is_dir():
         raise InputError("nothing to resume", where=folder, expected="evaluations of an earlier run")
 

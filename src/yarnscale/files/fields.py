@@ -1,4 +1,4 @@
-"""Checked access to what JSON and TOML files hold, with errors that name file, line and field."""
+"""Checked access to the contents of JSON and TOML files, with errors that name file, line and field."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Fields:
         return int(self.integers(key, shape=()))
 
     def number(self, key: str, *, positive: bool = False) -> float:
-        """A finite number, positive if asked for."""
+        """A finite number; positive: above zero."""
         value = float(self.numbers(key, shape=()))
         if positive and value <= 0:
             raise self.fault(key, expected="a positive number", found=value)

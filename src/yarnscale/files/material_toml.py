@@ -40,7 +40,7 @@ def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
 
 
 def material_of(table: Fields, *, name: str = "yarn") -> YarnMaterial:
-    """The material whose fields a table holds, as in a TOML file; ``name`` where the table has none.
+    """The material of a table of fields, as in a TOML file; ``name`` where the table has none.
 
     Raises InputError for unknown, missing and wrong fields.
     """

@@ -35,7 +35,7 @@ _SAMPLED = 2000
 def read_tables(
     path: str | os.PathLike[str], text: str, *, needed: Sequence[str]
 ) -> tuple[MeasuredTable, ...]:
-    """The tables of a file, one or more, whose names hold one of the ``needed`` quantities and another known one.
+    """The tables of a file, one or more, whose names contain one of the ``needed`` quantities and another known one.
 
     Lines that begin with # are comments. Raises InputError with file and line.
     """
@@ -56,7 +56,7 @@ def read_tables(
 
 
 def _separator(text: str) -> str:
-    """Tab or semicolon where half of the lines hold one, else comma."""
+    """Tab or semicolon where half of the lines have one, else comma."""
     lines = [line for line in text[:100_000].splitlines() if line.strip() and not line.startswith("#")]
     for separator in "\t;":
         if sum(separator in line for line in lines) >= 0.5 * len(lines):
@@ -197,7 +197,7 @@ class _Reader:
 
 
 def _block(table: MeasuredTable) -> Block:
-    """The readings of a table, or of its first specimen side by side, as numbers; nan where a cell holds none."""
+    """The readings of a table, or of its first specimen side by side, as numbers; nan where a cell has none."""
 
     def numbers(*quantities: str) -> Array:
         places = (k for k, name in enumerate(table.names) if name.quantity in quantities)

@@ -38,7 +38,7 @@ class Column:
 class MeasuredTable:
     """Readings below one line of column names.
 
-    names: what the columns hold; header: line of the names. rows: line in the file and cells. decimal: mark of
+    names: contents of the columns; header: line of the names. rows: line in the file and cells. decimal: mark of
     decimals. lines: lines of text above since the last table; title: the last of them. settings: quantity → value in
     SI, from the lines of text above. remarks: lines of the file that are not read.
     """
@@ -96,7 +96,7 @@ class MeasuredTable:
         return Column(name.text, place, *found)
 
     def missing(self, quantity: str, expected: str = "") -> InputError:
-        """The error of a quantity that the table does not hold."""
+        """The error of a quantity that the table does not have."""
         names = ", ".join(name.text for name in self.names)
         return InputError(
             f"column {quantity} is missing", where=f"{self.path}:{self.header}",

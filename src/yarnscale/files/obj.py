@@ -22,7 +22,7 @@ def obj_text(
     """Vertices (n, 3) [m] and triangles (m, 3); material points (k, 2) [m] become ``vt``.
 
     corners: material points of the triangles' corners (m, 3); None where they are numbered as the vertices. before:
-    vertices that stand above in the file.
+    number of vertices above in the file.
     """
     faces = triangles + 1 + before
     if material is None:

@@ -26,7 +26,7 @@ _LARGEST_NUMBER = 10**9
 
 @dataclass(frozen=True, eq=False)
 class ObjSurface:
-    """What an OBJ file holds.
+    """The contents of an OBJ file.
 
     vertices: (n, 3); points: texture coordinates (k, 2). Polygon i has the corners starts[i] … starts[i + 1] − 1,
     with corner_vertices (nc,) among the vertices and corner_points (nc,) among the points, −1 where a corner has none.

@@ -50,7 +50,7 @@ def read_pattern_json(path: str | os.PathLike[str]) -> YarnPattern:
 
 
 def read_yarns(path: str | os.PathLike[str]) -> Materials | None:
-    """The yarn materials that a pattern file in the native format holds, None where it holds none.
+    """The yarn materials in a pattern file of the native format, None where there are none.
 
     Raises InputError as ``read_pattern_json``.
     """

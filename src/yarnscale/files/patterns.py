@@ -43,7 +43,7 @@ def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
 
 
 def structure_of(source: str | os.PathLike[str]) -> Structure | None:
-    """The structure from which ``read_pattern`` draws a source; None of files that hold yarns at rest.
+    """The structure from which ``read_pattern`` draws a source; None for files of yarns at rest.
 
     Raises InputError as ``read_pattern`` does.
     """
@@ -72,7 +72,7 @@ def _drawn(source: str | os.PathLike[str]) -> StructureFile | None:
 
 
 def read_yarns(source: str | os.PathLike[str]) -> Materials | None:
-    """The yarn materials that a pattern file holds; None where it has none, as all but ``.json`` files.
+    """The yarn materials in a pattern file; None where it has none, as all but ``.json`` files.
 
     Raises InputError as ``read_pattern`` does.
     """

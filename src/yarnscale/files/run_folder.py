@@ -1,7 +1,7 @@
 """Folders that a command owns: results of an earlier run go as a whole or stay, and files of others are never touched.
 
 A record beside the results, ``.yarnscale.json``, lists what the command makes: names with ``*``, and folders with a
-slash at the end. It is written before the first result, so that it holds for runs that were killed too.
+slash at the end. It is written before the first result, so that runs that were killed have it too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from yarnscale.files.atomic import write_text
 
 RECORD = ".yarnscale.json"
 PAGE = ("last.obj", "last.png", "frames.png", "index.html")
-"""What every simulation leaves to look at (``show.run_page``)."""
+"""Page and pictures of every simulation (``show.run_page``)."""
 
 
 class RunFolder:

@@ -138,7 +138,7 @@ def _contact(section: Section, usual: ContactSettings) -> ContactSettings:
 def _timing(
     section: Section, usual: Schedule | None = None, options: SolverOptions = SOLVER
 ) -> tuple[Schedule, SolverOptions]:
-    """The schedule and how steps are solved; ``usual`` and ``options`` say what holds where the file is silent."""
+    """The schedule and how steps are solved; ``usual`` and ``options`` are the defaults of the file."""
     solving = ("tolerance", "iterations", "integrator", "method")
     plan = usual or section.build(lambda: Schedule(section.number("duration"), 0.02, to_rest=False))
     return read_schedule(section, plan, solving), section.changed(options, *solving)

@@ -113,7 +113,7 @@ def _points(bound: Array, count: int) -> Array:
 
 
 def random_states(bounds: Array, count: int, *, seed: int = 1) -> Array:
-    """States that no axis or plane holds, (count, 5): stretch in both directions and shear, half of them bent.
+    """States off all axes and planes, (count, 5): stretch in both directions and shear, half of them bent.
 
     bounds: (5, 2). Stretch goes down to a tenth of its compressive range only: deep compression buckles.
     """

@@ -8,7 +8,7 @@ It is the baseline of the compact energy (``compact_fit``):
 3. slopes are bounded so that every piece between control points is monotone (Fritsch and Carlson 1980, for the
    two-dimensional terms Carlson and Fritsch 1989 along both strains);
 4. f_ij takes what f_0 + f_i + f_j leave over on its plane, f_ij(0, ·) = f_ij(·, 0) = 0. The term of s_x and s_y, which
-   holds the contraction across a pull, is not marched.
+   contains the contraction across a pull, is not marched.
 
 Beyond the control points all terms continue linearly. The supplement of HYLC20 with its constants is not
 public; the width of the local polynomials and the number of control points are ours.

@@ -82,7 +82,7 @@ class SampleStore:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open an existing store; InputError where there is none or it holds something else."""
+        """Open an existing store; InputError where there is none or it has other contents."""
         self.path = path
         try:
             group = zarr.open_group(str(path), mode="r")
