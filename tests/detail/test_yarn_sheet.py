@@ -21,7 +21,7 @@ STOCKINETTE = library.build("stockinette")
 
 def _density(pattern: YarnPattern, energy: FabricEnergy, inside: np.ndarray) -> float:
     """Energy over area of the whole periods inside [J/m²]."""
-    shares = energy.vertex_energies(energy.start())
+    shares = energy.vertex_shares(energy.start())[0]
     return float(shares[inside].sum() / (inside.sum() / len(pattern.edges) * pattern.area))
 
 

@@ -26,7 +26,6 @@ from yarnscale.yarn.rod import STRETCH
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 STEP_LIMIT = 4.0
 """Largest move of a vertex against the fabric as a whole in one Newton step [r]."""
@@ -177,48 +176,32 @@ class FabricEnergy(RodEnergy):
         length = np.linalg.norm(positions[self.sheet.following[edges]] - positions[edges], axis=1)
         return length * self.radius / self.sheet.rest_length[edges] - 1.0
 
-    def vertex_energies(self, x: Array) -> Array:
-        """Energy shared out to vertices (n,) [J]: of an edge or pair to its ends alike, of a joint to its vertex."""
-        shares = np.zeros(self.count)
-        for stencils, nodes, spread in self._shares(x):
-            np.add.at(shares, nodes, stencils.elements(x)[0][:, None] / spread)
-        return shares * self.unit
+    def vertex_shares(self, x: Array) -> tuple[Array, Array]:
+        """Energy (n,) and virial Σ ∂E/∂x ⊗ x of every stencil (n, 3, 3) [J], shared out to vertices.
 
-    def _shares(self, x: Array) -> list[tuple[StencilSet, Indices, int]]:
-        """Stencils, the vertices (N, k) that share each, and k."""
-        contacts = self.contacts(x)
-        found = (
-            (self.stretch, self.stretch.variables[:, ::3] // 3),
-            (self.bend_twist, self.bend_twist.variables[:, 3:4] // 3),
-            (self.glue, self.glue.variables[:, ::3] // 3),
-            (contacts.stencils, contacts.stencils.variables[:, ::3] // 3),
-        )
-        return [(stencils, nodes, nodes.shape[1]) for stencils, nodes in found if stencils.count]
-
-    def vertex_virials(self, x: Array) -> Array:
-        """Σ ∂E/∂x ⊗ x of every stencil, shared out to vertices as ``vertex_energies`` (n, 3, 3) [J].
-
-        Over a patch of reference area A it is A P Fᵀ, P the stress of the fabric there and F its deformation.
+        Those of an edge or pair go to its ends alike, those of a joint to its vertex. Over a patch of reference area A
+        the virial is A P Fᵀ, P the stress of the fabric there and F its deformation.
         """
-        shares = np.zeros((self.count, 3, 3))
-        for stencils, nodes, spread in self._shares(x):
-            force = stencils.elements(x)[1]
+        energies, virials = np.zeros(self.count), np.zeros((self.count, 3, 3))
+        for stencils in (self.stretch, self.bend_twist, self.glue, self.contacts(x).stencils):
+            if not stencils.count:
+                continue
+            values, force, _ = stencils.elements(x)
             corners = stencils.variables[:, : 3 * stencils.vectors : 3] // 3
-            places = self.positions(x)[corners]
-            pull = np.einsum(
-                "nai,naj->nij", force[:, : 3 * stencils.vectors].reshape(places.shape), places - places[:, :1]
-            )
-            np.add.at(shares, nodes, pull[:, None] / spread)
-        return shares * self.unit
+            places, nodes = self.positions(x)[corners], corners[:, 1:2] if corners.shape[1] == 3 else corners
+            push = force[:, : 3 * stencils.vectors].reshape(places.shape)
+            pull = np.einsum("nai,naj->nij", push, places - places[:, :1])
+            np.add.at(energies, nodes, values[:, None] / nodes.shape[1])
+            np.add.at(virials, nodes, pull[:, None] / nodes.shape[1])
+        return energies * self.unit, virials * self.unit
 
     def masses(self) -> Array:
         """Mass of every vertex (n,) [kg]."""
-        line = [m.mass_per_length(self.radius) for m in self.stiffness.materials]
-        return np.array(line)[self.stiffness.kind] * self.sheet.voronoi_length * self.sheet.relative_radius**2
+        return self.stiffness.mass_per_length() * self.sheet.voronoi_length
 
     def spins(self) -> Array:
         """Moment of inertia of every edge about itself (n,) [kg m²]; 0 at the ends of yarns."""
-        line = [m.mass_per_length(self.radius) for m in self.stiffness.materials]
         length = np.where(self.sheet.following >= 0, self.sheet.rest_length, 0.0)
-        section = self.radius**2 * self.sheet.relative_radius**4
-        return 0.5 * section * np.array(line)[self.stiffness.kind] * length
+        return (
+            0.5 * (self.radius * self.sheet.relative_radius) ** 2 * self.stiffness.mass_per_length() * length
+        )

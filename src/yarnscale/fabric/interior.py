@@ -64,7 +64,7 @@ def interior(pattern: YarnPattern, energy: FabricEnergy, x: Array, *, share: flo
         raise InputError(
             "stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(first)
         )
-    virials, energies = energy.vertex_virials(x), energy.vertex_energies(x)
+    energies, virials = energy.vertex_shares(x)
     weight = sheet.voronoi_length
     length = _between(weight, first, last)
     middle = _between(weight[:, None] * positions, first, last) / length[:, None]

@@ -201,11 +201,12 @@ class PatternStiffness:
 
     def area_density(self) -> float:
         """Mass per reference area [kg/m²]."""
-        r = self.pattern.radius
-        volumes = self.pattern.rest_length * self.pattern.relative_radius**2
-        lengths = np.bincount(self.kind, volumes, len(self.materials))
-        mass = sum(m.mass_per_length(r) * s for m, s in zip(self.materials, lengths, strict=True))
-        return float(mass / self.pattern.area)
+        return float(self.mass_per_length() @ self.pattern.rest_length / self.pattern.area)
+
+    def mass_per_length(self) -> Array:
+        """Of every edge and joint (n,) [kg/m]."""
+        line = self._by_kind([m.mass_per_length(self.pattern.radius) for m in self.materials])
+        return line * self.pattern.relative_radius**2
 
     def _by_kind(self, values: Sequence[float]) -> Array:
         return np.array(values, np.float64)[self.kind]
