@@ -9,7 +9,8 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.drawing import library
 from yarnscale.kinematics import COMPONENTS, ShellStrain
-from yarnscale.numerics.newton import Solution, minimise
+from yarnscale.numerics.linear_solver import linear_solver
+from yarnscale.numerics.newton import NewtonOptions, Solution, minimise
 from yarnscale.yarn.material import YarnMaterial
 
 MATERIAL = YarnMaterial.preset("hylc2020-stockinette")
@@ -26,9 +27,9 @@ def solve(base: CellEnergy, vector: np.ndarray, start: np.ndarray | None) -> tup
     solution = minimise(
         energy,
         energy.start() if start is None else start,
-        constraints=energy.constraints,
+        NewtonOptions(tolerance=1e-10),
         bound=energy.bound,
-        tolerance=1e-10,
+        linear=linear_solver(energy.constraints),
     )
     assert solution.converged
     return energy, solution

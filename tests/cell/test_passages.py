@@ -22,7 +22,8 @@ from yarnscale.cell.passages import (
 from yarnscale.drawing import library
 from yarnscale.homogenize.worker import CODE_OF, record
 from yarnscale.kinematics import ShellStrain
-from yarnscale.numerics.newton import minimise
+from yarnscale.numerics.linear_solver import linear_solver
+from yarnscale.numerics.newton import NewtonOptions, minimise
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.passages import Passages, _remainder, pair_passages
 
@@ -242,10 +243,10 @@ def test_no_step_of_a_solve_takes_yarns_through_each_other() -> None:
     minimise(
         energy,
         points[0],
-        constraints=energy.constraints,
+        NewtonOptions(max_iterations=80),
         bound=energy.bound,
         after_step=lambda x: points.append(x.copy()),
-        max_iterations=80,
+        linear=linear_solver(energy.constraints),
     )
     moved = points[-1][: 3 * energy.count].reshape(-1, 3)
     assert len(points) > 10 and np.linalg.norm(moved, axis=1).max() > 1.0

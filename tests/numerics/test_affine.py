@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from yarnscale.numerics.affine import CopiedNodes, KeptPull, MappedObjective, NodeMap
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.newton import minimise
+from yarnscale.numerics.newton import NewtonOptions, minimise
 
 
 def lower_pattern(matrix: np.ndarray) -> SymmetricPattern:
@@ -112,7 +112,7 @@ def test_minimises_over_the_nodes_that_are_free() -> None:
     """At the minimum no force is left that the free nodes could follow."""
     objective, weights = Quartic(12, 4), np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0], [0.0, 0.0]])
     mapped = MappedObjective(objective, NodeMap(weights, np.linspace(-1, 1, 12)))
-    solution = minimise(mapped, np.zeros(6), tolerance=1e-10)
+    solution = minimise(mapped, np.zeros(6), NewtonOptions(tolerance=1e-10))
     assert solution.converged
     x = np.kron(weights, np.eye(3)) @ solution.x + np.linspace(-1, 1, 12)
     np.testing.assert_allclose(np.kron(weights, np.eye(3)).T @ objective.gradient(x)[1], 0.0, atol=1e-8)

@@ -7,7 +7,9 @@ import pytest
 
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.implicit import ConstrainedInverse
-from yarnscale.numerics.newton import LinearConstraints, minimise
+from yarnscale.numerics.kkt import LinearConstraints
+from yarnscale.numerics.linear_solver import linear_solver
+from yarnscale.numerics.newton import NewtonOptions, minimise
 
 
 class Model:
@@ -113,7 +115,9 @@ def test_derivatives_of_a_minimum_against_re_solved_minima() -> None:
     constraints = LinearConstraints(np.ones((1, 6)), np.array([0.4]))
 
     def solve(p: float):  # type: ignore[no-untyped-def]
-        solution = minimise(Spring(p), np.zeros(6), constraints=constraints, tolerance=1e-12)
+        solution = minimise(
+            Spring(p), np.zeros(6), NewtonOptions(tolerance=1e-12), linear=linear_solver(constraints)
+        )
         assert solution.converged
         return solution
 

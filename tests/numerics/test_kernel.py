@@ -98,7 +98,7 @@ def test_binary_instructions(name: str) -> None:
 
 def test_every_instruction_that_the_translator_knows_is_met_above() -> None:
     """Guards the two tables: an instruction added to the translator needs a line here."""
-    from yarnscale.numerics import kernel
+    from yarnscale.numerics import vector_ir
 
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     met: set[int] = set()
@@ -106,11 +106,11 @@ def test_every_instruction_that_the_translator_knows_is_met_above() -> None:
         function = ca.Function("f", [x, y], [graph])
         met |= {function.instruction_id(k) for k in range(function.n_instructions())}
     tables = (
-        kernel._BINARY,
-        kernel._COMPARE,
-        kernel._UNARY_INTRINSIC,
-        kernel._BINARY_INTRINSIC,
-        kernel._LIBRARY,
+        vector_ir._BINARY,
+        vector_ir._COMPARE,
+        vector_ir._UNARY_INTRINSIC,
+        vector_ir._BINARY_INTRINSIC,
+        vector_ir._LIBRARY,
     )
     known = {code for table in tables for code in table}
     assert known - met == set()

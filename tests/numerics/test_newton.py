@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.newton import LinearConstraints, Reuse, ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.kkt import LinearConstraints
+from yarnscale.numerics.linear_solver import linear_solver
+from yarnscale.numerics.newton import NewtonOptions, Reuse, Solution, Status, minimise
+from yarnscale.numerics.regularisation import ShiftRule
 
 
 def full_pattern(n: int) -> SymmetricPattern:
@@ -99,7 +102,9 @@ NO_SHIFT = ShiftRule(start=0.0, lowest=0.0, lowest_is_zero=True)
 
 def test_a_convex_quadratic_takes_one_step() -> None:
     matrix, right = positive_definite(8), np.arange(8.0)
-    solution = minimise(quadratic_form(matrix, right), np.ones(8), shift=NO_SHIFT, tolerance=1e-9)
+    solution = minimise(
+        quadratic_form(matrix, right), np.ones(8), NewtonOptions(shift=NO_SHIFT, tolerance=1e-9)
+    )
     assert (solution.status, solution.iterations, solution.factorisations) == (Status.CONVERGED, 1, 2)
     np.testing.assert_allclose(solution.x, np.linalg.solve(matrix, right), rtol=1e-10)
     assert solution.residual <= 1e-9
@@ -119,7 +124,10 @@ def test_linear_constraints_hold_exactly() -> None:
     expected = np.linalg.solve(kkt, np.concatenate([right, wanted]))[:9]
     constraints = LinearConstraints(rows, wanted)
     solution = minimise(
-        quadratic_form(matrix, right), np.zeros(9), constraints=constraints, shift=NO_SHIFT, tolerance=1e-9
+        quadratic_form(matrix, right),
+        np.zeros(9),
+        NewtonOptions(shift=NO_SHIFT, tolerance=1e-9),
+        linear=linear_solver(constraints),
     )
     assert solution.converged and solution.iterations == 1
     np.testing.assert_allclose(solution.x, expected, rtol=1e-9, atol=1e-11)
@@ -131,7 +139,10 @@ def test_constraints_make_an_indefinite_hessian_a_minimum() -> None:
     matrix = np.diag([1.0, 2.0, -0.5])
     constraints = LinearConstraints(np.array([[0.0, 0.0, 1.0]]), np.array([0.3]))
     solution = minimise(
-        quadratic_form(matrix, np.ones(3)), np.zeros(3), constraints=constraints, tolerance=1e-9
+        quadratic_form(matrix, np.ones(3)),
+        np.zeros(3),
+        NewtonOptions(tolerance=1e-9),
+        linear=linear_solver(constraints),
     )
     assert solution.converged
     np.testing.assert_allclose(solution.x, [1.0, 0.5, 0.3], atol=1e-8)
@@ -143,7 +154,13 @@ def test_constraints_are_met_from_an_infeasible_start_with_a_bounded_step() -> N
     def bound(x: np.ndarray, step: np.ndarray) -> float:
         return min(1.0, 0.25 / np.abs(step).max())
 
-    solution = minimise(rosenbrock(6), np.zeros(6), constraints=constraints, bound=bound, tolerance=1e-8)
+    solution = minimise(
+        rosenbrock(6),
+        np.zeros(6),
+        NewtonOptions(tolerance=1e-8),
+        bound=bound,
+        linear=linear_solver(constraints),
+    )
     assert solution.converged
     assert abs(solution.x.sum() - 12.0) < 1e-10
     gradient = rosenbrock(6).gradient(solution.x)[1]
@@ -153,7 +170,7 @@ def test_constraints_are_met_from_an_infeasible_start_with_a_bounded_step() -> N
 @pytest.mark.parametrize("n", [2, 5, 20])
 def test_rosenbrock(n: int) -> None:
     start = np.tile([-1.2, 1.0], n)[:n]
-    solution = minimise(rosenbrock(n), start, tolerance=1e-9, max_iterations=200)
+    solution = minimise(rosenbrock(n), start, NewtonOptions(tolerance=1e-9, max_iterations=200))
     assert solution.converged and solution.iterations < 120
     gradient, hessian = rosenbrock(n).gradient(solution.x)[1], rosenbrock(n)._hessian(solution.x)
     np.testing.assert_allclose(gradient, 0, atol=1e-8)
@@ -182,7 +199,12 @@ def test_a_factor_used_again_saves_factorisations_on_the_way_to_the_same_minimum
     constraints = LinearConstraints(np.ones((1, 30)), np.array([20.0]))
     start = np.linspace(0.0, 1.0, 30) + 1.0 / 6.0
     once, again = (
-        minimise(rosenbrock(30), start, constraints=constraints, tolerance=1e-9, reuse=reuse)
+        minimise(
+            rosenbrock(30),
+            start,
+            NewtonOptions(tolerance=1e-9, reuse=reuse),
+            linear=linear_solver(constraints),
+        )
         for reuse in (None, Reuse())
     )
     assert once.converged
@@ -192,20 +214,25 @@ def test_a_factor_used_again_saves_factorisations_on_the_way_to_the_same_minimum
 
 
 def test_a_start_on_a_saddle_is_left() -> None:
-    solution = minimise(double_well(), np.zeros(2), tolerance=1e-9)
+    solution = minimise(double_well(), np.zeros(2), NewtonOptions(tolerance=1e-9))
     assert solution.converged
     np.testing.assert_allclose(np.abs(solution.x), [1, 0], atol=1e-8)
 
 
 def test_a_saddle_is_left_along_the_constraints() -> None:
     constraints = LinearConstraints(np.array([[0.0, 1.0, 1.0]]), np.array([0.5]))
-    solution = minimise(double_well(3), np.array([0.0, 0.25, 0.25]), constraints=constraints, tolerance=1e-9)
+    solution = minimise(
+        double_well(3),
+        np.array([0.0, 0.25, 0.25]),
+        NewtonOptions(tolerance=1e-9),
+        linear=linear_solver(constraints),
+    )
     assert solution.converged
     np.testing.assert_allclose([abs(solution.x[0]), *solution.x[1:]], [1, 0.25, 0.25], atol=1e-8)
 
 
 def test_a_saddle_may_be_accepted_on_request() -> None:
-    solution = minimise(double_well(), np.zeros(2), check_minimum=False)
+    solution = minimise(double_well(), np.zeros(2), NewtonOptions(check_minimum=False))
     assert solution.converged and not solution.x.any()
 
 
@@ -235,7 +262,7 @@ def test_a_barrier_is_never_crossed() -> None:
     )
     seen = []
     solution = minimise(
-        objective, np.array([5.0, 3.0]), after_step=lambda x: seen.append(x[0]), tolerance=1e-9
+        objective, np.array([5.0, 3.0]), NewtonOptions(tolerance=1e-9), after_step=lambda x: seen.append(x[0])
     )
     assert solution.converged and min(seen) > 0
     np.testing.assert_allclose(solution.x, [1, 0], atol=1e-8)
@@ -252,9 +279,9 @@ def test_the_bound_is_respected_by_every_step() -> None:
     minimise(
         rosenbrock(2),
         visited[0],
+        NewtonOptions(max_iterations=400),
         bound=bound,
         after_step=lambda x: visited.append(x.copy()),
-        max_iterations=400,
     )
     moves = np.linalg.norm(np.diff(visited, axis=0), axis=1)
     assert len(moves) > 10 and moves.max() <= limit * (1 + 1e-12)
@@ -274,7 +301,7 @@ def test_the_bound_holds_when_a_saddle_is_left() -> None:
 
 def test_the_iteration_limit_is_told_and_the_best_point_returned() -> None:
     start = np.array([-1.2, 1.0])
-    solution = minimise(rosenbrock(2), start, max_iterations=3)
+    solution = minimise(rosenbrock(2), start, NewtonOptions(max_iterations=3))
     assert (solution.status, solution.iterations) == (Status.ITERATION_LIMIT, 3)
     assert solution.value < rosenbrock(2).value(start)
     assert solution.value == pytest.approx(rosenbrock(2).value(solution.x))
@@ -282,7 +309,7 @@ def test_the_iteration_limit_is_told_and_the_best_point_returned() -> None:
 
 
 def test_no_iterations_allowed() -> None:
-    solution = minimise(rosenbrock(2), np.zeros(2), max_iterations=0)
+    solution = minimise(rosenbrock(2), np.zeros(2), NewtonOptions(max_iterations=0))
     assert (solution.status, solution.iterations) == (Status.ITERATION_LIMIT, 0)
 
 
@@ -318,22 +345,27 @@ def test_a_step_that_gains_too_little_is_the_last_but_not_one_that_failed() -> N
     slope = quadratic_form(np.eye(1), np.zeros(1))
     seen: list[float] = []
     near = minimise(
-        slope, np.ones(1), tolerance=1e-9, enough=0.6, after_step=lambda x: seen.append(float(x[0]))
+        slope,
+        np.ones(1),
+        NewtonOptions(tolerance=1e-9, enough=0.6),
+        after_step=lambda x: seen.append(float(x[0])),
     )
     assert near.status is Status.CONVERGED and near.factorisations == near.iterations == 1
     assert (
         abs(near.x[0]) < 0.02 and seen == [near.x[0]] and near.gradient[0] == near.x[0]
     )  # taken all the same
-    far = minimise(slope, np.ones(1), tolerance=1e-9, enough=0.4)
+    far = minimise(slope, np.ones(1), NewtonOptions(tolerance=1e-9, enough=0.4))
     assert far.status is Status.CONVERGED and far.iterations == 2 and abs(far.x[0]) < abs(near.x[0])
     wrong = Dense(1, lambda x: float(-x[0]), lambda x: x, lambda x: np.eye(1))
-    assert minimise(wrong, np.ones(1), tolerance=1e-9, enough=0.4).status is Status.STALLED
+    assert minimise(wrong, np.ones(1), NewtonOptions(tolerance=1e-9, enough=0.4)).status is Status.STALLED
 
 
 def test_a_step_that_a_large_shift_shortened_is_not_taken_for_one_that_gains_little() -> None:
     """With a shift of 100 the first step of ½ x² gains less than a hundredth of what there is to gain."""
     slope = quadratic_form(np.eye(1), np.zeros(1))
-    solution = minimise(slope, np.ones(1), tolerance=1e-9, enough=0.1, shift=ShiftRule(start=100.0))
+    solution = minimise(
+        slope, np.ones(1), NewtonOptions(tolerance=1e-9, enough=0.1, shift=ShiftRule(start=100.0))
+    )
     assert solution.status is Status.CONVERGED and solution.iterations > 1
     assert 0.5 * solution.x[0] ** 2 < 0.1
     # A falling curvature is no end either, however little the step promises.
@@ -343,7 +375,7 @@ def test_a_step_that_a_large_shift_shortened_is_not_taken_for_one_that_gains_lit
         lambda x: x**3 - x,
         lambda x: np.diag(3 * x**2 - 1),
     )
-    left = minimise(saddle, np.full(1, 0.01), tolerance=1e-9, enough=0.01)
+    left = minimise(saddle, np.full(1, 0.01), NewtonOptions(tolerance=1e-9, enough=0.01))
     assert left.status is Status.CONVERGED and left.value == pytest.approx(-0.25, abs=0.01)
 
 
@@ -365,7 +397,7 @@ def test_a_gradient_that_turns_nan_on_the_way_is_no_convergence() -> None:
 def test_an_energy_without_a_minimum_reaches_the_limit_or_stalls() -> None:
     objective = Dense(2, lambda x: float(x[0]), lambda x: np.array([1.0, 0.0]), lambda x: np.zeros((2, 2)))
     solution = minimise(
-        objective, np.zeros(2), max_iterations=30, bound=lambda x, p: min(1, 1 / abs(p).max())
+        objective, np.zeros(2), NewtonOptions(max_iterations=30), bound=lambda x, p: min(1, 1 / abs(p).max())
     )
     assert solution.status is not Status.CONVERGED
     never_nan(solution)
@@ -376,7 +408,7 @@ def test_a_soft_valley_converges_below_the_noise_of_the_energy() -> None:
     matrix, right = positive_definite(5), np.arange(5.0)
     form = quadratic_form(matrix, right)
     objective = Dense(5, lambda x: form._value(x) + 1e8, form._gradient, form._hessian)
-    solution = minimise(objective, np.ones(5), tolerance=1e-10)
+    solution = minimise(objective, np.ones(5), NewtonOptions(tolerance=1e-10))
     assert solution.converged
     np.testing.assert_allclose(solution.x, np.linalg.solve(matrix, right), atol=1e-9)
 
@@ -387,7 +419,7 @@ def test_large_coordinates_do_not_make_feasible_points_infeasible() -> None:
     constraints = LinearConstraints(np.array([[1.0, 2.0, 3.0, 0.5]]) / 3, np.array([6.5 * far / 3]))
     base = rosenbrock(n)
     objective = Dense(n, *(lambda x, f=f: f(x - far) for f in (base._value, base._gradient, base._hessian)))
-    solution = minimise(objective, far + np.array([-1.2, 1.0, -1.2, 5.6]), constraints=constraints)
+    solution = minimise(objective, far + np.array([-1.2, 1.0, -1.2, 5.6]), linear=linear_solver(constraints))
     energies = [energy for energy, _ in solution.history]
     assert (np.diff(energies) < 1e-5).all(), "but for the round-off of x - far"
 
@@ -406,7 +438,7 @@ def test_the_shift_rule() -> None:
 
 def test_the_highest_shift_ends_the_search() -> None:
     objective = Dense(2, lambda x: float(x @ x), lambda x: 2 * x, lambda x: -np.eye(2))
-    solution = minimise(objective, np.ones(2), shift=ShiftRule(highest=0.5))
+    solution = minimise(objective, np.ones(2), NewtonOptions(shift=ShiftRule(highest=0.5)))
     assert solution.status is Status.STALLED
 
 
@@ -420,7 +452,7 @@ def test_the_pattern_is_analysed_once() -> None:
         return original(x)
 
     objective.quadratic = watched  # type: ignore[method-assign]
-    solution = minimise(objective, np.zeros(4), tolerance=1e-9)
+    solution = minimise(objective, np.zeros(4), NewtonOptions(tolerance=1e-9))
     assert solution.converged
     assert len(seen) == solution.iterations + 1
 
@@ -428,6 +460,6 @@ def test_the_pattern_is_analysed_once() -> None:
 @pytest.mark.parametrize("backend", ["superlu", None])
 def test_the_start_is_not_changed(backend: str | None) -> None:
     start = np.array([-1.2, 1.0])
-    solution = minimise(rosenbrock(2), start, backend=backend)
+    solution = minimise(rosenbrock(2), start, linear=linear_solver(None, backend))
     assert solution.converged
     np.testing.assert_array_equal(start, [-1.2, 1.0])

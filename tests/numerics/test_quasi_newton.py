@@ -10,7 +10,7 @@ import pytest
 
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import Status
+from yarnscale.numerics.newton import NewtonOptions, Status
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 
 SIZE = 40
@@ -48,7 +48,7 @@ class Chain:
 
 def test_the_minimum_is_found_with_few_factors() -> None:
     chain, solver = Chain(), ConstrainedSolver(None, None)
-    solution = minimise_keeping_factors(chain, np.zeros(SIZE), tolerance=1e-8, linear=solver)
+    solution = minimise_keeping_factors(chain, np.zeros(SIZE), NewtonOptions(1e-8), linear=solver)
     assert solution.converged and solution.iterations > 10
     assert np.linalg.norm(chain.gradient(solution.x)[1]) <= 1e-8
     assert solution.factorisations <= 2 + solution.iterations / 25
@@ -59,7 +59,7 @@ def test_the_minimum_is_found_with_few_factors() -> None:
 def test_memory_saves_iterations() -> None:
     counts = [
         minimise_keeping_factors(
-            Chain(), np.zeros(SIZE), tolerance=1e-6, max_iterations=3000, keep=KeepRule(memory=memory)
+            Chain(), np.zeros(SIZE), NewtonOptions(1e-6, max_iterations=3000), KeepRule(memory=memory)
         ).iterations
         for memory in (0, 12)
     ]
@@ -69,7 +69,7 @@ def test_memory_saves_iterations() -> None:
 def test_large_forces_renew_the_factor_every_time() -> None:
     chain = Chain()
     keep = KeepRule(while_below=1e-6)
-    solution = minimise_keeping_factors(chain, np.zeros(SIZE), tolerance=1e-6, max_iterations=40, keep=keep)
+    solution = minimise_keeping_factors(chain, np.zeros(SIZE), NewtonOptions(1e-6, max_iterations=40), keep)
     assert solution.iterations == 40 and chain.models == solution.factorisations == 40
 
 
@@ -78,8 +78,7 @@ def test_a_bound_is_kept_and_limits_every_step() -> None:
     solution = minimise_keeping_factors(
         Chain(),
         np.zeros(SIZE),
-        tolerance=1e-6,
-        max_iterations=3000,
+        NewtonOptions(1e-6, max_iterations=3000),
         bound=lambda x, step: min(1.0, 0.05 / np.abs(step).max()),
         after_step=lambda x: farthest.append(float(x.max())),
     )
@@ -88,10 +87,10 @@ def test_a_bound_is_kept_and_limits_every_step() -> None:
 
 
 def test_endings_are_told() -> None:
-    few = minimise_keeping_factors(Chain(), np.zeros(SIZE), tolerance=1e-12, max_iterations=3)
+    few = minimise_keeping_factors(Chain(), np.zeros(SIZE), NewtonOptions(1e-12, max_iterations=3))
     assert few.status is Status.ITERATION_LIMIT and few.iterations == 3
-    outside = minimise_keeping_factors(Chain(wall=0.5), np.full(SIZE, 1.0))
+    outside = minimise_keeping_factors(Chain(wall=0.5), np.full(SIZE, 1.0), NewtonOptions())
     assert outside.status is Status.INVALID and not math.isfinite(outside.residual)
-    walled = minimise_keeping_factors(Chain(wall=0.5), np.zeros(SIZE), tolerance=1e-8)
+    walled = minimise_keeping_factors(Chain(wall=0.5), np.zeros(SIZE), NewtonOptions(1e-8))
     assert walled.status in (Status.STALLED, Status.ITERATION_LIMIT) and np.abs(walled.x).max() <= 0.5
     assert walled.value == pytest.approx(Chain().value(walled.x))

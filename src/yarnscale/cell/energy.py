@@ -20,7 +20,7 @@ from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.kkt import LinearConstraints
 from yarnscale.numerics.newton import Reuse
 from yarnscale.numerics.null_space import ChainConstraints
-from yarnscale.numerics.sums import ShiftedHessian
+from yarnscale.numerics.regularisation import ShiftedHessian
 from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.energy import PATTERN_MARGIN, RodEnergy
 from yarnscale.yarn.frames import unit, upright

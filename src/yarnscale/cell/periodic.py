@@ -19,7 +19,8 @@ from yarnscale.cell.starts import perturbed
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.numerics.newton import Solution, Status, Watch, minimise
+from yarnscale.numerics.linear_solver import linear_solver
+from yarnscale.numerics.newton import NewtonOptions, Solution, Status, Watch, minimise
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
@@ -231,17 +232,9 @@ class PeriodicCell:
         return _with_work(best, *others)
 
     def _minimised(self, energy: CellEnergy, start: Array) -> Solution:
-        return minimise(
-            energy,
-            start,
-            constraints=energy.constraints,
-            bound=energy.bound,
-            watch=self.watch,
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-            reuse=energy.reuse,
-            backend=self.backend,
-        )
+        options = NewtonOptions(self.tolerance, max_iterations=self.max_iterations, reuse=energy.reuse)
+        linear = linear_solver(energy.constraints, self.backend)
+        return minimise(energy, start, options, linear=linear, bound=energy.bound, watch=self.watch)
 
     def _continued(
         self,

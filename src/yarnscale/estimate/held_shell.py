@@ -17,8 +17,9 @@ from yarnscale.numerics.affine import FreeUnknowns, KeptPull, MappedObjective
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.kernel import BLOCK
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import Objective, ShiftRule, Solution, minimise
-from yarnscale.numerics.sums import Load, ShiftedHessian, SumOfEnergies
+from yarnscale.numerics.newton import NewtonOptions, Objective, Solution, minimise
+from yarnscale.numerics.regularisation import ShiftedHessian, ShiftRule
+from yarnscale.numerics.sums import Load, SumOfEnergies
 from yarnscale.shell.elastic.element_loops import gradient_of_blocks
 from yarnscale.shell.elastic.energy import Linearisation, ShellEnergy, ShellObjective
 from yarnscale.shell.materials.material import ShellMaterial
@@ -92,8 +93,8 @@ class HeldShell:
         whole = SumOfEnergies(self._elastic, [Load(self._load(material, gravity).ravel(), free.state)])
         solution = minimise(
             _HeldObjective(whole, free, self._pull), free.state[self.free],
-            after_step=lambda x: self._follow(free.expand(x).reshape(-1, 3)), tolerance=TOLERANCE,
-            max_iterations=iterations, shift=EXACT_FIRST, linear=self._linear,
+            NewtonOptions(TOLERANCE, max_iterations=iterations, shift=EXACT_FIRST), linear=self._linear,
+            after_step=lambda x: self.energy.follow(free.expand(x).reshape(-1, 3)),
         )  # fmt: skip
         positions = free.expand(solution.x).reshape(-1, 3)
         stable = solution.converged and self._is_minimum(positions)
@@ -171,9 +172,6 @@ class HeldShell:
     def _free_part(self, entries: Array) -> ShiftedHessian:
         pull = self._pull.of(self.energy.pattern)
         return ShiftedHessian(pull.pattern, pull.entries(entries))
-
-    def _follow(self, positions: Array) -> None:
-        self.energy.follow(positions)
 
     def _load(self, material: ShellMaterial, gravity: Sequence[float]) -> Array:
         return material.density * self.mesh.vertex_areas[:, None] * np.asarray(gravity, np.float64)

@@ -22,7 +22,8 @@ from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
 from yarnscale.motion.integrator import Earlier, Integrator, checked_integrator, remembered, step_rule
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
+from yarnscale.numerics.regularisation import ShiftRule
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.friction import YarnFriction
@@ -135,7 +136,11 @@ class FabricDynamics(Body[FabricMotion]):
         )  # fmt: skip
         # From where the fabric is: the way ahead may press yarns into each other, and Newton's method knows inertia.
         enough = settings.enough * self.fall_energy(duration) if inertia else 0.0
-        solution = self._minimised(objective, state, enough, iterations or settings.iterations)
+        shift = replace(_SHIFT, start=state.shift)
+        options = NewtonOptions(
+            self.tolerance, enough, iterations or settings.iterations, shift, check_minimum=False
+        )
+        solution = self._minimised(objective, state, options)
         x, shift = solution.x, min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT)
         velocity = self._damped(x, rule.velocity(x), duration) if inertia else np.zeros_like(x)
         before = remembered(settings.integrator, state.x, state.velocity, duration) if inertia else None
@@ -191,14 +196,12 @@ class FabricDynamics(Body[FabricMotion]):
         return FabricMotion(x, velocity, time, shift, self.energy.frames, passages, before)
 
     def _minimised(
-        self, objective: FabricObjective, motion: FabricMotion, enough: float, iterations: int
+        self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions
     ) -> Solution:
-        """The least of a step's energy, from where the fabric is, up to a gain of ``enough`` [E π r³]."""
+        """The least of a step's energy, from where the fabric is."""
         return minimise(
-            objective, motion.x, bound=self.energy.bound, tolerance=self.tolerance,
-            after_step=lambda x: arrive(self.energy, x, self.count),
-            enough=enough, max_iterations=iterations, shift=replace(_SHIFT, start=motion.shift),
-            check_minimum=False, linear=self._linear,
+            objective, motion.x, options, bound=self.energy.bound,
+            after_step=lambda x: arrive(self.energy, x, self.count), linear=self._linear,
         )  # fmt: skip
 
     def _explicit(self, motion: FabricMotion, duration: float) -> Step[FabricMotion]:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.sums import Load, ShiftedHessian, Springs, SumOfEnergies, add_diagonal_blocks
+from yarnscale.numerics.regularisation import ShiftedHessian
+from yarnscale.numerics.sums import Load, Springs, SumOfEnergies, add_diagonal_blocks
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 
@@ -130,8 +130,8 @@ def equilibrium(
     energy.anchor(start)
 
     solution: Solution = minimise(
-        objective, start, bound=energy.bound, after_step=lambda x: arrive(energy, x, count), tolerance=tolerance,
-        max_iterations=max_iterations, shift=ShiftRule(), check_minimum=False, linear=solver,
+        objective, start, NewtonOptions(tolerance, max_iterations=max_iterations, check_minimum=False),
+        bound=energy.bound, after_step=lambda x: arrive(energy, x, count), linear=solver,
     )  # fmt: skip
     return Rest(
         solution.x, solution.status, solution.residual, solution.iterations, time.perf_counter() - began

@@ -19,7 +19,8 @@ from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.numerics.affine import FreeUnknowns, MappedObjective, NodeMap
-from yarnscale.numerics.newton import Objective, ShiftRule, Solution, minimise
+from yarnscale.numerics.newton import NewtonOptions, Objective, Solution, minimise
+from yarnscale.numerics.regularisation import ShiftRule
 
 Array = NDArray[np.float64]
 
@@ -63,10 +64,8 @@ class RodVolume:
         self,
         objective: Objective,
         start: Array,
+        options: NewtonOptions,
         *,
-        tolerance: float,
-        max_iterations: int,
-        enough: float = 0.0,
         count: PassageCount | None = None,
     ) -> Solution:
         """Minimise an objective of the yarns by the volume alone, from a state (4n,); the solution is a state."""
@@ -82,9 +81,7 @@ class RodVolume:
 
         solution = minimise(
             MappedObjective(MappedObjective(objective, positions), nodes), np.zeros(self.unknowns),
-            bound=bound, after_step=lambda free: arrive(energy, state(free), count), tolerance=tolerance,
-            enough=enough, max_iterations=max_iterations,
-            shift=_SHIFT, check_minimum=False,
+            replace(options, shift=_SHIFT), bound=bound, after_step=lambda free: arrive(energy, state(free), count),
         )  # fmt: skip
         return replace(solution, x=state(solution.x))
 
@@ -101,16 +98,9 @@ class VolumeDynamics(FabricDynamics):
             raise InputError("steps of rods in a volume", expected="the implicit method", found=self.method)
 
     def _minimised(
-        self, objective: FabricObjective, motion: FabricMotion, enough: float, iterations: int
+        self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions
     ) -> Solution:
-        return self.volume.minimised(
-            objective,
-            motion.x,
-            tolerance=self.tolerance,
-            max_iterations=iterations,
-            enough=enough,
-            count=self.count,
-        )
+        return self.volume.minimised(objective, motion.x, options, count=self.count)
 
     def _damped(self, x: Array, velocity: Array, duration: float) -> Array:
         return self.volume.projected(super()._damped(x, velocity, duration))

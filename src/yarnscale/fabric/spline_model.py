@@ -12,7 +12,7 @@ from yarnscale.fabric.spline_yarn import SEGMENT_MASS, SPLINE_SEGMENT, shape_at_
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.sums import ShiftedHessian
+from yarnscale.numerics.regularisation import ShiftedHessian
 
 Array = NDArray[np.float64]
 

@@ -31,9 +31,10 @@ from yarnscale.motion.integrator import (
 )
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints
-from yarnscale.numerics.newton import Objective, ShiftRule, Status, minimise
+from yarnscale.numerics.newton import NewtonOptions, Objective, Status, minimise
+from yarnscale.numerics.regularisation import ShiftedHessian, ShiftRule
 from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
-from yarnscale.numerics.sums import Load, MatrixSprings, ShiftedHessian, SumOfEnergies
+from yarnscale.numerics.sums import Load, MatrixSprings, SumOfEnergies
 
 Array = NDArray[np.float64]
 
@@ -246,11 +247,9 @@ class SplineMotion(Body[YarnMotion]):
         # Yarns extrapolated along their velocities would stretch where they turn, in their stiffest direction by far.
         rule = self._rule(motion, duration)
         weight, centre = self._balance(rule)
-        solution = minimise(
-            self._objective(weight, centre), motion.positions.ravel(), constraints=self._constraints,
-            tolerance=self.tolerance, max_iterations=iterations, shift=_SHIFT, check_minimum=False,
-            linear=self._linear,
-        )  # fmt: skip
+        options = NewtonOptions(self.tolerance, max_iterations=iterations, shift=_SHIFT, check_minimum=False)
+        start, objective = motion.positions.ravel(), self._objective(weight, centre)
+        solution = minimise(objective, start, options, linear=self._linear)
         positions = solution.x.reshape(-1, 3)
         before = remembered(self.integrator, motion.positions, motion.velocities, duration)
         new = replace(motion, positions=positions, velocities=rule.velocity(positions), before=before)

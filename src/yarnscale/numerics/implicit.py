@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, cg
 
 from yarnscale.numerics.kkt import QuadraticModel
-from yarnscale.numerics.newton import Constraints, linear_solver
+from yarnscale.numerics.linear_solver import Constraints, linear_solver
 
 Array = NDArray[np.float64]
 
@@ -43,25 +44,22 @@ class ConstrainedInverse:
         return np.column_stack([self._solve(c, tolerance, max_iterations) for c in np.atleast_2d(right.T)])
 
     def _solve(self, right: Array, tolerance: float, max_iterations: int) -> Array:
-        residual = self._project(right)
-        goal = tolerance * float(np.linalg.norm(residual))
-        x = np.zeros_like(residual)
-        if goal == 0.0:
-            return x
-        direction, rho = np.zeros_like(residual), 1.0
-        for iteration in range(max_iterations):
-            if float(np.linalg.norm(residual)) <= goal:
-                return x
-            preconditioned = self._solver.step(residual, None)
-            previous, rho = rho, float(residual @ preconditioned)
-            direction = preconditioned + (rho / previous if iteration else 0.0) * direction
+        right, shape = self._project(right), (len(right), len(right))
+
+        def times(direction: Array) -> Array:
             image = self._project(self._model.pattern.multiply(self._exact, direction))
-            curvature = float(direction @ image)
-            if curvature <= 0:
+            if not direction @ image > 0:
                 raise ArithmeticError("the Hessian is not positive definite on the constraints: no minimum")
-            x = x + rho / curvature * direction
-            residual = residual - rho / curvature * image
-        if float(np.linalg.norm(residual)) > 1e3 * goal:
+            return image
+
+        matrix = LinearOperator(shape, matvec=times, dtype=np.float64)  # type: ignore[call-arg]
+        inverse = LinearOperator(
+            shape,
+            matvec=lambda residual: self._solver.step(residual, None),
+            dtype=np.float64,  # type: ignore[call-arg]
+        )
+        x, short = cg(matrix, right, rtol=tolerance, atol=0.0, maxiter=max_iterations, M=inverse)
+        if short and np.linalg.norm(right - times(x)) > 1e3 * tolerance * np.linalg.norm(right):
             raise ArithmeticError(
                 f"the solve stopped short of its tolerance after {max_iterations} iterations"
             )

@@ -17,14 +17,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
-from yarnscale.numerics.null_space import ChainConstraints, NullSpaceSolver
-from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
+from yarnscale.numerics.kkt import ConstrainedSolver, QuadraticModel
+from yarnscale.numerics.linear_solver import LinearSolver
+from yarnscale.numerics.regularisation import ShiftRule
 from yarnscale.numerics.secant import SecantPairs
 
 Array = NDArray[np.float64]
-Constraints = LinearConstraints | SparseConstraints | ChainConstraints
-LinearSolver = ConstrainedSolver | SaddleSolver | NullSpaceSolver
 
 
 class Status(enum.Enum):
@@ -55,36 +53,6 @@ class Objective(Protocol):
     def residual_scale(self) -> float:
         """Gradient norm that counts as 1, at the state evaluated last."""
         ...
-
-
-@dataclass(frozen=True)
-class ShiftRule:
-    """How the regularisation moves: ``H + shift·M``.
-
-    start, lowest, highest: its first value and bounds. A shift below ``lowest`` becomes 0 if ``lowest_is_zero``.
-    growth: factor when a factorisation fails or a step disappoints; least: smallest value after growth.
-    decay: factor after a step that did as predicted. hold_above: residual above which the shift stays at ``start``.
-    """
-
-    start: float = 1e-2
-    lowest: float = 1e-9
-    highest: float = math.inf
-    growth: float = 5.0
-    least: float = 1e-5
-    decay: float = 0.3
-    lowest_is_zero: bool = False
-    hold_above: float = math.inf
-
-    def raised(self, shift: float) -> float:
-        """Next larger shift."""
-        return min(max(shift * self.growth, self.least), self.highest)
-
-    def decayed(self, shift: float, factor: float = 1.0) -> float:
-        """Next smaller shift."""
-        lower = shift * self.decay * factor
-        if lower < self.lowest:
-            return 0.0 if self.lowest_is_zero else self.lowest
-        return lower
 
 
 @dataclass(frozen=True)
@@ -135,88 +103,107 @@ Watch = Callable[[int, float], None]
 """Gets the number of an iteration and its residual, which ends at the tolerance."""
 
 
+@dataclass(frozen=True)
+class NewtonOptions:
+    """How a minimisation by Newton's method goes and when it ends.
+
+    tolerance: on |P g| / residual_scale, P the projection on the constraints. enough: a step that foretells a smaller
+    decrease of the energy than this, by the Hessian without shift, is the last, and the point it leads to counts as
+    converged. reuse: use every factor for further steps. backtracks: halvings of a step before the shift is raised
+    instead. check_minimum: accept a point below the tolerance only where the Hessian, restricted by the constraints,
+    has no negative eigenvalue; else leave the saddle along it.
+    """
+
+    tolerance: float = 1e-6
+    enough: float = 0.0
+    max_iterations: int = 300
+    shift: ShiftRule = field(default_factory=ShiftRule)
+    reuse: Reuse | None = None
+    backtracks: int = 6
+    check_minimum: bool = True
+
+
 def minimise(
     objective: Objective,
     start: Array,
+    options: NewtonOptions = NewtonOptions(),
     *,
-    constraints: Constraints | None = None,
-    bound: Bound | None = None,
-    after_step: Callable[[Array], None] | None = None,
-    watch: Watch | None = None,
-    tolerance: float = 1e-6,
-    enough: float = 0.0,
-    max_iterations: int = 300,
-    shift: ShiftRule | None = None,
-    reuse: Reuse | None = None,
-    backtracks: int = 6,
-    check_minimum: bool = True,
-    backend: str | None = None,
     linear: LinearSolver | None = None,
+    bound: Bound | None = None,
+    after_step: Callable[[Array], object] | None = None,
+    watch: Watch | None = None,
 ) -> Solution:
-    """Minimise ``objective`` from ``start`` (n,) under linear constraints.
+    """Minimise ``objective`` from ``start`` (n,) under the linear constraints of the linear solver.
 
-    bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted step.
-    watch(iteration, residual): called at every iterate.
-    tolerance: on |P g| / residual_scale, P the projection on the constraints. enough: a step that foretells a smaller
-    decrease of the energy than this, by the Hessian without shift, is the last, and the point it leads to counts as
-    converged. check_minimum: accept a point below the tolerance only where the Hessian, restricted by the constraints,
-    has no negative eigenvalue; else leave the saddle along it. backtracks: halvings of a step before the shift is
-    raised instead. reuse: use every factor for further steps. linear: a solver with the same constraints from an
-    earlier call, whose symbolic analysis lives on while the pattern is the same.
+    linear: None for no constraints; one of an earlier call goes on with its symbolic analysis while the pattern is the
+    same. bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted
+    step. watch(iteration, residual): called at every iterate.
     """
-    return _Minimisation(
-        objective, constraints, bound, after_step, watch, tolerance, enough, max_iterations, shift or ShiftRule(),
-        reuse, backtracks, check_minimum, linear if linear is not None else linear_solver(constraints, backend),
-    ).run(np.array(start, dtype=np.float64))  # fmt: skip
+    solver = ConstrainedSolver(None, None) if linear is None else linear
+    return _Newton(objective, options, solver, bound, after_step, watch).run(np.array(start, np.float64))
 
 
-def linear_solver(constraints: Constraints | None, backend: str | None) -> LinearSolver:
-    """The solver of KKT systems that suits the constraints."""
-    if isinstance(constraints, SparseConstraints):
-        return SaddleSolver(constraints)
-    if isinstance(constraints, ChainConstraints):
-        return NullSpaceSolver(constraints, backend)
-    return ConstrainedSolver(constraints, backend)
+def invalid_start(x: Array) -> Solution:
+    """The outcome where the energy of the start is not finite."""
+    return Solution(x, math.inf, np.zeros_like(x), math.inf, Status.INVALID, 0, 0, ())
 
 
 @dataclass
-class _Minimisation:
+class Descent:
+    """A minimisation under way; arguments as those of ``minimise``."""
+
     objective: Objective
-    constraints: Constraints | None
-    bound: Bound | None
-    after_step: Callable[[Array], None] | None
-    watch: Watch | None
-    tolerance: float
-    enough: float
-    max_iterations: int
-    rule: ShiftRule
-    reuse: Reuse | None
-    backtracks: int
-    check_minimum: bool
+    options: NewtonOptions
     linear: LinearSolver
+    bound: Bound | None
+    after_step: Callable[[Array], object] | None
+    watch: Watch | None
+    history: list[tuple[float, float]] = field(default_factory=list, kw_only=True)
+
+    def project(self, vector: Array) -> Array:
+        """Part of a vector that the constraints leave free."""
+        constraints = self.linear.constraints
+        return vector if constraints is None else constraints.project(vector)
+
+    def residual(self, gradient: Array) -> float:
+        """Norm of what is left of a gradient, as ``NewtonOptions.tolerance`` counts it."""
+        scale = self.objective.residual_scale
+        return float(np.linalg.norm(self.project(gradient))) / (scale if scale > 0 else 1.0)
+
+    def admissible(self, x: Array, step: Array) -> float:
+        """Largest admissible fraction of a step, in (0, 1]."""
+        return 1.0 if self.bound is None else self.bound(x, step)
+
+
+@dataclass
+class _Newton(Descent):
     shift: float = 0.0
-    history: list[tuple[float, float]] = field(default_factory=list)
     escapes: int = 0
+
+    def __post_init__(self) -> None:
+        self.rule, self.constraints = self.options.shift, self.linear.constraints
 
     def run(self, x: Array) -> Solution:
         self.shift, before = self.rule.start, self.linear.factorisations
         value, gradient, model = self.objective.quadratic(x)
         if not (math.isfinite(value) and np.isfinite(gradient).all()):
-            return Solution(x, math.inf, np.zeros_like(x), math.inf, Status.INVALID, 0, 0, ())
+            return invalid_start(x)
         status = Status.ITERATION_LIMIT
         iteration = 0
         while True:
-            residual = self._residual(gradient)
+            residual = self.residual(gradient)
             self.history.append((value, residual))
             if self.watch is not None:
                 self.watch(iteration, residual)
-            if residual <= self.tolerance and self._feasible(x):
-                minimum, moved = self._leave_saddle(x, value, model) if self.check_minimum else (True, None)
+            if residual <= self.options.tolerance and self._feasible(x):
+                minimum, moved = (
+                    self._leave_saddle(x, value, model) if self.options.check_minimum else (True, None)
+                )
                 if moved is None:
                     status = Status.CONVERGED if minimum else Status.STALLED
                     break
                 x = moved
-            elif iteration >= self.max_iterations:
+            elif iteration >= self.options.max_iterations:
                 break
             else:
                 moved, last = self._advance(x, value, gradient, model, residual)
@@ -229,7 +216,9 @@ class _Minimisation:
                         x, iteration = moved, iteration + 1
                         value, gradient, residual = self._arrived(x)
                     break
-                x = moved if self.reuse is None else self._further(x, value, gradient, moved, self.reuse)
+                if (reuse := self.options.reuse) is not None:
+                    moved = self._further(x, value, gradient, moved, reuse)
+                x = moved
             if self.after_step is not None:
                 self.after_step(x)
             value, gradient, model = self.objective.quadratic(x)
@@ -244,16 +233,9 @@ class _Minimisation:
         if self.after_step is not None:
             self.after_step(x)
         value, gradient = self.objective.gradient(x)
-        residual = self._residual(gradient)
+        residual = self.residual(gradient)
         self.history.append((value, residual))
         return value, gradient, residual
-
-    def _project(self, vector: Array) -> Array:
-        return vector if self.constraints is None else self.constraints.project(vector)
-
-    def _residual(self, gradient: Array) -> float:
-        scale = self.objective.residual_scale
-        return float(np.linalg.norm(self._project(gradient))) / (scale if scale > 0 else 1.0)
 
     def _gap(self, x: Array) -> Array | None:
         return None if self.constraints is None else self.constraints.right - self.constraints.matrix @ x
@@ -288,7 +270,7 @@ class _Minimisation:
             step = self.linear.step(-gradient, self._gap(x))
             # After a search that failed, steps are short because the model is wrong, not because the end is near.
             last = attempt == 0 and self._feasible(x) and self._gains_little(gradient, model, step)
-            whole = 1.0 if self.bound is None else self.bound(x, step)
+            whole = self.admissible(x, step)
             fraction, ratio = self._search(x, value, gradient, step, whole, residual)
             if fraction > 0:
                 if not failed and ratio > 0.75:
@@ -305,17 +287,17 @@ class _Minimisation:
 
     def _further(self, x: Array, value: float, gradient: Array, moved: Array, reuse: Reuse) -> Array:
         """Where further steps with the present factor lead from ``moved``, the end of the step from x."""
-        pairs, gradient = SecantPairs(reuse.steps), self._project(gradient)
+        pairs, gradient = SecantPairs(reuse.steps), self.project(gradient)
         reached, force = self.objective.gradient(moved)
         least = reuse.worth * (value - reached)
         for _ in range(reuse.steps if self._feasible(moved) else 0):
             if not value - reached >= least:
                 break
-            force = self._project(force)
+            force = self.project(force)
             pairs.add(moved - x, force - gradient)
             x, value, gradient = moved, reached, force
             step = pairs.direction(gradient, lambda right: self.linear.step(right, None))
-            fraction = 1.0 if self.bound is None else self.bound(x, step)
+            fraction = self.admissible(x, step)
             wanted = 1e-4 * float(gradient @ step)
             while fraction > _SHORTEST:
                 moved = x + fraction * step
@@ -329,25 +311,25 @@ class _Minimisation:
 
     def _gains_little(self, gradient: Array, model: QuadraticModel, step: Array) -> bool:
         """Whether the way along a step promises less than ``enough``, whatever shift has shortened the step."""
-        slope = -float(self._project(gradient) @ step)
-        if not 0.0 <= slope < 2.0 * self.enough:
+        slope = -float(self.project(gradient) @ step)
+        if not 0.0 <= slope < 2.0 * self.options.enough:
             return False
         if self.shift == 0.0 or slope == 0.0:
             return True
         curvature = float(step @ model.pattern.multiply(model.values(0.0), step))
-        return curvature > 0.0 and slope**2 < 2.0 * self.enough * curvature
+        return curvature > 0.0 and slope**2 < 2.0 * self.options.enough * curvature
 
     def _search(
         self, x: Array, value: float, gradient: Array, step: Array, whole: float, residual: float
     ) -> tuple[float, float]:
         """Fraction of the step that is accepted (0: none) and actual over predicted decrease."""
         # Projected: round-off of C p against large constraint forces would drown a small slope.
-        slope = float(self._project(gradient) @ step)
+        slope = float(self.project(gradient) @ step)
         infeasible = not self._feasible(x)
         if slope >= 0 and not infeasible:
             return 0.0, 0.0
         fraction = whole
-        for _ in range(self.backtracks + 1):
+        for _ in range(self.options.backtracks + 1):
             predicted = -slope * fraction * (1.0 - 0.5 * fraction)
             trial = x + fraction * step
             reached = self.objective.value(trial)
@@ -371,7 +353,7 @@ class _Minimisation:
         fraction = 1.0
         while fraction < _LONGEST:
             longer = 2.0 * fraction
-            if self.bound is not None and self.bound(x, longer * step) < 1.0:
+            if self.admissible(x, longer * step) < 1.0:
                 break
             value = self.objective.value(x + longer * step)
             if not value < reached:
@@ -381,7 +363,7 @@ class _Minimisation:
 
     def _calms(self, trial: Array, residual: float) -> bool:
         value, gradient = self.objective.gradient(trial)
-        return math.isfinite(value) and self._residual(gradient) < residual
+        return math.isfinite(value) and self.residual(gradient) < residual
 
     def _leave_saddle(self, x: Array, value: float, model: QuadraticModel) -> tuple[bool, Array | None]:
         """Whether a stationary point is a minimum; else a point of lower energy along its falling direction, if any."""
@@ -392,7 +374,7 @@ class _Minimisation:
             self.shift = shift
             return False, None
         pattern, exact = model.pattern, model.values(0.0)
-        vector = self._project(np.random.default_rng(0).standard_normal(len(x)))
+        vector = self.project(np.random.default_rng(0).standard_normal(len(x)))
         for _ in range(12):
             vector = self.linear.step(vector, None)
             vector /= np.linalg.norm(vector)
@@ -403,7 +385,7 @@ class _Minimisation:
         self.escapes += 1
         if self.escapes > _MOST_ESCAPES:
             return False, None
-        whole = self.bound(x, vector) if self.bound is not None else 1.0
+        whole = self.admissible(x, vector)
         # Where contacts just touch, curvature is negative on a short way only: look close by too.
         for fraction in whole / 4.0 ** np.arange(8):
             for sign in (1.0, -1.0):

@@ -18,8 +18,9 @@ from scipy.sparse import csr_array, vstack
 
 from yarnscale.numerics.block_pattern import BlockPattern, find_block
 from yarnscale.numerics.dissection import LEAF, Dissection
-from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
-from yarnscale.numerics.kkt import QuadraticModel
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
+from yarnscale.numerics.regularisation import ShiftedHessian
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -156,29 +157,35 @@ class NullSpaceSolver:
 
     constraints: ChainConstraints
     backend: str | None = None
-    factorisations: int = 0
-    analyses: int = 0
     _pattern: SymmetricPattern | None = None
-    _factor: Factorisation | None = None
-    _columns: Array | None = None  # (ZᵀKZ)⁻¹ Zᵀ Fᵀ of the present factor, F the few rows on all unknowns
-    _schur: Array | None = None
     _values: Array | None = None
     _dissection: Dissection | None = None
     _moved: int = 0
 
+    def __post_init__(self) -> None:
+        few = self.constraints.few_reduced
+        rows = LinearConstraints(few, np.zeros(len(few))) if len(few) else None
+        self._reduced = ConstrainedSolver(rows, self.backend)
+
+    @property
+    def factorisations(self) -> int:
+        """Number of factorisations so far."""
+        return self._reduced.factorisations
+
+    @property
+    def analyses(self) -> int:
+        """Number of symbolic analyses so far."""
+        return self._reduced.analyses
+
     def factorise(self, model: QuadraticModel, shift: float) -> bool:
         """Factor the model's matrix with this shift; False where it is not positive definite on the null space."""
-        if self._factor is None or model.pattern is not self._pattern:
+        if model.pattern is not self._pattern:
             self._lay_out(model.pattern)
-            self.analyses += 1
-        assert self._factor is not None
-        self.factorisations += 1
-        self._columns = None
         self._values = values = model.values(shift)
-        reduced = np.zeros(self._entries)
+        reduced = np.zeros(self._inner.entries)
         basis = self.constraints.basis
         _reduce(*self._blocks, self._starts, self._first, basis.weight, self._slots, values, reduced)
-        return self._factor.factor(reduced)
+        return self._reduced.factorise(ShiftedHessian(self._inner, reduced), 0.0)
 
     def _lay_out(self, pattern: SymmetricPattern) -> None:
         """Pattern of the reduced matrix, and where each block of the full one goes in it."""
@@ -187,17 +194,14 @@ class NullSpaceSolver:
         group = np.repeat(np.arange(len(constraints.group_sizes)), constraints.group_sizes)
         self._pattern, self._starts, self._first = pattern, pattern.starts, first
         self._blocks = column, row, _ = _blocks(pattern.starts, pattern.rows, group, first)
-        reduced_group = np.repeat(np.arange(len(basis.sizes)), basis.sizes)
-        keys = _met(row, column, basis.index, reduced_group, len(basis.sizes))
-        reduced = BlockPattern.from_keys(basis.sizes, keys)
+        reduced = BlockPattern.of(basis.sizes, [np.hstack([basis.index[row], basis.index[column]])])
         if len(constraints.places) > 2 * LEAF:
             reduced = reduced.staged(self._dissected(*reduced.meetings()))
         self._slots = _slots(
             reduced.starts, reduced.rows, reduced.offsets, reduced.group, reduced.first, reduced.pattern.starts,
             row, column, basis.index,
         )  # fmt: skip
-        self._entries = reduced.pattern.entries
-        self._factor = factorisation(reduced.pattern, self.backend)
+        self._inner = reduced.pattern
 
     def _dissected(self, first: Indices, second: Indices) -> Indices:
         """Stages of the reduced groups; those of the pattern before, repaired, where that moves few of them."""
@@ -211,23 +215,14 @@ class NullSpaceSolver:
 
     def step(self, right: Array, gap: Array | None) -> Array:
         """Solve K p + Cᵀ λ = right, C p = gap (None: 0) for columns (n, k) or a vector (n,)."""
-        assert self._factor is not None and self._pattern is not None and self._values is not None
+        assert self._pattern is not None and self._values is not None
         constraints = self.constraints
         columns = right.reshape(len(right), -1)
         fixed = np.zeros((len(right), 1))
         if gap is not None and gap.any():
             fixed[:, 0] = constraints.matrix.T @ gap
             columns = columns - self._pattern.multiply(self._values, fixed)
-        reduced, few = constraints.null.T @ columns, constraints.few_reduced
-        if self._columns is None or self._schur is None:
-            solved = self._factor.solve(np.column_stack([reduced, few.T]))
-            free, self._columns = solved[:, : -len(few) or None], solved[:, solved.shape[1] - len(few) :]
-            self._schur = few @ self._columns
-        else:
-            free = self._factor.solve(reduced)
-        for _ in range(2 if len(few) else 0):  # as in ``kkt``
-            free = free - self._columns @ np.linalg.solve(self._schur, few @ free)
-        step = constraints.null @ free + fixed
+        step = constraints.null @ self._reduced.step(constraints.null.T @ columns, None) + fixed
         return step if right.ndim == 2 else step[:, 0]
 
 
@@ -250,28 +245,6 @@ def _blocks(starts, rows, group, first):
                 found += 1
                 last = g
     return column[:found].copy(), row[:found].copy(), offset[:found].copy()
-
-
-@numba.njit(**_JIT)
-def _met(row, column, index, group, groups):
-    """Keys ``column·groups + row`` of the reduced groups that the blocks bring together, with repeats."""
-    keys = np.empty(len(row) * WIDTH * WIDTH, np.int64)
-    found = 0
-    for k in range(len(row)):
-        for p in range(WIDTH):
-            i = index[row[k], p]
-            if i < 0 or (p > 0 and index[row[k], p - 1] >= 0 and group[index[row[k], p - 1]] == group[i]):
-                continue
-            for q in range(WIDTH):
-                j = index[column[k], q]
-                if j < 0 or (
-                    q > 0 and index[column[k], q - 1] >= 0 and group[index[column[k], q - 1]] == group[j]
-                ):
-                    continue
-                a, b = group[i], group[j]
-                keys[found] = min(a, b) * groups + max(a, b)
-                found += 1
-    return keys[:found]
 
 
 @numba.njit(**_JIT)

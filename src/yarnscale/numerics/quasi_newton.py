@@ -17,12 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import Objective, Solution, Status
+from yarnscale.numerics.linear_solver import LinearSolver
+from yarnscale.numerics.newton import (
+    Bound,
+    Descent,
+    NewtonOptions,
+    Objective,
+    Solution,
+    Status,
+    invalid_start,
+)
 from yarnscale.numerics.secant import SecantPairs
 
 Array = NDArray[np.float64]
-Bound = Callable[[Array, Array], float]
-
 
 _SHIFTS = (1.0, 1.0 + 1e-8, 1.0 + 1e-5, 1.0 + 1e-2, 2.0)
 """Shifts that are tried for a factor: beyond 1, models add what round-off asks for."""
@@ -45,54 +52,42 @@ class KeepRule:
 def minimise_keeping_factors(
     objective: Objective,
     start: Array,
-    *,
-    bound: Bound | None = None,
-    after_step: Callable[[Array], None] | None = None,
-    tolerance: float = 1e-2,
-    max_iterations: int = 300,
+    options: NewtonOptions,
     keep: KeepRule = KeepRule(),
-    linear: ConstrainedSolver | None = None,
+    *,
+    linear: LinearSolver | None = None,
+    bound: Bound | None = None,
+    after_step: Callable[[Array], object] | None = None,
 ) -> Solution:
-    """Minimise ``objective`` from ``start`` (n,); arguments as those of ``newton.minimise``.
+    """Minimise ``objective`` from ``start`` (n,); arguments as those of ``newton.minimise``, without constraints.
 
-    The positive model, shift 1, must be positive definite up to round-off. linear: a solver without constraints, to
-    keep its analysis.
+    The positive model, shift 1, must be positive definite up to round-off. options: tolerance and most iterations.
     """
-    solver = linear if linear is not None else ConstrainedSolver(None, None)
-    run = _Run(objective, bound, after_step, tolerance, max_iterations, keep, solver)
+    solver = ConstrainedSolver(None, None) if linear is None else linear
+    run = _QuasiNewton(objective, options, solver, bound, after_step, None, keep=keep)
     return run.run(np.array(start, dtype=np.float64))
 
 
 @dataclass
-class _Run:
-    objective: Objective
-    bound: Bound | None
-    after_step: Callable[[Array], None] | None
-    tolerance: float
-    max_iterations: int
-    keep: KeepRule
-    linear: ConstrainedSolver
-    history: list[tuple[float, float]] = field(default_factory=list)
-    changes: SecantPairs = field(init=False)
+class _QuasiNewton(Descent):
+    """changes: of the gradient since the factor was made, ``age`` iterations ago."""
+
+    keep: KeepRule = field(default_factory=KeepRule)
     age: int = 0
-    """Iterations since the factor was made."""
 
     def run(self, x: Array) -> Solution:
-        before = self.linear.factorisations
-        self.changes = SecantPairs(self.keep.memory)
-        value, gradient, status, iterations = math.inf, np.zeros_like(x), Status.INVALID, 0
+        before, self.changes = self.linear.factorisations, SecantPairs(self.keep.memory)
         renewed = self._renew(x)
-        if renewed is not None:
-            value, gradient = renewed
-            status = Status.ITERATION_LIMIT
-        residual = math.inf if renewed is None else self._residual(gradient)
-        while renewed is not None:
-            residual = self._residual(gradient)
+        if renewed is None:
+            return invalid_start(x)
+        (value, gradient), status, iterations = renewed, Status.ITERATION_LIMIT, 0
+        while True:
+            residual = self.residual(gradient)
             self.history.append((value, residual))
-            if residual <= self.tolerance:
+            if residual <= self.options.tolerance:
                 status = Status.CONVERGED
                 break
-            if iterations >= self.max_iterations:
+            if iterations >= self.options.max_iterations:
                 break
             moved = self._advance(x, value, gradient, residual)
             if moved is None:
@@ -104,10 +99,6 @@ class _Run:
             iterations, self.age = iterations + 1, self.age + 1
         made = self.linear.factorisations - before
         return Solution(x, value, gradient, residual, status, iterations, made, tuple(self.history))
-
-    def _residual(self, gradient: Array) -> float:
-        scale = self.objective.residual_scale
-        return float(np.linalg.norm(gradient)) / (scale if scale > 0 else 1.0)
 
     def _renew(self, x: Array) -> tuple[float, Array] | None:
         """Factor the positive model at x; energy and gradient there, or None where that is impossible."""
@@ -142,7 +133,7 @@ class _Run:
         slope = float(gradient @ direction)
         if not slope < 0:
             return None
-        fraction = 1.0 if self.bound is None else self.bound(x, direction)
+        fraction = self.admissible(x, direction)
         for _ in range(10):
             trial = x + fraction * direction
             reached, force = self.objective.gradient(trial)
@@ -163,4 +154,4 @@ class _Run:
         if reached - value <= 1e-4 * predicted:
             return True
         # Below the noise of the energy only the gradient can tell.
-        return -predicted < 1e-11 * abs(value) and self._residual(force) < residual
+        return -predicted < 1e-11 * abs(value) and self.residual(force) < residual

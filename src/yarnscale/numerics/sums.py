@@ -61,28 +61,6 @@ class Term(Protocol):
         ...
 
 
-@dataclass(eq=False)
-class ShiftedHessian:
-    """H + shift·(D + T): entries of H, D diagonal, T further entries in ``pattern``.
-
-    diagonal: (n,) of D; None: the mean magnitude of the diagonal of H. ties: of T; None: there are none.
-    """
-
-    pattern: SymmetricPattern
-    entries: Array
-    diagonal: Array | None = None
-    ties: Array | None = None
-
-    def values(self, shift: float) -> Array:
-        """Entries of the regularised Hessian."""
-        if shift == 0.0:
-            return self.entries
-        values = self.entries.copy() if self.ties is None else self.entries + shift * self.ties
-        places = self.pattern.diagonal
-        values[places] += shift * (np.abs(values[places]).mean() if self.diagonal is None else self.diagonal)
-        return values
-
-
 @dataclass(frozen=True, eq=False)
 class Springs:
     """½ Σ weight (x − centre)² of the first k unknowns, both (k,): springs, or lumped masses in an implicit step."""

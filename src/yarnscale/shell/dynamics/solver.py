@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,9 @@ from yarnscale.motion.body import Body, Step
 from yarnscale.motion.integrator import Integrator, StepRule, checked_integrator, remembered, step_rule
 from yarnscale.motion.obstacles import current_points, obstacle_name
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import ShiftRule, Solution, Status, minimise
+from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
+from yarnscale.numerics.regularisation import ShiftRule
 from yarnscale.numerics.sums import Load, MatrixSprings, Springs, Term
 from yarnscale.shell.contact.cloth_contact import ClothContact
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosses
@@ -214,33 +215,19 @@ class ClothSolver(Body[ClothState]):
     def _minimise(self, objective: StepObjective, start: Floats, limit: int, *, static: bool) -> Solution:
         tolerance, done = self.options.tolerance, 0
         bound = self._bound if self.contact is not None else None
+        hooks: Any = {"linear": self.linear, "bound": bound, "after_step": self._follow}
         if self.options.method == "quasi-newton" and not static:
-            first = minimise_keeping_factors(
-                objective,
-                start,
-                bound=bound,
-                after_step=self._follow,
-                tolerance=max(tolerance, NEWTON_BELOW),
-                max_iterations=limit,
-                keep=self.options.keep,
-                linear=self.linear,
-            )
+            rough = NewtonOptions(max(tolerance, NEWTON_BELOW), max_iterations=limit)
+            first = minimise_keeping_factors(objective, start, rough, self.options.keep, **hooks)
             start, done = first.x, first.iterations
             if first.residual <= tolerance or first.status is Status.INVALID:
                 return first
             if done >= limit:
                 return replace(first, status=Status.ITERATION_LIMIT)
-        last = minimise(
-            objective,
-            start,
-            bound=bound,
-            after_step=self._follow,
-            tolerance=tolerance,
-            max_iterations=limit - done,
-            shift=self.options.shift,
-            check_minimum=static,
-            linear=self.linear,
+        options = NewtonOptions(
+            tolerance, max_iterations=limit - done, shift=self.options.shift, check_minimum=static
         )
+        last = minimise(objective, start, options, **hooks)
         return replace(last, iterations=done + last.iterations)
 
     def _take_up(self, state: ClothState) -> None:
