@@ -86,10 +86,10 @@ def fabric_model(
     shape = read_pattern(pattern) if named else pattern
     if radius is not None:
         if yarn_length is not None:
-            raise InputError("--radius", expected="none beside --yarn-length, which decides the size")
+            raise InputError("radius", expected="none beside a yarn length, which decides the size")
         if not drawn:
             expected = "a built-in pattern, a chart or a draft, which are drawings"
-            raise InputError("--radius", expected=expected, found=shape.name)
+            raise InputError("radius", expected=expected, found=shape.name)
         shape = shape.scaled(radius / shape.radius)
     elif drawn and yarn_length is None:
         shape = shape.scaled(DRAWN_RADIUS / shape.radius)
