@@ -108,10 +108,6 @@ class FluctuationTable:
         values[:, :, :, 1:] -= values[:, :, :, :1]
         return cls(pattern, axes, values)
 
-    def at(self, states: Floats, vertices: NDArray[np.int64]) -> Floats:
-        """û of vertices (k,) of the pattern at states (k, 5) in the order of ``axes``, (k, 3) [m]."""
-        return _looked_up(self.values, self.axes, np.ascontiguousarray(states, dtype=float), vertices)
-
 
 @dataclass(frozen=True, eq=False)
 class ScatteredFluctuations:
@@ -279,11 +275,3 @@ def fluctuation(values, axes, state, vertex, out):
                     if g > 0.0:
                         sum_ += g * here[along_y + q + 1, vertex, d]
                     out[d] += share * sum_
-
-
-@numba.njit(cache=True)
-def _looked_up(values, axes, states, vertices):
-    found = np.empty((len(vertices), 3))
-    for k in range(len(vertices)):
-        fluctuation(values, axes, states[k], vertices[k], found[k])
-    return found

@@ -16,18 +16,17 @@ from yarnscale.errors import InputError
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
-from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
+from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 from yarnscale.shell.garments.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.shell.scenes.scene import Scene
+from yarnscale.shell.scenes.scene import Scene, measure_sheet
+from yarnscale.shell.scenes.sheet_scenes import FRAME
 from yarnscale.shell.state import ClothState
 
 THIN = 0.2
 """Depth of the body before it is dressed, over its full depth."""
-FRAME = 1.0 / 30.0
-"""Time between frames [s]."""
 DANCE = (
     Pose(0.0, depth=THIN),
     Pose(0.4),
@@ -59,7 +58,7 @@ def sweater(
 ) -> Scene:
     """A sweater of four panels on a body that moves; spacing [m] of the mesh: 0.0102 gives 20 000 triangles.
 
-    Measures: see ``measure_clothes``. Raises InputError.
+    Measures: see ``measure_sheet``. Raises InputError.
     """
     return _dressed("sweater", cut, material, spacing, duration, time_step, thickness, friction)
 
@@ -93,7 +92,7 @@ def scarf(
 ) -> Scene:
     """A scarf that falls from above the shoulders around the neck of a rotating body; wales along its length.
 
-    length, width: [m], at least 0.6 and at most 0.3. Measures: see ``measure_clothes``. Raises InputError.
+    length, width: [m], at least 0.6 and at most 0.3. Measures: see ``measure_sheet``. Raises InputError.
     """
     if not (math.isfinite(length) and length >= 0.6):
         raise InputError("length of the scarf", expected="at least 0.6 m", found=length)
@@ -103,15 +102,6 @@ def scarf(
     mesh = TriangleMesh(flat.material, flat.triangles, flat.grain, assembled=_round_the_neck(flat.panel))
     body = MovingMannequin(mannequin(), _WAIT)
     return _scene("scarf", mesh, material, body, duration, time_step, thickness, friction)
-
-
-def measure_clothes(solver: ClothSolver, state: ClothState) -> dict[str, float]:
-    """``lowest`` point [m], ``closest`` distance of surfaces [m], root mean square ``speed`` [m/s]."""
-    return {
-        "lowest": float(state.positions[:, 2].min()),
-        "closest": solver.closest(state),
-        "speed": float(np.sqrt((state.velocities**2).sum(axis=1).mean())),
-    }
 
 
 def _dressed(
@@ -136,7 +126,7 @@ def _scene(
     )
     schedule = Schedule(duration, time_step, to_rest=False, frame_interval=FRAME)
     options = SolverOptions(tolerance=2e-2)
-    return Scene(name, cloth, ClothState.flat(mesh), schedule, options, measure_clothes)
+    return Scene(name, cloth, ClothState.flat(mesh), schedule, options, measure_sheet)
 
 
 def _round_the_neck(panel: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
-from yarnscale.motion.obstacles import MeshObstacle, Sphere
+from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Sphere
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
-from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
@@ -24,6 +24,15 @@ Floats = NDArray[np.float64]
 
 FRAME = 1.0 / 30.0
 """Time between frames [s]."""
+
+
+def _scene(
+    name: str, mesh: TriangleMesh, start: ClothState, material: ElementMaterial, duration: float,
+    contact: ContactSettings, handles: Sequence[Handle], obstacles: tuple[Obstacle, ...] = (),
+) -> Scene:  # fmt: skip
+    cloth = Cloth(mesh, material, tuple(handles), contact=contact, obstacles=obstacles, damping=2.0)
+    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
+    return Scene(name, cloth, start, schedule, measure=measure_sheet)
 
 
 @checked
@@ -39,9 +48,7 @@ def hang(material: ElementMaterial, *, spacing: float = SPACING, duration: float
         )
     )
     contact = ContactSettings(cloth_thickness(material, mesh), friction=0.3)
-    cloth = Cloth(mesh, material, pins, contact=contact, damping=2.0)
-    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
-    return Scene("hang", cloth, start, schedule, SolverOptions(), measure_sheet)
+    return _scene("hang", mesh, start, material, duration, contact, pins)
 
 
 @checked
@@ -53,16 +60,11 @@ def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, durati
         Handle(f"pin {k + 1}", vertices, start.positions[vertices])
         for k, vertices in enumerate(_near(mesh, (-0.1, side), 0.01) for side in (-0.1, 0.1))
     )
-    cloth = Cloth(
-        mesh,
-        material,
-        pins,
-        contact=ContactSettings(cloth_thickness(material, mesh), friction=0.3),
-        obstacles=(Sphere((0.0, 0.0, -0.04), 0.03),),
-        damping=2.0,
+    contact, ball = (
+        ContactSettings(cloth_thickness(material, mesh), friction=0.3),
+        Sphere((0.0, 0.0, -0.04), 0.03),
     )
-    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
-    return Scene("drape-on-ball", cloth, start, schedule, SolverOptions(), measure_sheet)
+    return _scene("drape-on-ball", mesh, start, material, duration, contact, pins, (ball,))
 
 
 @checked
@@ -92,9 +94,7 @@ def twist(
         )
         bars.append(Handle(name, vertices, start.positions[vertices], motion))
     contact = ContactSettings(cloth_thickness(material, mesh), friction=0.3)
-    cloth = Cloth(mesh, material, tuple(bars), contact=contact, damping=2.0)
-    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
-    return Scene("twist", cloth, start, schedule, SolverOptions(), measure_sheet)
+    return _scene("twist", mesh, start, material, duration, contact, bars)
 
 
 @checked
@@ -121,9 +121,7 @@ def pull_through(
     pull = Motion((0.0, 0.0, -0.24), 0.0, 0.9 * duration)
     handle = Handle("middle", middle, start.positions[middle], pull)
     ring = MeshObstacle(*torus(opening + tube, tube))
-    cloth = Cloth(mesh, material, (handle,), contact=settings, obstacles=(ring,), damping=2.0)
-    schedule = Schedule(duration, FRAME / 2, to_rest=False, frame_interval=FRAME)
-    return Scene("ring", cloth, start, schedule, SolverOptions(), measure_sheet)
+    return _scene("ring", mesh, start, material, duration, settings, (handle,), (ring,))
 
 
 def roomy_opening(thickness: float) -> float:
