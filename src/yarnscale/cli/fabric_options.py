@@ -8,16 +8,11 @@ from pathlib import Path
 from yarnscale.cli.shared_options import YARN_MATERIAL, add_json, add_overwrite, add_radius, add_resume
 from yarnscale.cli.values import not_negative, number, positive
 
-METHODS = ("splines", "volume", "direct")
 SCENES = ("hang", "stretch", "drape")
-BORDERS = ("glued", "knitted")
-FORMATS = ("obj", "gltf", "usd", "bcc", "mp4", "png")
-
-
 IN_SCENE_FILES = {
     "amount": 0.2, "direction": "course", "ball_friction": 0.0, "duration": 3.0, "time_step": 1 / 240, "damping": 1.0,
 }  # fmt: skip
-"""Options that a scene file takes the place of, and their defaults."""
+"""Options that a scene file replaces, and their defaults."""
 ONLY_RODS = {
     "border": "glued", "on": None, "tube": False, "as_drawn": False, "friction": None, "ball_friction": 0.0,
 }  # fmt: skip
@@ -48,118 +43,69 @@ def _weld(text: str) -> bool | float:
 
 def add_fabric_options(command: argparse.ArgumentParser) -> None:
     """The options of ``fabric``."""
-    command.add_argument(
-        "pattern",
-        metavar="PATTERN",
-        help="a built-in pattern or a pattern file; splines: jersey and knits of knit and purl stitches on one bed",
+    option, mu = command.add_argument, {"type": not_negative, "metavar": "MU"}
+    kinds = (
+        "a built-in pattern or a pattern file; splines: jersey and knits of knit and purl stitches on one bed"
     )
-    command.add_argument(
-        "--rows",
-        type=_count,
-        metavar="N",
-        help="courses of jersey; periods of other patterns along their wales",
-    )
-    command.add_argument(
-        "--columns",
-        type=_count,
-        metavar="M",
-        help="wales of jersey; periods of other patterns along their courses",
-    )
-    command.add_argument(
-        "--method", choices=METHODS, default="volume",
+    option("pattern", metavar="PATTERN", help=kinds)
+    rows = "courses of jersey; periods of other patterns along their wales"
+    option("--rows", type=_count, metavar="N", help=rows)
+    columns = "wales of jersey; periods of other patterns along their courses"
+    option("--columns", type=_count, metavar="M", help=columns)
+    option(
+        "--method", choices=("direct", "splines", "volume"), default="volume",
         help="direct: every yarn an elastic rod in contact with others; splines: every yarn a spline, held in its "
         "stitches by constraints; volume: yarns in a bounding volume, see --model (volume)",
     )  # fmt: skip
-    command.add_argument(
-        "--model", choices=("rods", "splines"),
-        help="of the yarns in a volume: elastic rods or splines (splines for hanging jersey, else rods)",
-    )  # fmt: skip
-    command.add_argument(
-        "--volume",
-        type=_volume,
-        default=(5, 5),
-        metavar="N1,N2,2",
-        help="control points of the volume (5,5,2)",
-    )
-    command.add_argument(
-        "--adaptive", action="store_true", help="let the volume take knots in where the motion asks for them"
-    )
-    command.add_argument(
-        "--scene",
-        default="hang",
-        metavar="hang|stretch|drape|FILE.toml",
-        help="hang: held along the last row; not of splines: stretch between two grips, drape over a ball, or a scene "
+    model = "of the yarns in a volume: elastic rods or splines (splines for hanging jersey, else rods)"
+    option("--model", choices=("rods", "splines"), help=model)
+    volume = "control points of the volume (5,5,2)"
+    option("--volume", type=_volume, default=(5, 5), metavar="N1,N2,2", help=volume)
+    option("--adaptive", action="store_true", help="insert knots of the volume where the motion needs them")
+    option(
+        "--scene", default="hang", metavar="hang|stretch|drape|FILE.toml",
+        help="hang: held along the last row; not for splines: stretch between two grips, drape over a ball, or a scene "
         "file with handles and obstacles that may move (yarnscale help scene) (hang)",
-    )
-    command.add_argument(
-        "--on", type=Path, metavar="MESH.obj",
-        help="direct only: lay the pattern on a mesh with texture coordinates instead of --rows and --columns",
     )  # fmt: skip
-    command.add_argument("--unit", choices=("m", "cm", "mm", "inch"), help="of the lengths in MESH.obj (m)")
-    command.add_argument(
-        "--weld", type=_weld, metavar="yes|no|METRES",
-        help="sew borders of MESH.obj that lie on each other, leave them loose, or sew those within a distance",
-    )  # fmt: skip
-    command.add_argument("--tube", action="store_true", help="direct only: close the courses to rings")
-    command.add_argument(
-        "--border", choices=BORDERS, default="glued",
+    mesh = "direct only: lay the pattern on a mesh with texture coordinates instead of --rows and --columns"
+    option("--on", type=Path, metavar="MESH.obj", help=mesh)
+    option("--unit", choices=("m", "cm", "mm", "inch"), help="of the lengths in MESH.obj (m)")
+    weld = "sew coincident borders of MESH.obj, leave them loose, or sew borders within a distance"
+    option("--weld", type=_weld, metavar="yes|no|METRES", help=weld)
+    option("--tube", action="store_true", help="direct only: close the courses to rings")
+    option(
+        "--border", choices=("glued", "knitted"), default="glued",
         help="direct only: glued, cut from endless fabric and glued along its borders; knitted, yarn that is cast "
         "on, turns at the selvedges and is bound off, for built-in knits and charts (glued)",
     )  # fmt: skip
-    command.add_argument(
-        "--as-drawn", action="store_true",
-        help="of rods: a built-in pattern or chart as it is drawn, not as fabric at rest; knitted pieces always are",
-    )  # fmt: skip
-    command.add_argument(
-        "--material", action="append", help=f"{YARN_MATERIAL}; splines take one, wool by default"
-    )
+    drawn = "of rods: a built-in pattern or chart as it is drawn, not as fabric at rest; knitted pieces always are"
+    option("--as-drawn", action="store_true", help=drawn)
+    option("--material", action="append", help=f"{YARN_MATERIAL}; splines take one, wool by default")
     add_radius(command)
-    command.add_argument(
-        "--amount", type=number, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)"
-    )
-    command.add_argument(
-        "--direction", choices=("course", "wale"), default="course", help="of the scene stretch (course)"
-    )
-    command.add_argument(
-        "--friction",
-        type=not_negative,
-        metavar="MU",
-        help="of yarns on each other, not of splines (0.1); without any, loose weaves come apart",
-    )
-    command.add_argument(
-        "--ball-friction",
-        type=not_negative,
-        default=0.0,
-        metavar="MU",
-        help="of yarns on the ball of drape (0)",
-    )
-    command.add_argument("--duration", type=positive, default=3.0, metavar="SECONDS", help="to simulate (3)")
-    command.add_argument(
-        "--time-step", type=positive, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)"
-    )
+    option("--amount", type=number, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)")
+    direction = "of the scene stretch (course)"
+    option("--direction", choices=("course", "wale"), default="course", help=direction)
+    friction = "of yarns on each other, not of splines (0.1); without any, loose weaves come apart"
+    option("--friction", help=friction, **mu)
+    option("--ball-friction", default=0.0, help="of yarns on the ball of drape (0)", **mu)
+    option("--duration", type=positive, default=3.0, metavar="SECONDS", help="to simulate (3)")
+    option("--time-step", type=positive, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)")
     stepping = command.add_mutually_exclusive_group()
-    stepping.add_argument(
-        "--explicit", action="store_true", help="explicit steps, as long as they are stable"
-    )
+    explicit = "explicit steps, as long as they are stable"
+    stepping.add_argument("--explicit", action="store_true", help=explicit)
     stepping.add_argument(
         "--integrator", choices=("euler", "bdf2"), default="euler",
         help="of implicit steps: euler, of first order, damps much; bdf2, of second order without --damping, damps "
         "little (euler)",
     )  # fmt: skip
-    command.add_argument(
-        "--damping", type=not_negative, default=1.0, metavar="RATE", help="of free motion [1/s] (1)"
-    )
-    command.add_argument(
-        "--may-give-way", action="store_true", help="grips kept from their places do not count as a failure"
-    )
-    command.add_argument(
-        "--count", action="store_true", help="print the numbers of unknowns and simulate nothing"
-    )
-    command.add_argument("--out", type=Path, metavar="DIR", help="folder for frames and pictures")
-    command.add_argument(
-        "--format", action="append", choices=FORMATS, default=[],
+    option("--damping", type=not_negative, default=1.0, metavar="RATE", help="of free motion [1/s] (1)")
+    allowed = "grips that miss their prescribed places do not count as a failure"
+    option("--may-give-way", action="store_true", help=allowed)
+    option("--count", action="store_true", help="print the numbers of unknowns and simulate nothing")
+    option("--out", type=Path, metavar="DIR", help="folder for frames, pictures and a page")
+    option(
+        "--format", action="append", choices=("obj", "gltf", "usd", "bcc", "mp4", "png"), default=[],
         help="convert the frames at the end; may be given several times",
     )  # fmt: skip
-    add_overwrite(command)
-    add_resume(command)
-    add_json(command)
+    for add in (add_overwrite, add_resume, add_json):
+        add(command)
