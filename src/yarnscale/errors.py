@@ -19,12 +19,7 @@ class InputError(ValueError):
     """
 
     def __init__(
-        self,
-        what: str,
-        *,
-        where: object = None,
-        expected: object = None,
-        found: object = None,
+        self, what: str, *, where: object = None, expected: object = None, found: object = None
     ) -> None:
         self.what, self.where, self.expected, self.found = what, where, expected, found
         parts = [f"{where}: {what}" if where is not None else what]

@@ -127,11 +127,7 @@ _ON_CLOTH = (
         lambda positions: np.linalg.norm(positions - positions.mean(axis=0), axis=1).argmin(),
         ("The sheet stretched along its courses.", "Its middle: the loops are drawn wide and low."),
     ),
-    (
-        "drape",
-        lambda positions: positions[:, 2].argmax(),
-        ("The sheet on the ball.", "On top of the ball."),
-    ),
+    ("drape", lambda positions: positions[:, 2].argmax(), ("The sheet on the ball.", "On top of the ball.")),
 )
 """Of each sheet a name, the vertex in the middle of its near view, and captions of the whole and the near view."""
 

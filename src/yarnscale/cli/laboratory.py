@@ -18,13 +18,7 @@ from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogeneous.fabrics import fabric_of
 from yarnscale.laboratory.drape import drape_test
 from yarnscale.laboratory.homogeneous_tests import LOADS, default_curvatures
-from yarnscale.laboratory.programme import (
-    Difference,
-    FabricTests,
-    Programme,
-    difference,
-    run_tests,
-)
+from yarnscale.laboratory.programme import Difference, FabricTests, Programme, difference, run_tests
 from yarnscale.shell.materials.material import ShellMaterial
 
 

@@ -19,12 +19,7 @@ from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
 from yarnscale.files.run_folder import check_place
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import load_rays
-from yarnscale.homogenize.sample import (
-    check_resumable,
-    create_ray_store,
-    create_store,
-    resumed_ray_store,
-)
+from yarnscale.homogenize.sample import check_resumable, create_ray_store, create_store, resumed_ray_store
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore
 

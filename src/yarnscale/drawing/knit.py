@@ -114,9 +114,7 @@ def knit(
 
     if alike and chart.plain and all(len(kind) == 1 for kind in kinds):
         loop = _LoopPlan(
-            wale,
-            1.6 * course if height is None else height,
-            0.24 * wale if width is None else width,
+            wale, 1.6 * course if height is None else height, 0.24 * wale if width is None else width
         )
         if shaped or loop.interlocks(course):
             dense = _classical_curves(signs(chart), loop, course, 1.4 if thickness is None else thickness)

@@ -11,12 +11,7 @@ from yarnscale.estimate.bend_fit import BendFit, fit_bending
 from yarnscale.estimate.measurements import SwatchMeasurements
 from yarnscale.estimate.membrane_constants import ShellModel
 from yarnscale.estimate.shell_fit import ShellFit, fit_membrane
-from yarnscale.estimate.uniform_data import (
-    UniformData,
-    corrected_data,
-    uniform_bending,
-    uniform_data,
-)
+from yarnscale.estimate.uniform_data import UniformData, corrected_data, uniform_bending, uniform_data
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 
 

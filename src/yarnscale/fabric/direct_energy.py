@@ -63,13 +63,7 @@ class FabricEnergy(RodEnergy):
     springs: hold boundaries together.
     """
 
-    def __init__(
-        self,
-        sheet: YarnSheet,
-        material: Materials,
-        *,
-        springs: Springs | None = None,
-    ) -> None:
+    def __init__(self, sheet: YarnSheet, material: Materials, *, springs: Springs | None = None) -> None:
         super().__init__(PatternStiffness.of(sheet, material), sheet.strands)
         self.sheet, self.force_unit = sheet, self.unit / self.radius
         self.springs = Springs.none() if springs is None else springs

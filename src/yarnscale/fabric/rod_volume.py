@@ -61,12 +61,7 @@ class RodVolume:
         return np.concatenate([moves.ravel(), np.zeros(self.energy.count)])
 
     def minimised(
-        self,
-        objective: Objective,
-        start: Array,
-        options: NewtonOptions,
-        *,
-        count: PassageCount | None = None,
+        self, objective: Objective, start: Array, options: NewtonOptions, *, count: PassageCount | None = None
     ) -> Solution:
         """Minimise an objective of the yarns by the volume alone, from a state (4n,); the solution is a state."""
         energy, (nodes, positions) = self.energy, self.maps_from(start)

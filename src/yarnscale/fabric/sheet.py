@@ -152,12 +152,7 @@ class YarnSheet:
 
     @classmethod
     def of_vertices(
-        cls,
-        pattern: YarnPattern,
-        vertex: Indices,
-        tile: Indices,
-        offsets: Indices,
-        closed: NDArray[np.bool_],
+        cls, pattern: YarnPattern, vertex: Indices, tile: Indices, offsets: Indices, closed: NDArray[np.bool_]
     ) -> YarnSheet:
         """Some vertices (n,) of a pattern in their tiles (n, 2), yarn after yarn, as they are drawn; area: 0."""
         positions = pattern.vertices[vertex].copy()

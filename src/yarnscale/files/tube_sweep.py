@@ -146,11 +146,7 @@ def _cross(a, b):
 def _square(vector, tangent):
     """The part of a vector across the tangent, as a unit vector; any direction across it where there is none."""
     along = _dot(vector, tangent)
-    x, y, z = (
-        vector[0] - along * tangent[0],
-        vector[1] - along * tangent[1],
-        vector[2] - along * tangent[2],
-    )
+    x, y, z = (vector[0] - along * tangent[0], vector[1] - along * tangent[1], vector[2] - along * tangent[2])
     length = np.sqrt(x * x + y * y + z * z)
     if length < 1e-6:
         a, b, c = abs(tangent[0]), abs(tangent[1]), abs(tangent[2])

@@ -16,14 +16,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import HomogeneousFabric
-from yarnscale.homogeneous.loads import (
-    FLAT,
-    LoadedState,
-    Loads,
-    Prescribed,
-    equilibrium_under,
-    path_under,
-)
+from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under, path_under
 from yarnscale.kinematics import line_stretch
 from yarnscale.numerics.newton import Status
 
@@ -125,11 +118,7 @@ class NaturalCurvature:
 
 
 def tension(
-    fabric: HomogeneousFabric,
-    direction: float,
-    loads: Sequence[float] = LOADS,
-    *,
-    curvature: str = "flat",
+    fabric: HomogeneousFabric, direction: float, loads: Sequence[float] = LOADS, *, curvature: str = "flat"
 ) -> list[TensionPoint]:
     """Pull a strip cut along ``direction`` [degrees from the course] by rising ``loads`` [N/m], free across.
 

@@ -63,10 +63,7 @@ def require_renderer() -> None:
 
 @contextmanager
 def canvas(
-    path: str | Path,
-    *,
-    size: tuple[int, int] = theme.PICTURE_SIZE,
-    shape: tuple[int, int] = (1, 1),
+    path: str | Path, *, size: tuple[int, int] = theme.PICTURE_SIZE, shape: tuple[int, int] = (1, 1)
 ) -> Iterator[Any]:
     """A plotter whose picture is written to ``path`` (PNG) at the end; nothing is written on an error.
 

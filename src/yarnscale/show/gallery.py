@@ -135,11 +135,7 @@ def _exhibit(name: str, *, states: Mapping[str, ShellStrain], at_rest: bool) -> 
 
 
 def _section(
-    stem: Path,
-    drawn: YarnPattern,
-    definition: list[str],
-    exhibit: Exhibit,
-    size: tuple[int, int],
+    stem: Path, drawn: YarnPattern, definition: list[str], exhibit: Exhibit, size: tuple[int, int]
 ) -> Section:
     """Numbers and pictures of one pattern: as drawn, then every state, seen from the right side."""
     shown: list[tuple[str, YarnPattern, Equilibrium | None]] = [("as drawn", drawn, None)]

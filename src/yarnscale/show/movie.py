@@ -256,10 +256,7 @@ class Film:
         add_tubes(self._plotter, mesh)
 
     def _part(
-        self,
-        triangles: NDArray[np.int64],
-        shape: Callable[[Moment], tuple[Floats, Floats]],
-        first: Moment,
+        self, triangles: NDArray[np.int64], shape: Callable[[Moment], tuple[Floats, Floats]], first: Moment
     ) -> pv.PolyData:
         points, normals = shape(first)
         # Single precision, as the renderer has it: half the memory, and nothing to convert.

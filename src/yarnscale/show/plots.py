@@ -43,10 +43,7 @@ def stress_scatter(path: str | Path, groups: Mapping[str, tuple[Array, Array]], 
 
 
 def error_histogram(
-    path: str | Path,
-    errors: Mapping[str, Array],
-    *,
-    label: str = "relative error of the fit [%]",
+    path: str | Path, errors: Mapping[str, Array], *, label: str = "relative error of the fit [%]"
 ) -> None:
     """Distribution of fit errors, one row per group (a strain axis or plane); errors: relative, (n,) each."""
     groups = {name: 100 * np.abs(np.asarray(e)[np.isfinite(e)]) for name, e in errors.items()}

@@ -16,12 +16,7 @@ from yarnscale.shell.materials.spline_patches import PARAMETER_COUNT, PackedSpli
 
 @numba.njit(**FAST)
 def spline_densities(
-    packed: PackedSplines,
-    address: int,
-    forms: NDArray,
-    densities: NDArray,
-    stress: NDArray,
-    moduli: NDArray,
+    packed: PackedSplines, address: int, forms: NDArray, densities: NDArray, stress: NDArray, moduli: NDArray
 ) -> None:
     """Densities (nb, B) of a spline material at forms (nb, 6, B) and, in ``stress`` and ``moduli`` if these are not
     empty, its derivatives.
@@ -55,11 +50,7 @@ def _run(
     b: int,
 ) -> None:
     pointers = np.empty(5, np.int64)
-    pointers[0], pointers[1], pointers[2] = (
-        forms.ctypes.data,
-        parameters.ctypes.data,
-        densities.ctypes.data,
-    )
+    pointers[0], pointers[1], pointers[2] = (forms.ctypes.data, parameters.ctypes.data, densities.ctypes.data)
     if len(stress):
         pointers[3] = stress[b].ctypes.data
     if len(moduli):

@@ -70,9 +70,7 @@ class PackedSplines(NamedTuple):
 
 
 def pack_splines(
-    constant: float,
-    axes: Sequence[CubicSpline],
-    planes: Mapping[tuple[int, int], BicubicSpline],
+    constant: float, axes: Sequence[CubicSpline], planes: Mapping[tuple[int, int], BicubicSpline]
 ) -> PackedSplines:
     """The terms of a material (see ``SplineMaterial``) on shared knots."""
     knots = []

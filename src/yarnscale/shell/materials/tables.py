@@ -159,9 +159,7 @@ class BicubicSpline:
         """The table on supersets of both knot vectors: the same function."""
         i, j = _inside(knots_u, self.knots_u), _inside(knots_v, self.knots_v)
         moved = shift(
-            self.table[np.ix_(i, j)],
-            (origins(knots_u) - origins(self.knots_u)[i])[:, None, None],
-            axis=2,
+            self.table[np.ix_(i, j)], (origins(knots_u) - origins(self.knots_u)[i])[:, None, None], axis=2
         )
         return shift(moved, (origins(knots_v) - origins(self.knots_v)[j])[None, :, None], axis=3)
 
