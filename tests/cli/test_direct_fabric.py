@@ -42,7 +42,8 @@ def test_a_scene_writes_its_frames_and_numbers(
     assert numbers["steps"] == 2 and numbers["passages"] == 0
     assert numbers["simulated_seconds"] == pytest.approx(0.0666)
     assert 0 <= float(str(numbers["penetration"])) < 0.6 and 0 <= float(str(numbers["extension"])) < 0.5
-    assert ("force" in numbers) == (scene == "stretch")
+    assert ("force" in numbers) == (scene == "stretch") == (numbers["centre_drop"] is None)
+    assert ("centre_drop" in (tmp_path / "index.html").read_text()) == (scene != "stretch")
     frames = read_curve_frames(tmp_path)
     assert len(frames.paths) == 3 and len(frames.curves) == 8
     last, radii = frames.points(2)

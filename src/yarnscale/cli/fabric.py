@@ -224,11 +224,13 @@ def _simulated(
         numbers: dict[str, object] = {
             "method": options.method, "model": options.model, **result.summary(),
         }  # fmt: skip
+        # Without gravity nothing falls.
+        shown = {name: value for name, value in numbers.items() if value is not None}
         said = sentences(result.run.unfulfilled, "--may-give-way allows it")
-        _write_page(folder, options, result, numbers, said)
+        _write_page(folder, options, result, shown, said)
         for format_ in options.format:
             convert.write(read_animation(folder), format_, folder / _name(format_))
-    report(options, numbers, *outcome_lines(numbers, said), f"{folder}: frames, pictures and a page")
+    report(options, numbers, *outcome_lines(shown, said), f"{folder}: frames, pictures and a page")
     return 0 if result.succeeded else 1
 
 
