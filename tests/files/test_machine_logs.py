@@ -134,6 +134,48 @@ def test_sizes_above_the_table(tmp_path):
     )
 
 
+def test_the_construction_of_the_fabric_above_the_table(tmp_path):
+    text = (
+        "Maschenstäbchen/cm;14\nCourses per cm: ;20,5\nLoop length;2,9;mm\nTex;19,7\nFlächengewicht [g/m²];165\n"
+        "Specimen 1 - weft\nStrain %;Force (N/5cm);Width (mm);Gauge length (mm)\n"
+    )
+    fabric = fabric_of(
+        tmp_path,
+        text + rows(lambda s, f: f"{comma(100 * s)};{comma(f)};50;100"),
+        name="log.csv",
+        settings=None,
+    )
+    check(fabric)
+    known = fabric.known
+    assert (known.wales, known.courses, known.loop_length) == pytest.approx((1400, 2050, 2.9e-3))
+    assert known.yarn_count == fabric.yarn_count == pytest.approx(19.7e-6)
+    assert fabric.area_density == pytest.approx(0.165)
+
+
+def test_sheets_of_a_workbook(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.title = "Summary"
+    book.active.append(["Customer", "none"])
+    for name in ("weft 1", "weft 2"):
+        sheet = book.create_sheet(name)
+        for row in (
+            ["Extension", "Load"],
+            ["mm", "cN"],
+            *([100 * s, 100 * force_of(s)] for s in STRETCH.tolist()),
+        ):
+            sheet.append(row)
+    book.save(tmp_path / "log.xlsx")
+    check(read_measurements(tmp_path / "log.xlsx", settings=SWATCH), runs=2)
+    sheet["B9"] = "none"
+    book.save(tmp_path / "log.xlsx")
+    with pytest.raises(InputError, match=r"log.xlsx\[weft 2\]:9: column 'Load'"):
+        read_measurements(tmp_path / "log.xlsx", settings=SWATCH)
+    (tmp_path / "bad.xlsx").write_bytes(b"PK\x03\x04 no archive")
+    with pytest.raises(InputError, match="no workbook"):
+        read_measurements(tmp_path / "bad.xlsx", settings=SWATCH)
+
+
 def test_one_file_a_specimen(tmp_path):
     for k in (1, 2):
         (tmp_path / f"log{k}.txt").write_text(

@@ -14,6 +14,7 @@ from yarnscale.cli.console import ProgressLine, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
 from yarnscale.estimate.cloth_check import ClothCheck, homogenized_swatches
+from yarnscale.estimate.construction import KnownConstruction
 from yarnscale.estimate.evaluations import Evaluations
 from yarnscale.estimate.measurements import Direction
 from yarnscale.estimate.objective import ErrorWeights
@@ -35,6 +36,8 @@ HOMOGENIZED = "homogenized"
 """Folder of the homogenized yarn within that of the report."""
 YARN = "yarn.toml"
 """The estimated yarn material."""
+COUNTS = {"wales": 1e2, "courses": 1e2, "loop_length": 1e-3, "tex": 1e-6, "area_density": 1e-3}
+"""Option → factor to SI."""
 MAKES = (
     f"{EVALUATIONS}/*.json", "estimate.json", "index.html", "curves.png", "spread.png", "cell-*.png", PATTERN, YARN,
     f"{HOMOGENIZED}/",
@@ -47,6 +50,14 @@ def estimate(options: argparse.Namespace) -> int:
     length, width = options.swatch or (None, None)
     settings = LogSettings(swatch_length=length, swatch_width=width)
     measurements = read_measurements(options.measurements, sample=options.sample, settings=settings)
+    given = {
+        name: value * factor
+        for name, factor in COUNTS.items()
+        if (value := getattr(options, name)) is not None
+    }
+    measurements = measurements.knowing(
+        KnownConstruction(**{"yarn_count" if name == "tex" else name: value for name, value in given.items()})
+    )
     for note in measurements.notes:
         _say(note)
     model = fabric_model(
@@ -137,7 +148,8 @@ def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
     """What the console says of an estimate."""
     fit = found.fit
     yield f"yarn of {found.measurements.name}, {fit.evaluations} tried with {fit.solves} equilibria:"
-    for name, value in zip(fit.model.names, fit.values, strict=True):
+    for name in fit.model.names:
+        value = found.parameters[name]
         yield f"  {name:<12}{value:.4g}{'   at the end of its range' if name in fit.at_bounds else ''}"
     for name, errors, failed in found.error_rows():
         values = {

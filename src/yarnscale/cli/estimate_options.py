@@ -51,6 +51,12 @@ def add_estimate_options(add: Add) -> None:
         "--swatch", type=_swatch, metavar="LENGTHxWIDTH",
         help="distance of the clamps before the test and width of the swatch [mm], where a log leaves them out",
     )  # fmt: skip
+    counted = "of the fabric at rest, which fixes its size; with"
+    option("--wales", type=positive, metavar="PER_CM", help=f"{counted} --courses")
+    option("--courses", type=positive, metavar="PER_CM", help=f"{counted} --wales")
+    option("--loop-length", type=positive, metavar="MM", help="yarn in one stitch, which fixes the size")
+    option("--tex", type=positive, metavar="TEX", help="mass of the yarn in g per 1000 m")
+    option("--area-density", type=positive, metavar="G_PER_M2", help="mass of the fabric")
     option(
         "--directions", type=_directions, metavar="weft,bias,warp", help="directions to fit (all measured)"
     )

@@ -8,10 +8,44 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.estimate.measurements import SwatchMeasurements
+from yarnscale.errors import positive
 
 Stitches = tuple[int, int]
 """Wales and courses of one period."""
+
+
+@dataclass(frozen=True)
+class KnownConstruction:
+    """What was counted and weighed on the fabric at rest; None where it was not.
+
+    wales, courses: stitch density [1/m]; loop_length: yarn in one stitch [m]; yarn_count: mass per length of yarn
+    [kg/m]; area_density: [kg/m²]. Raises InputError for numbers that are not positive.
+    """
+
+    wales: float | None = None
+    courses: float | None = None
+    loop_length: float | None = None
+    yarn_count: float | None = None
+    area_density: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None:
+                positive(name.replace("_", " "), value)
+
+    @property
+    def stitch_area(self) -> float | None:
+        """Fabric of one stitch [m²]."""
+        return None if self.wales is None or self.courses is None else 1.0 / (self.wales * self.courses)
+
+    @property
+    def yarn_in_stitch(self) -> float | None:
+        """Loop length as known, or what mass, yarn count and stitch density leave [m]."""
+        if self.loop_length is not None:
+            return self.loop_length
+        if self.stitch_area is None or self.area_density is None or self.yarn_count is None:
+            return None
+        return self.area_density * self.stitch_area / self.yarn_count
 
 
 @dataclass(frozen=True)
@@ -53,17 +87,31 @@ class FabricConstruction:
         return {name: None if value is None else factor * value for name, (value, factor) in scaled.items()}
 
 
-def weighed(cell: PeriodicCell, measurements: SwatchMeasurements) -> PeriodicCell:
+def sized(cell: PeriodicCell, factor: float) -> PeriodicCell:
+    """The same fabric larger by a factor, with yarns that give it the same line loads at the same stretch.
+
+    Forces grow by the factor, so moduli shrink by it: k_s by the factor, k_b by its cube; the contact stiffness stays.
+    """
+    (material,) = cell.materials
+    stretch = replace(material.stretch, stiff_modulus=material.stretch.stiff_modulus / factor)
+    scaled = replace(
+        material, young_modulus=material.young_modulus / factor, shear_modulus=material.shear_modulus / factor,
+        stretch=stretch,
+    )  # fmt: skip
+    return replace(cell, pattern=cell.pattern.scaled(factor), material=scaled)
+
+
+def weighed(cell: PeriodicCell, *, area_density: float | None, yarn_count: float | None) -> PeriodicCell:
     """The cell of one yarn material with the density that the measured mass of the fabric or of its yarn calls for.
 
     Inertia has no part in an equilibrium without gravity, so the density is set after the fit. The mass of the fabric
     counts before that of the yarn. Without either the density stays.
     """
-    if measurements.area_density is not None:
-        factor = measurements.area_density / cell.area_density
-    elif measurements.yarn_count is not None:
-        factor = measurements.yarn_count / FabricConstruction.of(cell, None).yarn_count
+    if area_density is not None:
+        factor = area_density / cell.area_density
+    elif yarn_count is not None:
+        factor = yarn_count / FabricConstruction.of(cell, None).yarn_count
     else:
         return cell
-    material = replace(cell.material, density=cell.material.density * factor)  # type: ignore[type-var]
-    return replace(cell, material=material)
+    (material,) = cell.materials
+    return replace(cell, material=replace(material, density=material.density * factor))

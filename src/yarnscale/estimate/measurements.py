@@ -12,7 +12,7 @@ and 5 N for power on swatches of 6 cm, are 33 N/m and 83 N/m.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError, positive
+from yarnscale.estimate.construction import KnownConstruction
 
 Array = NDArray[np.float64]
 
@@ -314,6 +315,7 @@ class SwatchMeasurements:
 
     area_density: mass of the fabric [kg/m²]; pear loops need it. pattern: name of its chart or yarn geometry,
     photographs: of both sides; only names, for the record. notes: sentences on how the numbers were read.
+    known: what was counted on the fabric.
     """
 
     name: str
@@ -324,6 +326,7 @@ class SwatchMeasurements:
     pattern: str | None = None
     photographs: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    known: KnownConstruction = field(default_factory=lambda: KnownConstruction())
 
     def __post_init__(self) -> None:
         where = f"measurements of '{self.name}'"
@@ -352,16 +355,21 @@ class SwatchMeasurements:
 
     @property
     def yarn_count(self) -> float | None:
-        """Mass per length of the yarn [kg/m] of a fabric of one yarn; None where it is unknown or there are several."""
-        return self.yarns[0].denier / 9e6 if len(self.yarns) == 1 else None
+        """Mass per length of the yarn [kg/m], as known or of the only yarn; None where there are several."""
+        of_yarn = self.yarns[0].denier / 9e6 if len(self.yarns) == 1 else None
+        return of_yarn if self.known.yarn_count is None else self.known.yarn_count
+
+    def knowing(self, known: KnownConstruction) -> SwatchMeasurements:
+        """The same fabric with what is known of its construction besides; what is new counts."""
+        said = {name: value for name, value in vars(known).items() if value is not None}
+        density = said.get("area_density", self.area_density)
+        return replace(self, area_density=density, known=replace(self.known, **said))
 
     def only(self, *directions: Direction) -> SwatchMeasurements:
         """The same fabric with the tests along these directions alone. Raises InputError where none is left."""
         stretch = tuple(test for test in self.stretch if test.direction in directions)
         bend = tuple(test for test in self.bend if test.direction in directions)
-        return SwatchMeasurements(
-            self.name, stretch, bend, self.yarns, self.area_density, self.pattern, self.photographs, self.notes
-        )  # fmt: skip
+        return replace(self, stretch=stretch, bend=bend)
 
 
 def _between(points: Array, x: Array, y: Array) -> Array:

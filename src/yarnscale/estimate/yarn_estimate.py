@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.estimate.cloth_check import ClothCheck
-from yarnscale.estimate.construction import FabricConstruction, weighed
+from yarnscale.estimate.construction import FabricConstruction, sized, weighed
 from yarnscale.estimate.evaluations import Evaluations, Store, evaluate
 from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
 from yarnscale.estimate.measurements import Direction, SwatchMeasurements
@@ -65,7 +66,29 @@ class FabricEstimate:
     @cached_property
     def cell(self) -> PeriodicCell:
         """The fabric at rest with the estimated yarn, as heavy as it was measured."""
-        return weighed(self.fit.evaluation.rested.cell, self.measurements)
+        measured = self.measurements
+        return weighed(
+            sized(self.fit.evaluation.rested.cell, self.scale),
+            area_density=measured.area_density, yarn_count=measured.yarn_count,
+        )  # fmt: skip
+
+    @property
+    def scale(self) -> float:
+        """Size of the fabric over that of the fit: where the stitch density is known, it decides in the end."""
+        model, period = self.fit.model, self.fit.evaluation.rested.cell.pattern.period
+        if model.stitch_area is None or model.stitches is None:
+            return 1.0
+        return math.sqrt(model.stitch_area * math.prod(model.stitches) / float(np.prod(period)))
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Estimated parameters by name, in SI, with k_s2 and R_est."""
+        fit, powers = self.fit, {"k_s1": 1, "k_b": 3, "R_1": 1}
+        found = dict(zip(fit.model.names, fit.values.tolist(), strict=True))
+        found = {name: value * self.scale ** powers.get(name, 0) for name, value in found.items()}
+        return found | {
+            "k_s2": self.scale * fit.model.stiffness, "R_est": self.scale * fit.model.pattern.radius,
+        }  # fmt: skip
 
     @property
     def construction(self) -> FabricConstruction:
@@ -193,8 +216,7 @@ class FabricEstimate:
             },
             "warnings": [*self.warnings],
             "notes": [*self.measurements.notes],
-            "parameters": dict(zip(fit.model.names, fit.values.tolist(), strict=True))
-            | {"k_s2": fit.model.stiffness, "R_est": fit.model.pattern.radius},
+            "parameters": self.parameters,
             "bending_error": float(np.mean(list(self.bending.values()))) if self.bending else None,
             "solves": fit.solves,
             "seconds": fit.seconds + self.shell.membrane.seconds,
@@ -202,7 +224,7 @@ class FabricEstimate:
             "cpu_seconds": fit.cpu_seconds,
             "failed_states": fit.evaluation.failed,
             "at_bounds": list(fit.at_bounds),
-            "period": fit.evaluation.rested.cell.pattern.period.tolist(),
+            "period": self.cell.pattern.period.tolist(),
             "fabric": self.construction.summary(),
             "cloth_error": None if self.cloth is None else self.cloth.errors.summary(),
         }

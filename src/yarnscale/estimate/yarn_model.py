@@ -60,7 +60,8 @@ class YarnModel:
     pattern: one period as drawn [m]; its ``radius`` is R_est. stiffness: k_s2 [N]. density: of the yarn [kg/m³].
     two_phase: whether stretch has two phases; a linear yarn has k_s1 in all of its range, and ε̄ does nothing.
     free_shape: whether ``SHAPE`` is unknown too, and the drawing a scheme that draws in first. stitches: wales and
-    courses of the pattern's period, None where they are not known.
+    courses of the pattern's period, None where they are not known. stitch_area: of one stitch at rest [m²] where that
+    decides the size of the fabric.
     stiffest_contact: end of the range of k_c1 [kg/s²].
     """
 
@@ -72,6 +73,7 @@ class YarnModel:
     largest_knee: float = LARGEST_KNEE
     stiffest_contact: float = STIFFEST_CONTACT
     stitches: Stitches | None = None
+    stitch_area: float | None = None
 
     def __post_init__(self) -> None:
         if self.pattern.yarn_radius is not None:
@@ -158,7 +160,7 @@ class YarnModel:
 
 def yarn_model(
     pattern: YarnPattern, stiffness: float, *, yarn_length: float | None = None, free_shape: bool = False,
-    stitches: Stitches | None = None,
+    stitches: Stitches | None = None, stitch_area: float | None = None,
 ) -> YarnModel:  # fmt: skip
     """The model of a drawn pattern, whose radius becomes R_est.
 
@@ -168,7 +170,7 @@ def yarn_model(
         positive("yarn length of a period", yarn_length, LENGTH)
         pattern = pattern.scaled(yarn_length / drawn_length(pattern))
     pattern = replace(pattern, radius=estimated_radius(pattern))
-    return YarnModel(pattern, stiffness, free_shape=free_shape, stitches=stitches)
+    return YarnModel(pattern, stiffness, free_shape=free_shape, stitches=stitches, stitch_area=stitch_area)
 
 
 def drawn_length(pattern: YarnPattern) -> float:

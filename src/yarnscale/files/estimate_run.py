@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError, notify
 from yarnscale.estimate.evaluations import Evaluations
-from yarnscale.estimate.measurements import Direction, SwatchMeasurements
+from yarnscale.estimate.measurements import POWER_LOAD, Direction, SwatchMeasurements
 from yarnscale.estimate.membrane_constants import ShellModel
 from yarnscale.estimate.objective import ErrorWeights
 from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, Follow, fit_fabric
@@ -23,6 +27,8 @@ from yarnscale.yarn.pattern import YarnPattern
 
 EVALUATIONS = "evaluations"
 """Folder of finished evaluations within that of an estimate."""
+_LEAST_LOAD, _LEAST_STRETCH = 1.0, 0.02
+"""Smallest largest load of a test [N/m], and smallest stretch of a knit at the end of the power range."""
 DRAWN_RADIUS = 0.4e-3
 """Radius of the yarn of a drawing of unknown size [m]: a hand-knitting yarn of about 400 tex in the fabric. Line loads
 of fabrics of all sizes behave alike, so it changes the values of parameters and not the errors."""
@@ -84,6 +90,13 @@ def fabric_model(
     named = not isinstance(pattern, YarnPattern)
     drawn, chart = named and is_drawing(pattern), stitches_of(pattern) if named else None
     shape = read_pattern(pattern) if named else pattern
+    check_forces(measurements, woven=shape.woven)
+    known = replace(
+        measurements.known, area_density=measurements.area_density, yarn_count=measurements.yarn_count
+    )
+    if (known.wales is None) != (known.courses is None):
+        raise InputError("--wales and --courses", expected="both, which fix the size", found="one")
+    yarn, area, decides = known.yarn_in_stitch, known.stitch_area, False
     if radius is not None:
         if yarn_length is not None:
             raise InputError("radius", expected="none beside a yarn length, which decides the size")
@@ -91,6 +104,11 @@ def fabric_model(
             expected = "a built-in pattern, a chart or a draft, which are drawings"
             raise InputError("radius", expected=expected, found=shape.name)
         shape = shape.scaled(radius / shape.radius)
+    elif drawn and yarn_length is None and chart is not None and yarn is not None:
+        yarn_length = yarn * chart.wales * chart.courses
+    elif drawn and yarn_length is None and chart is not None and area is not None:
+        shape = shape.scaled(math.sqrt(area * chart.wales * chart.courses / float(np.prod(shape.period))))
+        decides = stiffness is None and measurements.stiffest_yarn is None
     elif drawn and yarn_length is None:
         shape = shape.scaled(DRAWN_RADIUS / shape.radius)
         notify(
@@ -102,5 +120,19 @@ def fabric_model(
         notify(f"stiffness of the yarn unknown: k_s2 is taken as {stiffness:g} N")
     return yarn_model(
         shape, stiffness, yarn_length=yarn_length, free_shape=drawn if free_shape is None else free_shape,
-        stitches=None if chart is None else (chart.wales, chart.courses),
+        stitches=None if chart is None else (chart.wales, chart.courses), stitch_area=area if decides else None,
     )  # fmt: skip
+
+
+def check_forces(measurements: SwatchMeasurements, *, woven: bool) -> None:
+    """InputError for loads of no fabric: units of force that were mistaken."""
+    for test in measurements.stretch:
+        curve, where = test.curve, f"{measurements.name}, {test.direction.value}"
+        if curve.load[-1] < _LEAST_LOAD:
+            found = f"{curve.load[-1]:.2g} N/m: newtons taken for grams?"
+            raise InputError("force", where=where, expected=f"{_LEAST_LOAD:g} N/m or more", found=found)
+        stretch = curve.stretch_at(POWER_LOAD)
+        if not woven and curve.load[-1] >= 0.9 * POWER_LOAD and stretch < _LEAST_STRETCH:
+            expected = f"a knit that stretches by {100 * _LEAST_STRETCH:g} % or more at {POWER_LOAD:.0f} N/m"
+            found = f"{100 * stretch:.2g} %: grams taken for newtons?"
+            raise InputError("force", where=where, expected=expected, found=found)

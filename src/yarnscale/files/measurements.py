@@ -9,6 +9,7 @@ from typing import Any
 
 from yarnscale.checked import checked
 from yarnscale.errors import quoted
+from yarnscale.estimate.construction import KnownConstruction
 from yarnscale.estimate.loading import CYCLES
 from yarnscale.estimate.measurements import SwatchMeasurements, YarnComposition
 from yarnscale.files.fields import Fields, toml_file
@@ -20,6 +21,13 @@ from yarnscale.files.measurements_u3m import read_u3m
 _FIELDS = (
     "name", "fabric", "stretch", "bend", "single_run", "area_density", "pattern", "photographs", "yarn",
 )  # fmt: skip
+_COUNTS = {
+    "wales_per_cm": ("wales", 1e2),
+    "courses_per_cm": ("courses", 1e2),
+    "loop_length_mm": ("loop_length", 1e-3),
+    "tex": ("yarn_count", 1e-6),
+}
+"""Field → what of the construction it gives, and factor to SI."""
 _LOG_FIELDS = ("file", "direction", "run", "swatch_width_mm", "swatch_length_mm", "cycle")
 
 
@@ -41,30 +49,38 @@ def read_measurements(
     if path.suffix.lower() == ".toml":
         return _from_toml(path, sample, single_run, settings or LogSettings())
     readings = read_logs([(path, settings or LogSettings())], fabric=sample, single_run=single_run)
-    return SwatchMeasurements(readings.fabric or path.stem, readings.tests, notes=readings.notes)
+    measured = SwatchMeasurements(readings.fabric or path.stem, readings.tests, notes=readings.notes)
+    return measured.knowing(readings.known)
 
 
 def _from_toml(path: Path, sample: str | None, single_run: bool, settings: LogSettings) -> SwatchMeasurements:
     with toml_file(path) as table:
-        table.known(*_FIELDS)
+        table.known(*_FIELDS, *_COUNTS)
         fabric = sample or table.text_or("fabric", None)
         single_run = single_run or table.flag_or("single_run", False)
-        tests, bend, notes = (), (), ()
+        tests, bend, notes, known = (), (), (), KnownConstruction()
         if "stretch" in table.content:
             logs = [_log(path, entry, settings) for entry in _logs(table)]
             readings = read_logs(logs, fabric=fabric, single_run=single_run)
-            tests, notes = readings.tests, readings.notes
+            tests, notes, known = readings.tests, readings.notes, readings.known
         if "bend" in table.content:
             bend, remarks = read_bend(path.parent / table.text("bend"), fabric=fabric)
             notes = tuple(dict.fromkeys((*notes, *remarks)))
         photographs = table.content.get("photographs", [])
         if not isinstance(photographs, list) or not all(isinstance(name, str) for name in photographs):
             raise table.fault("photographs", expected="names of files", found=quoted(photographs))
-        return SwatchMeasurements(
-            table.text_or("name", path.stem), tests, bend,
-            tuple(_yarn(entry) for entry in table.items("yarn", optional=True)),
-            table.number_or("area_density", None), table.text_or("pattern", None), tuple(photographs), notes,
+        said = {
+            name: factor * table.number(key, positive=True)
+            for key, (name, factor) in _COUNTS.items()
+            if key in table.content
+        }
+        yarns = tuple(_yarn(entry) for entry in table.items("yarn", optional=True))
+        density = table.number_or("area_density", known.area_density)
+        measured = SwatchMeasurements(
+            table.text_or("name", path.stem), tests, bend, yarns, density, table.text_or("pattern", None),
+            tuple(photographs), notes,
         )  # fmt: skip
+        return measured.knowing(replace(known, area_density=None)).knowing(KnownConstruction(**said))
 
 
 def _logs(table: Fields) -> list[Fields]:

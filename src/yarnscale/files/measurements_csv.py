@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.estimate.construction import KnownConstruction
 from yarnscale.estimate.loading import stretch_run
 from yarnscale.estimate.measurements import BendTest, Direction, StretchRun, StretchTest
+from yarnscale.files.measurements_names import CONSTRUCTION
 from yarnscale.files.measurements_reader import read_tables
 from yarnscale.files.measurements_swatches import (
     LogSettings,
@@ -28,6 +30,7 @@ from yarnscale.files.measurements_swatches import (
 )
 from yarnscale.files.measurements_table import Column, MeasuredTable, Row
 from yarnscale.files.source_text import read_source
+from yarnscale.files.workbook import WORKBOOKS, sheets
 
 Array = NDArray[np.float64]
 
@@ -50,6 +53,7 @@ class StretchReadings:
     fabric: str
     tests: tuple[StretchTest, ...]
     notes: tuple[str, ...]
+    known: KnownConstruction
 
 
 def read_logs(
@@ -66,7 +70,11 @@ def read_logs(
         test, remarks = _stretch_test(direction, swatches, single_run=single_run)
         tests.append(test)
         notes += remarks
-    return StretchReadings(name, tuple(tests), tuple(dict.fromkeys(notes)))
+    said = {
+        key: value for group in chosen.values() for swatch in group for key, value in swatch.table.settings
+    }
+    known = KnownConstruction(**{key: said[key] for key in CONSTRUCTION if key in said})
+    return StretchReadings(name, tuple(tests), tuple(dict.fromkeys(notes)), known)
 
 
 def read_bend(path: Path, *, fabric: str | None = None) -> tuple[tuple[BendTest, ...], tuple[str, ...]]:
@@ -86,7 +94,7 @@ def _gathered(
     swatches: list[Swatch] = []
     notes: list[str] = []
     for path, settings in logs:
-        tables = read_tables(path, read_source(path, other_encodings=True), needed=needed)
+        tables = tables_of(path, needed)
         for number, table in enumerate(tables, 1):
             swatches += swatches_of(table, columns_of(table, settings), settings, number)
         notes += _unread(tables)
@@ -94,6 +102,27 @@ def _gathered(
     own = [swatch for swatch in swatches if swatch.fabric == name]
     chosen = {along: [swatch for swatch in own if swatch.direction is along] for along in Direction}
     return name, {along: found for along, found in chosen.items() if found}, notes
+
+
+def tables_of(path: Path, needed: Sequence[str]) -> tuple[MeasuredTable, ...]:
+    """The tables of a text file, or of all sheets of a workbook that have some."""
+    if path.suffix.lower() not in WORKBOOKS:
+        return read_tables(path, read_source(path, other_encodings=True), needed=needed)
+    found, faults = [], []
+    for name, text in sheets(path):
+        try:
+            found += read_tables(name, text, needed=needed)
+        except InputError as error:
+            if error.what not in ("column names", "readings"):
+                raise
+            faults.append(error)
+    if not found:
+        raise (
+            faults[0]
+            if faults
+            else InputError("workbook is empty", where=path, expected="a sheet of readings")
+        )
+    return tuple(found)
 
 
 def _bend_columns(table: MeasuredTable, _: LogSettings) -> dict[str, Column]:

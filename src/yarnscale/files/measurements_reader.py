@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.measurements_blocks import CYCLE_OR_DATE, Block, joined
-from yarnscale.files.measurements_names import ColumnName, column_name, factor, is_unit
+from yarnscale.files.measurements_names import CONSTRUCTION, ColumnName, column_name, factor, is_unit
 from yarnscale.files.measurements_table import DECIMALS, SPACES, MeasuredTable, Row
 
 Array = NDArray[np.float64]
@@ -155,15 +155,21 @@ class _Reader:
         )
 
     def _keep_text(self, line: int, cells: tuple[str, ...]) -> None:
-        self.text.append((line, cells))
-        name = column_name(cells[0].rstrip(":= "))
-        if name.quantity not in ("swatch_width", "swatch_length") or len(cells) < 2:
+        label = cells[0].rstrip(":= ")
+        name = column_name(label)
+        quantity = name.quantity
+        of_fabric = quantity in CONSTRUCTION and len(cells) > 1
+        if not of_fabric:
+            self.text.append((line, cells))
+        sizes = (*CONSTRUCTION, "swatch_width", "swatch_length")
+        if quantity is None or quantity not in sizes or len(cells) < 2:
             return
-        parts = [*cells[1].split(), *cells[2:3], name.unit or ""]
-        found = factor(name.quantity, next((part for part in parts[1:] if part), None))
+        # Names such as tex are units themselves.
+        parts = [*cells[1].split(), *cells[2:3], name.unit or label]
+        found = factor(quantity, next((part for part in parts[1:] if part), None))
         number = parts[0].replace(",", ".") if parts else ""
         if found is not None and _looks_like_number(number):
-            self.settings[name.quantity] = float(number) * found[1]
+            self.settings[quantity] = float(number) * found[1]
 
     def tables(self, separator: str) -> tuple[MeasuredTable, ...]:
         """What was found. Raises InputError where that is nothing."""

@@ -97,7 +97,7 @@ def direction_named(text: str) -> Direction | None:
 
 def _direction_of(table: MeasuredTable) -> Direction:
     """The direction that the title of a table or the name of its file says."""
-    for text in (table.title, table.text, Path(table.path).stem):
+    for text in (table.title, table.text, Path(table.path).name):
         words = re.split(r"[\W\d_]+", text.lower())
         words += [word.removesuffix(end) for word in words for end in ("s", "wise")]
         found = {DIRECTIONS[word] for word in words if len(word) > 3 and word in DIRECTIONS}
