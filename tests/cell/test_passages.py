@@ -135,7 +135,7 @@ def test_large_strains_do_not_cross() -> None:
     cell = PeriodicCell(library.build("stockinette"), MATERIAL)
     for strain in (ShellStrain(0.6, -0.5, 0.6), ShellStrain(-0.15, 0.3, -0.1), ShellStrain(II11=100.0)):
         state = cell.relax(strain)
-        assert state.converged and not state.crossed and state.outcome == "converged"
+        assert state.converged and not state.passages and state.outcome == "converged"
 
 
 def test_an_unsafe_jump_is_noticed_and_goes_by_way_of_nearer_states() -> None:
@@ -146,7 +146,7 @@ def test_an_unsafe_jump_is_noticed_and_goes_by_way_of_nearer_states() -> None:
     x = energy.start(start.fluctuation / cell.pattern.radius, start.twist)
     assert jump_is_safe(cell.energy(start.strain), x, start.strain)
     state, direct = cell.relax(far, start=start), cell.relax(far)
-    assert state.converged and not state.crossed
+    assert state.converged and not state.passages
     assert state.energy_density == pytest.approx(direct.energy_density, rel=0.01)
 
 
@@ -157,15 +157,15 @@ def test_a_seed_that_crossed_is_dropped() -> None:
     wrong = _moved(cell.energy(ShellStrain()), 0, _lifted)
     fluctuation = wrong[: 3 * len(rest.twist)].reshape(-1, 3) * cell.pattern.radius
     state = cell.relax(ShellStrain(), start=replace(rest, fluctuation=fluctuation))
-    assert state.converged and not state.crossed
+    assert state.converged and not state.passages
     assert state.energy_density == pytest.approx(rest.energy_density, rel=1e-6)
 
 
 def test_a_crossed_state_is_recorded_as_such() -> None:
     cell = PeriodicCell(library.build("basket-2x2"), MATERIAL)
-    state = replace(cell.relax(), crossed=True)
-    assert state.outcome == "crossed"
-    assert record(state)["status"] == CODE_OF["crossed"]
+    state = replace(cell.relax(), passages=True)
+    assert state.outcome == "passages"
+    assert record(state)["status"] == CODE_OF["passages"]
 
 
 def test_links_change_where_a_weft_is_lifted_and_not_where_a_course_is() -> None:
@@ -215,7 +215,7 @@ def test_a_course_lifted_out_of_its_loops_is_no_start() -> None:
 def test_a_start_known_to_be_crossed_is_left_aside() -> None:
     cell = PeriodicCell(library.build("plain"), MATERIAL)
     rest = cell.relax()
-    state = cell.relax(start=replace(rest, fluctuation=np.full_like(rest.fluctuation, np.nan), crossed=True))
+    state = cell.relax(start=replace(rest, fluctuation=np.full_like(rest.fluctuation, np.nan), passages=True))
     assert state.usable
     assert state.energy_density == pytest.approx(rest.energy_density, rel=1e-6)
 

@@ -19,7 +19,7 @@ STRAIN = ShellStrain(-0.2, 0.0, -0.15)
 
 def test_more_starts_are_never_worse_and_deterministic() -> None:
     one, several = CELL.relax(STRAIN), replace(CELL, starts=4).relax(STRAIN)
-    assert several.converged and not several.crossed
+    assert several.converged and not several.passages
     assert several.energy_density <= one.energy_density * (1 + 1e-12)
     assert several.iterations > one.iterations
     again = replace(CELL, starts=4).relax(STRAIN)

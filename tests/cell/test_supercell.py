@@ -27,7 +27,7 @@ def test_a_study_refers_to_one_tile() -> None:
     one, two = study(CELL, strain, [(1, 1), (1, 2)], starts=2)
     assert one.drop == 0.0 and (one.size, two.size) == ((1, 1), (1, 2))
     assert two.vertices == 2 * one.vertices
-    assert two.state.converged and not two.state.crossed
+    assert two.state.converged and not two.state.passages
     assert two.drop >= -1e-9
     assert two.energy_density == pytest.approx(one.energy_density * (1 - two.drop))
     assert one.seconds > 0 and two.iterations > 0

@@ -64,7 +64,7 @@ def test_the_nearest_state_stands_in_for_one_that_failed(
     for number in (flat, bent):
         result, _ = solve(cell, copy.states[number], None)
         lost = np.full_like(copy.read(number, "fluctuation"), np.nan)
-        copy.write(number, {**result, "fluctuation": lost, "status": CODE_OF["crossed"]})
+        copy.write(number, {**result, "fluctuation": lost, "status": CODE_OF["passages"]})
     table = FluctuationTable.from_store(copy, cell.pattern)
     # The failed flat state takes its two bent ones with it: they count from it.
     assert table.replaced == 4 and np.isfinite(table.values).all()

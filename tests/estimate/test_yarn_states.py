@@ -146,7 +146,7 @@ class Crossing:
 
     def relax(self, strain=None, *, start=None):
         state = self.cell.relax(strain, start=start)
-        return replace(state, crossed=strain is not None and strain.s_x > self.beyond)
+        return replace(state, passages=strain is not None and strain.s_x > self.beyond)
 
 
 def test_states_of_crossed_yarns_do_not_count(rested):

@@ -22,7 +22,7 @@ class Equilibrium:
     energy_parts: its terms [J/m²]. stress: ∂Ψ/∂(s_x, s_a, s_y) [J/m²], ∂Ψ/∂(II11, II12, II22) [J/m].
     residual: force norm over the summed norms of the terms. contacts: pairs of segments that touch.
     min_distance_over_diameter: closest approach of two yarns' centre lines; inf where nothing is near.
-    crossed: whether yarns passed through each other since the rest shape: a state of another fabric, not to be used.
+    passages: whether yarns passed through each other since the rest shape: a state of another fabric, not to be used.
     """
 
     strain: ShellStrain
@@ -39,7 +39,7 @@ class Equilibrium:
     seconds: float
     contacts: int
     min_distance_over_diameter: float
-    crossed: bool = False
+    passages: bool = False
 
     def __repr__(self) -> str:
         stress = ", ".join(f"{s:.4g}" for s in self.stress)
@@ -54,10 +54,10 @@ class Equilibrium:
 
     @property
     def usable(self) -> bool:
-        """Whether the cell is at rest and still the fabric that it was: no yarns have crossed."""
-        return self.converged and not self.crossed
+        """Whether the cell is at rest and still the fabric that it was: without passages."""
+        return self.converged and not self.passages
 
     @property
     def outcome(self) -> str:
-        """``crossed``, or the name of the status in lower case."""
-        return "crossed" if self.crossed else self.status.name.lower()
+        """``passages``, or the name of the status in lower case."""
+        return "passages" if self.passages else self.status.name.lower()

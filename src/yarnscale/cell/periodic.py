@@ -102,10 +102,10 @@ class PeriodicCell:
         """The equilibrium under a macroscopic state, from rest or from a neighbouring equilibrium.
 
         Where the direct solve does not converge or yarns would pass through each other, intermediate states are
-        relaxed first; a start that is crossed is left aside. Look at ``status`` and ``crossed``.
+        relaxed first; a start with passages is left aside. Look at ``status`` and ``passages``.
         """
         strain = ShellStrain() if strain is None else strain
-        seed = None if start is None or start.crossed else (start.strain, start.fluctuation, start.twist)
+        seed = None if start is None or start.passages else (start.strain, start.fluctuation, start.twist)
         return self.relax_from(strain, seed)
 
     @on_one_thread
@@ -133,8 +133,8 @@ class PeriodicCell:
         if self.starts > 1:
             solution = self._lowest(energy, solution)
         # No step moves yarns through each other (``CellEnergy.bound``); this checks the whole path.
-        crossed = math.isfinite(solution.value) and linked_differently(energy, solution.x)
-        return self._equilibrium(energy, solution, time.perf_counter() - began, crossed=crossed)
+        passages = math.isfinite(solution.value) and linked_differently(energy, solution.x)
+        return self._equilibrium(energy, solution, time.perf_counter() - began, passages=passages)
 
     def _first_good(self, ways: list[Callable[[], _Reached | None]]) -> _Reached:
         """The first load path that converges; else the first outcome, with more iterations where it needs them."""
@@ -151,7 +151,7 @@ class PeriodicCell:
         return best
 
     def _near_seed(self, target: Array, seed: tuple[ShellStrain, Array, Array]) -> _Reached:
-        """What one solve from a seed leads to; the seed itself where its yarns would be crossed under the target."""
+        """What one solve from a seed leads to; the seed itself where its yarns would have passages under the target."""
         energy = self.energy(ShellStrain.from_vector(target))
         start = energy.start(seed[1] / self.pattern.radius, seed[2])
         cell = replace(self, max_iterations=0) if has_passages(energy, start) else self
@@ -266,7 +266,7 @@ class PeriodicCell:
         return further[0], _with_work(further[1], half[1], *([] if direct is None else [direct[1]]))
 
     def _equilibrium(
-        self, energy: CellEnergy, solution: Solution, seconds: float, *, crossed: bool
+        self, energy: CellEnergy, solution: Solution, seconds: float, *, passages: bool
     ) -> Equilibrium:
         unit, gaps = energy.unit / self.pattern.area, energy.gaps(solution.x)
         fluctuation, twist = energy.split(solution.x)
@@ -285,7 +285,7 @@ class PeriodicCell:
             seconds=seconds,
             contacts=int((gaps < 1.0).sum()),
             min_distance_over_diameter=float(gaps.min(initial=np.inf)),
-            crossed=crossed,
+            passages=passages,
         )
 
     def placement(self, state: Equilibrium | None) -> Callable[[NDArray[np.int64], NDArray[np.int64]], Array]:

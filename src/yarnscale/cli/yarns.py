@@ -156,7 +156,7 @@ def _summary(state: Equilibrium, cell: PeriodicCell, yarn: YarnChoice) -> dict[s
 
 def _lines(state: Equilibrium, cell: PeriodicCell) -> Iterator[str]:
     """What the console says of an equilibrium."""
-    ended = "crossed: yarns went through each other" if state.crossed else state.status.value
+    ended = "passages: yarns passed through each other" if state.passages else state.status.value
     yield f"{cell.pattern.name} of {cell.material_name}: {ended}"
     yield f"  energy density   {state.energy_density:.6g} J/m²"
     for name, value in zip(COMPONENTS, state.stress, strict=True):

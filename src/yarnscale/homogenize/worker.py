@@ -31,10 +31,10 @@ STATUS_CODES = {
     2: Status.STALLED.name.lower(),
     3: Status.ITERATION_LIMIT.name.lower(),
     4: Status.INVALID.name.lower(),
-    5: "crossed",
+    5: "passages",
     6: "excluded",
 }
-"""Meaning of ``status``: ``crossed`` states changed their topology, ``excluded`` ones bend in two directions."""
+"""Meaning of ``status``: yarns of ``passages`` passed through each other, ``excluded`` ones bend in two directions."""
 CODE_OF = {name: code for code, name in STATUS_CODES.items()}
 
 

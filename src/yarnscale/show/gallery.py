@@ -156,7 +156,7 @@ def _section(
 
 def _row(caption: str, state: Equilibrium) -> list[Cell]:
     """Cells of `COLUMNS`."""
-    status = "crossed: yarns went through each other" if state.crossed else state.status.value
+    status = "passages: yarns passed through each other" if state.passages else state.status.value
     solved: list[Cell] = [caption, status, state.iterations, state.seconds]
     return [*solved, state.energy_density, state.min_distance_over_diameter]
 
