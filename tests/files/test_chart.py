@@ -91,7 +91,7 @@ def test_a_chart_without_suffix_is_known_by_its_content(tmp_path: Path) -> None:
         (HEAD + "kk\n", ":4", "line is no setting; expected key = value, or rows:; found 'kk'"),
         ("rows:\nkk\n", "", "kind is missing"),
         ("kind = crochet\nrows:\nkk\n", ":1", "kind is unknown; expected knit or weave"),
-        (HEAD + "kind = knit\nrows:\nk\n", ":4", "'kind' stands twice; expected only line 1"),
+        (HEAD + "kind = knit\nrows:\nk\n", ":4", "'kind' occurs twice; expected only line 1"),
         (HEAD + "warp_spacing = 3\nrows:\nk\n", ":4", "'warp_spacing': unknown key"),
         (HEAD + "radius = 1\nrows:\nk\n", ":4", "radius needs a number and a unit"),
         (HEAD + "radius = 1 tex\nrows:\nk\n", ":4", "radius needs a number and a unit"),

@@ -127,7 +127,7 @@ def test_faults_are_named(fault: Callable[[dict[str, Any]], None], message: str,
         ('{"format": "yarnscale-pattern",\n "version": }', ":2: file is not JSON"),
         ("[1, 2]", "file is not an object; expected a JSON object; found list"),
         ('{"radius": 1,\n "twist": NaN}', ":2: number is not finite; expected a finite number; found NaN"),
-        ('{"radius": 1, "radius": 2}', "field 'radius' stands twice"),
+        ('{"radius": 1, "radius": 2}', "field 'radius' occurs twice"),
         ("[" * 100_000, "file is not JSON"),
         ('{"radius": ' + "9" * 5000 + "}", "file is not JSON"),
         ("", "file is empty"),
@@ -171,7 +171,7 @@ def test_reading_by_name_suffix_or_content(tmp_path: Path) -> None:
 def test_what_is_neither_name_nor_pattern(tmp_path: Path) -> None:
     with pytest.raises(
         InputError,
-        match=r"unknown pattern; expected a .pyp, .json or .chart file or one of stockinette, .*'lace'",
+        match=r"unknown pattern; expected a .pyp, .json, .chart, .wif or .k file or one of stockinette, .*'lace'",
     ):
         read_pattern("lace")
     with pytest.raises(InputError, match="file does not exist"):
@@ -179,5 +179,5 @@ def test_what_is_neither_name_nor_pattern(tmp_path: Path) -> None:
     (tmp_path / "text.txt").write_text("hello")
     with pytest.raises(InputError, match=r"file is no pattern; expected \*pattern"):
         read_pattern(tmp_path / "text.txt")
-    with pytest.raises(InputError, match=r"unknown pattern format; expected \.pyp or \.json; found '\.obj'"):
+    with pytest.raises(InputError, match=r"unknown pattern format; expected \.pyp, \.json.*; found '\.obj'"):
         write_pattern(build("plain"), tmp_path / "p.obj")

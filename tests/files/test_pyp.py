@@ -219,7 +219,7 @@ FAULTS: dict[str, tuple[Callable[[list[str]], list[str]], tuple[str, int] | None
     "two headers": (
         in_row("*RL", 0, lambda _: ["*Q"]),
         ("*RL", 0),
-        r"block \*Q stands twice; expected only the one",
+        r"block \*Q occurs twice; expected only the one",
     ),
     "unknown block": (
         in_row("*RL", 0, lambda _: ["*Colour"]),

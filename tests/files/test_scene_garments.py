@@ -238,7 +238,7 @@ def test_bad_garment_scenes_are_told_with_file_and_field(folder: Path, text: str
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["sweater"], "sweater: ready scene; expected --material MATERIAL.json; found none"),
+        (["sweater"], "sweater: ready scene; expected --shell MATERIAL.json; found none"),
         (["gown"], "gown: no such scene; expected a scene file or one of stretch-course"),
         (["scene.toml", "--spacing", "0.1"], "scene.toml: option --spacing; expected it in the scene file"),
     ],

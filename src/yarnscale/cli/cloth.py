@@ -36,7 +36,7 @@ def stretch(options: argparse.Namespace) -> int:
     material = read_material(options.material)
     if (options.amount is None) == (options.travel is None):
         found = "neither" if options.amount is None else "both"
-        raise InputError("way of the bars", expected="--amount or --travel", found=found)
+        raise InputError("displacement of the bars", expected="--amount or --travel", found=found)
     given = {name: getattr(options, name) for name in ("amount", "travel", "duration", "air_drag", "spacing")}
     given = {name: value for name, value in given.items() if value is not None}
     return _run(stretch_scene(material, direction=options.direction, frame_interval=0.1, **given), options)

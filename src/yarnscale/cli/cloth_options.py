@@ -29,7 +29,7 @@ def add_cloth_commands(add: Add) -> None:
     option = add("stretch", "cloth", "Stretch a 30 × 30 cm sheet between two bars.", *sheet)
     option("--direction", choices=("course", "wale"), required=True, help="direction of the pull")
     option("--amount", type=number, help="growth of the bars' distance, e.g. 0.373; or give --travel")
-    travel = "way of each bar [m]; published: 0.035 stockinette, 0.02 basket, 0.04 rib"
+    travel = "displacement of each bar [m]; published: 0.035 stockinette, 0.02 basket, 0.04 rib"
     option("--travel", type=number, metavar="M", help=travel)
     duration = "of the pull [s] (as published: 0.05 + way / 0.1 m/s)"
     option("--duration", type=positive, metavar="S", help=duration)
@@ -61,7 +61,7 @@ def add_cloth_commands(add: Add) -> None:
     option("--frames", dest="chosen", type=frames, metavar="FIRST:LAST:STEP", help=_FRAMES)
     option(
         "--seams", choices=("joined", "cut"), default="joined",
-        help="yarns at seams: joined (default) goes on with the pattern where it can, and bridges where it cannot",
+        help="yarns at seams: joined (default) continues the pattern where it can, with bridges where it cannot",
     )  # fmt: skip
     option("--out", type=Path, metavar="DIR", help="folder for frames of curves (default: DIR/yarns)")
     option("--picture", type=Path, metavar="FILE.png", help="draw the last frame's yarns")

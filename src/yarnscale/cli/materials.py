@@ -119,10 +119,10 @@ def homogenize(options: argparse.Namespace) -> int:
         f"{100 * errors.median:.2g} %, 95th percentile {100 * errors.high:.2g} %",
     ]
     if summary.ended:
-        lines.append(f"  {summary.ended} rays of loads ended early, where the fabric gives way or rolls up")
+        lines.append(f"  {summary.ended} rays of loads ended early, where the fabric is unstable or rolls up")
     if summary.pending:
         lines.append(
-            f"  {summary.pending} levels of load are left, since their workers died; --resume goes on"
+            f"  {summary.pending} levels of load are left, since their workers died; --resume continues"
         )
     found = {
         "states": summary.states, "converged": summary.converged, "pending": summary.pending,

@@ -116,4 +116,4 @@ def add_workers(command: argparse.ArgumentParser) -> None:
 
 def add_resume(command: argparse.ArgumentParser) -> None:
     """Going on after a kill."""
-    command.add_argument("--resume", action="store_true", help="go on where an interrupted run stopped")
+    command.add_argument("--resume", action="store_true", help="continue an interrupted run")

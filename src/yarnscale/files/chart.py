@@ -120,7 +120,7 @@ def _parse(path: Path, text: str) -> _Chart:
                 )
             if key in chart.keys:
                 raise InputError(
-                    f"{quoted(key)} stands twice", where=where, expected=f"only line {chart.keys[key][0]}"
+                    f"{quoted(key)} occurs twice", where=where, expected=f"only line {chart.keys[key][0]}"
                 )
             chart.keys[key] = (number, value)
     if not chart.rows:

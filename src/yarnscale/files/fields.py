@@ -199,7 +199,7 @@ def _json_object(path: str | Path, text: str) -> dict[str, Any]:
         if len(fields) < len(pairs):
             keys = [key for key, _ in pairs]
             twice = next(key for key in keys if keys.count(key) > 1)
-            raise InputError(f"field {quoted(twice)} stands twice", where=path, expected="every field once")
+            raise InputError(f"field {quoted(twice)} occurs twice", where=path, expected="every field once")
         return fields
 
     try:

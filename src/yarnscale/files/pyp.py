@@ -137,7 +137,7 @@ def _open_block(where: str, content: str, number: int, blocks: dict[str, _Block]
         )
     if name in blocks:
         raise InputError(
-            f"block *{name} stands twice", where=where, expected=f"only the one of line {blocks[name].line}"
+            f"block *{name} occurs twice", where=where, expected=f"only the one of line {blocks[name].line}"
         )
     blocks[name] = _Block(name, number)
     return blocks[name]

@@ -91,11 +91,11 @@ class _Wif:
             if text.startswith("[") and text.endswith("]"):
                 section, key = text[1:-1].strip().upper(), ""
                 if section in _READ and section in self.lines:
-                    raise InputError(f"[{section}] stands twice", where=where, expected="every section once")
+                    raise InputError(f"[{section}] occurs twice", where=where, expected="every section once")
                 self.lines[section], self.sections[section] = number, {}
             elif section in _READ and text:
                 if not equals or key.lower() in self.sections[section]:
-                    fault = "stands twice" if equals else "is no setting"
+                    fault = "occurs twice" if equals else "is no setting"
                     expected = "key=value, every key once"
                     raise InputError(f"[{section}] {quoted(text)} {fault}", where=where, expected=expected)
                 self.sections[section][key.lower()] = (number, value)
