@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from yarnscale.estimate.construction import KnownConstruction
 from yarnscale.estimate.measurements import Direction, StretchRun, StretchTest, SwatchMeasurements
 from yarnscale.estimate.objective import errors_of
 from yarnscale.estimate.uniform_data import UniformCurve, UniformData
@@ -85,3 +86,22 @@ def test_states_that_are_not_at_rest_are_left_out_of_errors():
     scale = np.interp(0.3, STRETCH, STRESS / (1 + STRETCH))
     assert errors.comfort == pytest.approx(0.2 * second.mean() / scale)
     assert errors.summary()["directions"]["warp"]["comfort"] is None
+
+
+def test_what_the_data_do_not_tell_is_said():
+    found = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured")
+    found.fit.spread = SimpleNamespace(names=("k_s1", "k_b"), shift=np.array([0.9, 0.1]))  # type: ignore
+    said = " | ".join(found.unknown)
+    for words in (
+        "k_s1: other",
+        "along the bias",
+        "along weft, warp",
+        "no loops",
+        "was weighed",
+        "size of the stitches",
+    ):
+        assert words in said
+    assert "k_b" not in said
+    known = KnownConstruction(wales=1400, courses=2000, area_density=0.2)
+    told = replace(found, measurements=found.measurements.knowing(known))
+    assert not any("weighed" in sentence or "stitches" in sentence for sentence in told.unknown)

@@ -36,6 +36,8 @@ Fabrics stretch by bending and sliding of their loops long before such a yarn st
 _OFF = 0.1
 """Error of the shell, and effect of the clamps computed with such a shell, from which there is a warning."""
 
+_FREE = 0.5
+"""Share of its range through which a parameter can move that counts as unknown."""
 _LARGE_EFFECT = 0.3
 """Effect of clamps that needs a warning however good the shell is."""
 
@@ -197,6 +199,31 @@ class FabricEstimate:
             )
         return tuple(found)
 
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """What the measurement says nothing of, in sentences."""
+        fit, tests, found = self.fit, self.measurements.stretch, []
+        free = [name for name, shift in zip(fit.spread.names, fit.spread.shift, strict=True) if shift > _FREE]
+        if free:
+            found.append(
+                f"{', '.join(free)}: other values, together with others of the rest, give the same curves within 1 %"
+            )
+        if Direction.BIAS not in [test.direction for test in tests]:
+            found.append("resistance to shear: no swatch was pulled along the bias")
+        if missing := [t.direction.value for t in tests if t.curve.contraction is None]:
+            found.append(f"contraction along {', '.join(missing)}: no width was measured")
+        if not self.measurements.bend:
+            found.append(
+                "bending: no loops were measured, so it follows from the yarn that the tensile curves suggest"
+            )
+        if self.measurements.area_density is None and self.measurements.yarn_count is None:
+            found.append(
+                "mass of the yarn: neither the fabric nor its yarn was weighed, so its density is assumed"
+            )
+        if self.measurements.known.stitch_area is None and self.measurements.known.yarn_in_stitch is None:
+            found.append("size of the stitches: neither stitch density nor loop length was measured")
+        return tuple(found)
+
     def summary(self) -> dict[str, object]:
         """The numbers that the command prints."""
         fit, largest = self.fit, self.largest_deviation
@@ -215,6 +242,8 @@ class FabricEstimate:
                 "yarn": {"follows": self.follow, **self.yarn_error.summary()},
             },
             "warnings": [*self.warnings],
+            "unknown": [*self.unknown],
+            "lost_work": {t.direction.value: t.lost_work for t in self.measurements.stretch},
             "notes": [*self.measurements.notes],
             "parameters": self.parameters,
             "bending_error": float(np.mean(list(self.bending.values()))) if self.bending else None,

@@ -36,7 +36,7 @@ _MEANINGS = {
     "shortening": "yarn shorter at rest than drawn by",
     "draw_in": "share of the way that straight yarn would draw in",
 }
-_YARN, _SHELL, _MEASURED = theme.YARNS[1], theme.YARNS[0], theme.INK
+_YARN, _SHELL, _CLOTH, _MEASURED = theme.YARNS[1], theme.YARNS[0], theme.YARNS[2], theme.INK
 
 
 def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: bool = True) -> Path:
@@ -49,6 +49,11 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
     curves_plot(folder / "curves.png", estimate)
     spread_plot(folder / "spread.png", estimate)
     sections = [
+        Section(
+            "The fabric at rest",
+            ["What the data do not tell. " + ". ".join(_sentences(estimate.unknown)) + "."],
+            [_construction(estimate)],
+        ),
         Section("Curves", _words(estimate), [_errors(estimate)], [Picture(folder / "curves.png", wide=True)]),
         Section(
             "Parameters",
@@ -66,7 +71,7 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
         ),
     ]
     if pictures:
-        sections.append(Section("The fabric", _shape(estimate), (), _cells(folder, estimate)))
+        sections.append(Section("Pictures of the fabric", _shape(estimate), (), _cells(folder, estimate)))
     error = estimate.error
     facts: dict[str, Cell] = {
         "error against the measurement, comfort range": _percent(error.comfort),
@@ -74,6 +79,11 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
         "contraction": _percent(error.compression),
         "shell alone, comfort range": _percent(estimate.shell_error.comfort),
         f"yarn against {_followed(estimate)}": _percent(estimate.yarn_error.comfort),
+        **(
+            {}
+            if estimate.cloth is None
+            else {"simulated cloth against the swatches": _percent(estimate.cloth.errors.comfort)}
+        ),
         "equilibria": fit.solves,
         "seconds": round(float(str(summary["seconds"]))),
     }
@@ -92,11 +102,21 @@ def curves_plot(path: Path, estimate: FabricEstimate) -> None:
         pairs = zip(estimate.held_out.curves, estimate.prediction.curves, strict=True)
         panels += [(target, None, curve) for target, curve in pairs]
     tests = {test.direction: test for test in estimate.measurements.stretch}
+    cloth = {}
+    if estimate.cloth is not None:
+        triples = zip(
+            estimate.cloth.measured.curves, estimate.cloth.loads, estimate.cloth.contractions, strict=True
+        )
+        cloth = {curve.direction: (curve.stretch, loads, across) for curve, loads, across in triples}
     with written_figure(path, max(7.0, 4.2 * len(panels)), 6.0) as figure:
         grid = figure.subplots(2, len(panels), squeeze=False, sharex="col")
         for k, (target, shell, curve) in enumerate(panels):
             _stress_panel(grid[0, k], tests[target.direction], target, shell, curve)
             _contraction_panel(grid[1, k], tests[target.direction], target, shell, curve)
+            if (simulated := cloth.get(target.direction)) is not None:
+                style = {"color": _CLOTH, "linewidth": 1.4, "label": "swatches of homogenized cloth"}
+                grid[0, k].plot(*_from_rest(simulated[0], simulated[1]), **style)
+                grid[1, k].plot(*_from_rest(simulated[0], 100 * simulated[2]), **style)
             grid[0, k].set_title(f"{target.direction.value}{', held out' if shell is None else ''}")
         grid[0, 0].set_ylabel("force over width [N/m]")
         grid[1, 0].set_ylabel("contraction across [%]")
@@ -116,6 +136,11 @@ def _stress_panel(
     axes.plot(
         100 * measured.stretch, measured.load, color=_MEASURED, linewidth=1.2, label="swatches, measured"
     )
+    for run in test.runs:
+        if run.unloading is not None:
+            back = run.unloading.length / run.rest_length - 1.0
+            axes.plot(100 * back, run.unloading.force / test.swatch_width, color=theme.MUTED, linewidth=0.7,
+                      label="unloading, not fitted" if run is test.runs[0] else None)  # fmt: skip
     axes.plot(
         *_from_rest(target.stretch, target.stress),
         color=_MEASURED,
@@ -185,6 +210,33 @@ def _followed(estimate: FabricEstimate) -> str:
     return "the measurement" if estimate.follow == "measured" else "the shell"
 
 
+def _sentences(parts: Sequence[str]) -> list[str]:
+    return [part[:1].upper() + part[1:] for part in parts] or ["Nothing stands out"]
+
+
+def _construction(estimate: FabricEstimate) -> Table:
+    """Counts and masses, estimated and measured."""
+    measured, found = estimate.measurements, estimate.construction
+    known = measured.known
+    rows: list[list[Cell]] = [
+        ["wales [1/cm]", _scaled(found.wales, 1e-2), _scaled(known.wales, 1e-2)],
+        ["courses [1/cm]", _scaled(found.courses, 1e-2), _scaled(known.courses, 1e-2)],
+        ["loop length [mm]", _scaled(found.loop_length, 1e3), _scaled(known.yarn_in_stitch, 1e3)],
+        ["yarn in one period [mm]", 1e3 * found.yarn_length, None],
+        ["yarn count [tex]", 1e6 * found.yarn_count, _scaled(measured.yarn_count, 1e6)],
+        ["area density [g/m²]", 1e3 * found.area_density, _scaled(measured.area_density, 1e3)],
+        ["thickness [mm]", 1e3 * found.thickness, None],
+    ]
+    for test in measured.stretch:
+        if test.lost_work is not None:
+            rows.append([f"work lost in unloading, {test.direction.value}", None, _percent(test.lost_work)])
+    return Table(["", "estimated", "measured"], rows)
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
+
+
 def _errors(estimate: FabricEstimate) -> Table:
     rows: list[list[Cell]] = [
         [name, *map(_percent, (errors.comfort, errors.full, errors.compression)), failed]
@@ -202,7 +254,8 @@ def _parameters(estimate: FabricEstimate) -> Table:
     low, high = fit.model.bounds
     for k, name in enumerate(fit.model.names):
         where = "at the end of its range" if name in fit.at_bounds else ""
-        values: list[Cell] = [float(fit.values[k]), float(low[k]), float(high[k])]
+        power = estimate.parameters[name] / float(fit.values[k]) if fit.values[k] else 1.0
+        values: list[Cell] = [estimate.parameters[name], *(power * float(end) for end in (low[k], high[k]))]
         meaning, unit = _MEANINGS[name], UNITS.get(name, "–")
         rows.append([name, meaning, unit, *values, _percent(float(fit.spread.shift[k])), where])
     columns = ["parameter", "what", "unit", "value", "least", "largest", "can move by", ""]
@@ -229,8 +282,7 @@ def _words(estimate: FabricEstimate) -> list[str]:
 
 
 def _shape(estimate: FabricEstimate) -> list[str]:
-    fit = estimate.fit
-    pattern, change = fit.evaluation.rested.cell.pattern, fit.evaluation.rested.change
+    pattern, change = estimate.cell.pattern, estimate.fit.evaluation.rested.change
     px, py = 1e3 * pattern.period
     return [
         f"Period at rest {px:.3g} × {py:.3g} mm, R_est {1e3 * pattern.radius:.3g} mm. Coming to rest changed the drawn "
