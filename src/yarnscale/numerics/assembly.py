@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 
 from yarnscale.numerics.block_pattern import SKIPPED
 from yarnscale.numerics.energy import StencilEnergy
-from yarnscale.numerics.kernel import BLOCK, LANES, call_kernel, run_columns
+from yarnscale.numerics.kernel import BLOCK, Kernel, call_kernel, run_columns
+from yarnscale.numerics.vector_ir import LANES
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_NOTHING = np.empty(0)
+_NO_SLOTS = np.empty((0, 0, BLOCK), np.int32)
+_NOT_TURNED = np.empty((0, 3, 3))
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
 
@@ -59,16 +63,11 @@ class StencilSet:
 
     def value(self, full: Array) -> float:
         """Energy at the full vector."""
-        if self.count == 0:
-            return 0.0
-        return _run_value(self.energy.value.address, full, self._index, self._parameters, self.count)
+        return self._run(self.energy.value, full, _NOTHING, _NO_SLOTS, _NOT_TURNED, _NOTHING)
 
     def gradient(self, full: Array, gradient: Array) -> float:
         """Energy; adds the gradient to ``gradient``, of the full vector's length."""
-        if self.count == 0:
-            return 0.0
-        address = self.energy.gradient.address
-        return _run_gradient(address, full, self._index, self._parameters, self.count, gradient)
+        return self._run(self.energy.gradient, full, gradient, _NO_SLOTS, _NOT_TURNED, _NOTHING)
 
     def hessian(
         self, full: Array, gradient: Array, slots: NDArray[np.int32], rotation: Array, values: Array
@@ -78,13 +77,15 @@ class StencilSet:
         slots: from ``BlockPattern.slots``. rotation: (full nodes, 3, 3) of the copies, or (0, 3, 3) where all are the
         identity; a copy's block is turned back before it is added. values: (entries,) of the pattern.
         """
+        return self._run(self.energy.hessian, full, gradient, slots, rotation, values)
+
+    def _run(
+        self, kernel: Kernel, full: Array, gradient: Array, slots: NDArray[np.int32], *matrix: Array
+    ) -> float:
         if self.count == 0:
             return 0.0
-        address, entries = self.energy.hessian.address, self.energy.variable_count
-        return _run_hessian(
-            address, full, self._index, self._parameters, self.count, gradient,
-            slots, entries * (entries + 1) // 2, rotation, self.vectors, values,
-        )  # fmt: skip
+        parts = self._index, self._parameters, self.count, self.vectors
+        return _run(kernel.address, full, *parts, gradient, slots, *matrix)
 
     def by_parameters(self, full: Array, names: tuple[str, ...]) -> Array:
         """Derivative of every stencil's energy by the named parameters, (N, k)."""
@@ -93,17 +94,12 @@ class StencilSet:
 
     def elements(self, full: Array) -> tuple[Array, Array, Array]:
         """Energy (N,), gradient (N, n) and Hessian (N, n, n) of every stencil in the full variables."""
-        n, padded = self.energy.variable_count, len(self._index) * BLOCK
-        lower = np.tril_indices(n)
-        energies, gradients, hessians = np.empty(padded), np.empty((padded, n)), np.empty((padded, n, n))
-        for block, (index, parameters) in enumerate(zip(self._index, self._parameters, strict=True)):
-            outputs = np.empty((1, BLOCK)), np.empty((n, BLOCK)), np.empty((len(lower[0]), BLOCK))
-            self.energy.hessian(BLOCK, BLOCK, np.ascontiguousarray(full[index]), parameters, *outputs)
-            part = slice(block * BLOCK, (block + 1) * BLOCK)
-            energies[part], gradients[part] = outputs[0][0], outputs[1].T
-            hessians[part, lower[0], lower[1]] = outputs[2].T
-            hessians[part, lower[1], lower[0]] = outputs[2].T
-        return energies[: self.count], gradients[: self.count], hessians[: self.count]
+        n = self.energy.variable_count
+        energies, gradients, lower = run_columns(self.energy.hessian, full[self.variables], self.parameters)
+        rows, columns = np.tril_indices(n)
+        hessians = np.empty((self.count, n, n))
+        hessians[:, rows, columns] = hessians[:, columns, rows] = lower
+        return energies[:, 0], gradients, hessians
 
 
 def position_variables(nodes: Indices) -> Indices:
@@ -124,57 +120,16 @@ def _lanes(remaining):
 
 
 @numba.njit(**_JIT)
-def _run_value(address, full, index, parameters, count):
-    q = np.empty(index.shape[1:])
-    energy = np.empty((1, BLOCK))
-    pointers = np.zeros(3, np.int64)
-    total = 0.0
-    for block in range(index.shape[0]):
-        remaining = min(count - block * BLOCK, BLOCK)
-        _gather(full, index, block, q)
-        pointers[0], pointers[1], pointers[2] = (
-            q.ctypes.data,
-            parameters[block].ctypes.data,
-            energy.ctypes.data,
-        )
-        call_kernel(address, _lanes(remaining), BLOCK, pointers)
-        for e in range(remaining):
-            total += energy[0, e]
-    return total
-
-
-@numba.njit(**_JIT)
-def _run_gradient(address, full, index, parameters, count, gradient):
-    n = index.shape[1]
-    q, g, energy = np.empty((n, BLOCK)), np.empty((n, BLOCK)), np.empty((1, BLOCK))
-    pointers = np.zeros(4, np.int64)
-    total = 0.0
-    for block in range(index.shape[0]):
-        remaining = min(count - block * BLOCK, BLOCK)
-        _gather(full, index, block, q)
-        pointers[0], pointers[1] = q.ctypes.data, parameters[block].ctypes.data
-        pointers[2], pointers[3] = energy.ctypes.data, g.ctypes.data
-        call_kernel(address, _lanes(remaining), BLOCK, pointers)
-        for e in range(remaining):
-            total += energy[0, e]
-        for k in range(n):
-            for e in range(remaining):
-                gradient[index[block, k, e]] += g[k, e]
-    return total
-
-
-@numba.njit(**_JIT)
-def _run_hessian(
-    address, full, index, parameters, count, gradient, slots, entries, rotation, vectors, values
-):  # fmt: skip
-    n = index.shape[1]
+def _run(address, full, index, parameters, count, vectors, gradient, slots, rotation, values):
+    """Sum of the energies; adds gradients and Hessians where there are arrays for them."""
+    n, entries = index.shape[1], slots.shape[1]
     q, g, energy, h = (
         np.empty((n, BLOCK)),
         np.empty((n, BLOCK)),
         np.empty((1, BLOCK)),
         np.empty((entries, BLOCK)),
     )
-    pointers = np.zeros(5, np.int64)
+    pointers = np.zeros(5, np.int64)  # a kernel takes those of its outputs
     total = 0.0
     for block in range(index.shape[0]):
         remaining = min(count - block * BLOCK, BLOCK)
@@ -184,9 +139,10 @@ def _run_hessian(
         call_kernel(address, _lanes(remaining), BLOCK, pointers)
         for e in range(remaining):
             total += energy[0, e]
-        for k in range(n):
-            for e in range(remaining):
-                gradient[index[block, k, e]] += g[k, e]
+        if gradient.shape[0]:
+            for k in range(n):
+                for e in range(remaining):
+                    gradient[index[block, k, e]] += g[k, e]
         if rotation.shape[0]:
             _turn_back(h, index[block], rotation, vectors, n, remaining)
         for k in range(entries):
