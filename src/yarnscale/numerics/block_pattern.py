@@ -70,6 +70,20 @@ class BlockPattern:
         """Column and row group of every block."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), self.rows.astype(np.int64)
 
+    @property
+    def keys(self) -> Indices:
+        """Keys ``column·g + row`` of all blocks, increasing."""
+        columns, rows = self.meetings()
+        return columns * (len(self.starts) - 1) + rows
+
+    def add_blocks(self, places: Indices, blocks: NDArray[np.float64], entries: NDArray[np.float64]) -> None:
+        """Add 3×3 blocks (m, 9), row by row, to the entries of a matrix whose groups are threes.
+
+        places: (m,) where the blocks are among ``keys``.
+        """
+        columns = np.searchsorted(self.starts, places, side="right") - 1
+        _add_blocks(columns, self.rows[places], self.offsets[places], self.pattern.starts, blocks, entries)
+
     def covers(self, unknowns: Indices) -> bool:
         """Whether all pairs of these stencils' unknowns, (N, k), lie in the pattern."""
         return bool(self.covered(unknowns).all())
@@ -93,6 +107,15 @@ class BlockPattern:
         if not found:
             raise ValueError("the pattern does not cover these stencils")
         return slots
+
+
+@numba.njit(**_JIT)
+def _add_blocks(columns, rows, offsets, column_starts, blocks, entries):
+    for k in range(len(columns)):
+        for a in range(3):
+            begin = column_starts[3 * columns[k] + a] + offsets[k] - a
+            for b in range(a if rows[k] == columns[k] else 0, 3):
+                entries[begin + b] += blocks[k, 3 * b + a]
 
 
 @numba.njit(**_JIT)

@@ -32,12 +32,14 @@ def derivatives() -> Derivatives:
             numeric[i] = (up[0] - down[0]) / (2 * step)
             rows[i] = (up[1] - down[1]).ravel() / (2 * step)
         np.testing.assert_allclose(gradient.ravel(), numeric, atol=2e-5 * np.abs(gradient).max())
-        keys, entries = contact.hessian(positions)
+        keys, blocks = contact.hessian(positions)
         assert (np.diff(keys) > 0).all()
-        column, row = np.divmod(keys, size)
+        column, row = np.divmod(keys, size // 3)
         assert (row >= column).all()
-        model = np.zeros((size, size))
-        model[row, column] = model[column, row] = entries
+        whole = np.zeros((size // 3, 3, size // 3, 3))
+        whole[row, :, column] = blocks.reshape(-1, 3, 3)
+        whole[column, :, row] = blocks.reshape(-1, 3, 3).transpose(0, 2, 1)
+        model = whole.reshape(size, size)
         assert np.linalg.eigvalsh(model)[0] > -1e-9 * np.abs(model).max()
         return gradient, model, rows
 

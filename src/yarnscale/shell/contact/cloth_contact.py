@@ -109,10 +109,10 @@ class ClothContact:
         return total, gradient
 
     def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
-        """Positive semi-definite Hessian: sorted keys ``column·size + row`` (lower triangle) and entries [N/m]."""
+        """Positive semi-definite Hessian: see ``step.ContactEnergy``."""
         found = [part.hessian(positions) for part in self.parts]
         if not found:
-            return np.zeros(0, np.int64), np.zeros(0)
+            return np.zeros(0, np.int64), np.zeros((0, 9))
         if len(found) == 1:
             return found[0]
         keys = np.concatenate([k for k, _ in found])

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
 from yarnscale.numerics.threads import run_parts
 from yarnscale.shell.contact import pair_hessian, pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
@@ -156,8 +157,9 @@ class PairContact:
         close = self.search.close(everything)
         count = len(close.distances)
         pairs = close.vertices if grip is None else np.concatenate([close.vertices, grip.vertices])
-        slots, starts, found = pair_hessian.block_slots(pairs, self.rows)
-        blocks = np.zeros((len(found), 9))
+        graph, vertices = self._graph(pairs)
+        slots = graph.slots(vertices).transpose(0, 2, 1).reshape(-1, 10)[: len(pairs)]
+        blocks = np.zeros((graph.pattern.entries, 9))
         self._add_repulsion(close, everything, slots[:count], blocks)
         if grip is not None:
             sliding, _, rate, change = grip.slip(everything)
@@ -171,8 +173,12 @@ class PairContact:
                 slots[count:],
                 blocks,
             )
-        keys = pair_hessian.scalar_keys(starts, found, 3 * self.rows)
-        return keys, pair_hessian.scalar_entries(starts, found, blocks, len(keys))
+        return graph.keys, blocks
+
+    def _graph(self, pairs: Integers) -> tuple[BlockPattern, Integers]:
+        """Which vertices meet in pairs (n, 4), and these with −1 for those at rest."""
+        vertices = np.where(pairs < self.rows, pairs, SKIPPED)
+        return BlockPattern.of(np.ones(self.rows, np.int64), [vertices]), vertices
 
     def _add_repulsion(self, close: Close, everything: Floats, slots: Integers, blocks: Floats) -> None:
         energy, slope, bend = barrier(close.distances, self.settings.thickness)
@@ -185,8 +191,7 @@ class PairContact:
     def room(self, positions: Floats, within: float) -> Integers:
         """Keys, as of ``hessian``, of pairs closer than ``within`` [m]."""
         near = self.search.nearer(self.everything(positions), within)
-        _, starts, found = pair_hessian.block_slots(near, self.rows)
-        return pair_hessian.scalar_keys(starts, found, 3 * self.rows)
+        return self._graph(near)[0].keys
 
     def bound(self, positions: Floats, step: Floats) -> float:
         start, end = self.everything(positions), self.everything(positions + step)

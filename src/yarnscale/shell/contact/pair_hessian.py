@@ -152,7 +152,7 @@ def _twist(x, turning, turned, vectors, sizes, count):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def add_repulsion(positions, pairs, corner, coefficients, slopes, bends, turning, turned, slots, blocks):
-    """Add the Hessians of pairs (n, 4) to blocks (m, 9) at slots (n, 10), see ``block_slots``."""
+    """Add the Hessians of pairs (n, 4) to blocks (m, 9) at slots (n, 10), −1: of fixed vertices."""
     x, vectors, sizes = np.empty((4, 3)), np.empty((6, 4, 3)), np.empty(6)
     for n in range(len(pairs)):
         for i in range(4):
@@ -201,86 +201,3 @@ def add_friction(pairs, coefficients, normals, sliding, across, along, slots, bl
                 for row in range(3):
                     for column in range(3):
                         blocks[slot, 3 * row + column] += factor * stiffness[row, column]
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def block_slots(pairs, rows):
-    """Blocks of the lower triangle that pairs (n, 4) of the first ``rows`` vertices fill, by columns, rows sorted.
-
-    Returns the slots (n, 10) of the blocks (i, j ≤ i) of each pair, −1 for vertices beyond, the first block of each
-    column (rows + 1,) and the row of each block.
-    """
-    count = np.zeros(rows + 1, np.int64)
-    for n in range(len(pairs)):
-        for i in range(4):
-            for j in range(i + 1):
-                p, q = pairs[n, i], pairs[n, j]
-                if max(p, q) < rows:
-                    count[min(p, q) + 1] += 1
-    first = np.cumsum(count)
-    entries, fill = np.empty(first[rows], np.int64), first.copy()
-    for n in range(len(pairs)):
-        place = 0
-        for i in range(4):
-            for j in range(i + 1):
-                p, q = pairs[n, i], pairs[n, j]
-                if max(p, q) < rows:
-                    column = min(p, q)
-                    entries[fill[column]] = 10 * n + place
-                    fill[column] += 1
-                place += 1
-    slots = np.full((len(pairs), 10), -1, np.int64)
-    starts, found, total = np.zeros(rows + 1, np.int64), np.empty(first[rows], np.int64), 0
-    place_of = np.full(rows, -1, np.int64)
-    firsts = np.array([0, 1, 1, 2, 2, 2, 3, 3, 3, 3])
-    seconds = np.array([0, 0, 1, 0, 1, 2, 0, 1, 2, 3])
-    for column in range(rows):
-        begin = total
-        for e in range(first[column], first[column + 1]):
-            n, place = entries[e] // 10, entries[e] % 10
-            row = max(pairs[n, firsts[place]], pairs[n, seconds[place]])
-            if place_of[row] < 0:
-                place_of[row] = 0
-                found[total] = row
-                total += 1
-        found[begin:total].sort()
-        for s in range(begin, total):
-            place_of[found[s]] = s
-        for e in range(first[column], first[column + 1]):
-            n, place = entries[e] // 10, entries[e] % 10
-            slots[n, place] = place_of[max(pairs[n, firsts[place]], pairs[n, seconds[place]])]
-        for s in range(begin, total):
-            place_of[found[s]] = -1
-        starts[column + 1] = total
-    return slots, starts, found[:total].copy()
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def scalar_keys(starts, found, size):
-    """Keys ``column·size + row`` of the lower triangle that blocks by columns fill, sorted."""
-    columns = len(starts) - 1
-    count = 0
-    for column in range(columns):
-        inside = starts[column + 1] - starts[column]
-        count += 9 * inside - 3 if inside else 0
-    keys, place = np.empty(count, np.int64), 0
-    for column in range(columns):
-        for a in range(3):
-            for s in range(starts[column], starts[column + 1]):
-                for b in range(a if found[s] == column else 0, 3):
-                    keys[place] = (3 * column + a) * size + 3 * found[s] + b
-                    place += 1
-    return keys
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def scalar_entries(starts, found, blocks, count):
-    """The entries (count,) of blocks (m, 9) in the order of ``scalar_keys``."""
-    entries, place = np.empty(count), 0
-    for column in range(len(starts) - 1):
-        for a in range(3):
-            for s in range(starts[column], starts[column + 1]):
-                for b in range(a if found[s] == column else 0, 3):
-                    entries[place] = blocks[s, 3 * b + a]
-                    place += 1
-    return entries

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.sums import SumOfEnergies, Term
@@ -40,7 +41,7 @@ class ContactEnergy(Protocol):
         ...
 
     def hessian(self, positions: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Positive model of the Hessian: sorted keys ``column·3nv + row`` of its lower triangle, entries [N/m]."""
+        """Positive model of the Hessian: keys ``column·nv + row`` (lower triangle), blocks (m, 9) [N/m]."""
         ...
 
     def room(self, positions: Floats) -> NDArray[np.int64]:
@@ -87,8 +88,8 @@ class StepObjective(SumOfEnergies):
         value, gradient, model = super().quadratic(x)
         touching = None
         if (contact := self._contact) is not None:
-            keys, entries = contact.hessian(x.reshape(-1, 3))
-            touching = self._growth.admit(keys, lambda: contact.room(x.reshape(-1, 3))), entries
+            keys, blocks = contact.hessian(x.reshape(-1, 3))
+            touching = self._growth.admit(keys, lambda: contact.room(x.reshape(-1, 3))), blocks
         return *self._with_contact(x, value, gradient), StepModel(model, self._growth, touching)
 
     def _with_contact(self, x: Floats, value: float, gradient: Floats) -> tuple[float, Floats]:
@@ -98,44 +99,45 @@ class StepObjective(SumOfEnergies):
         return value + touching, gradient + push.ravel()
 
 
-@dataclass(eq=False)
 class PatternGrowth:
-    """The cloth's pattern with room for the contacts met so far; it grows when new ones do not fit."""
+    """The cloth's pattern with room for the contacts met so far; it grows when new ones do not fit.
 
-    base: SymmetricPattern
-    pattern: SymmetricPattern = field(init=False)
-    _keys: NDArray[np.int64] = field(init=False, repr=False)
-    _base_keys: NDArray[np.int64] = field(init=False, repr=False)
-    _base_slots: NDArray[np.int64] | slice = field(init=False, repr=False)
+    Blocks of two vertices are named by keys ``column·vertices + row`` of the lower triangle.
+    """
 
-    def __post_init__(self) -> None:
-        columns = np.repeat(np.arange(self.base.size), np.diff(self.base.starts))
-        self._base_keys = self._keys = columns * self.base.size + self.base.rows
-        self.pattern, self._base_slots = self.base, slice(None)
+    def __init__(self, base: SymmetricPattern) -> None:
+        columns = np.repeat(np.arange(base.size), np.diff(base.starts))
+        self._entries, self._vertices = columns * base.size + base.rows, base.size // 3
+        self._base = np.unique(columns // 3 * self._vertices + base.rows // 3)
+        self._lay_out(self._base)
+
+    @property
+    def pattern(self) -> SymmetricPattern:
+        """Pattern of the matrix."""
+        return self._blocks.pattern
 
     def admit(self, keys: NDArray[np.int64], room: Callable[[], NDArray[np.int64]]) -> NDArray[np.int64]:
-        """Places of keys in ``pattern``, which grows where they do not fit, then also by the keys of ``room``."""
-        slots = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        if (self._keys[slots] == keys).all():
-            return slots
-        self._grow(np.concatenate([keys, room()]))
+        """Places of blocks in the pattern, which grows where they do not fit, then also by the keys of ``room``."""
+        places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        if (self._keys[places] == keys).all():
+            return places
+        # Contacts that have gone make room: only the latest and the base are kept when too many have gathered.
+        kept = self._keys if len(self._keys) < 1.5 * len(self._base) else self._base
+        self._lay_out(np.concatenate([kept, keys, room()]))
         return np.searchsorted(self._keys, keys)
 
-    def spread(self, base: Floats, slots: NDArray[np.int64], entries: Floats) -> Floats:
-        """Entries in ``pattern`` of a matrix in the base pattern plus entries at some of its places."""
+    def spread(self, base: Floats, places: NDArray[np.int64], blocks: Floats) -> Floats:
+        """Entries in ``pattern`` of a matrix in the base pattern plus blocks (m, 9) at some places."""
         values = np.zeros(self.pattern.entries)
         values[self._base_slots] = base
-        values[slots] += entries
+        self._blocks.add_blocks(places, blocks, values)
         return values
 
-    def _grow(self, keys: NDArray[np.int64]) -> None:
-        # Contacts that have gone make room: only the latest and the base are kept when too many have gathered.
-        kept = self._keys if len(self._keys) < 1.5 * len(self._base_keys) else self._base_keys
-        # Sorted runs merge in linear time; the union of numpy hashes them.
-        merged = np.sort(np.concatenate([kept, keys]), kind="stable")
-        self._keys = merged[np.diff(merged, prepend=-1) > 0]
-        self.pattern = SymmetricPattern.from_keys(self.base.size, self._keys)
-        self._base_slots = np.searchsorted(self._keys, self._base_keys)
+    def _lay_out(self, keys: NDArray[np.int64]) -> None:
+        self._blocks = BlockPattern.from_keys(np.full(self._vertices, 3), keys)
+        self._keys, pattern = self._blocks.keys, self.pattern
+        columns = np.repeat(np.arange(pattern.size), np.diff(pattern.starts))
+        self._base_slots = np.searchsorted(columns * pattern.size + pattern.rows, self._entries)
 
 
 @dataclass(eq=False)
