@@ -198,14 +198,8 @@ def _joined(layout: YarnLayout, pattern: YarnPattern, mesh: TriangleMesh) -> Yar
     rows, shares = np.concatenate(order), np.concatenate(bridge)
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     closed = np.array(closed, bool)
-    return replace(
-        layout,
-        vertex=layout.vertex[rows],
-        triangle=layout.triangle[rows],
-        place=layout.place[rows],
-        material=layout.material[rows],
-        panel=layout.panel[rows],
-        stretch=layout.stretch[rows],
+    return layout.among(
+        rows,
         offsets=offsets,
         yarn=layout.yarn[np.array(first)],
         closed=closed,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numba
 import numpy as np
@@ -68,7 +69,9 @@ class YarnLayout:
         A yarn ends at the last vertex whose reference coordinates are in the panel. Raises InputError if no yarn
         fits on any panel, or if the pattern is far too fine for the cloth.
         """
-        return cls.pieces(pattern, mesh, Tilings.plain(_panel_count(mesh))).without_snippets(pattern, mesh)
+        return cls.pieces(pattern, mesh, Tilings.plain(int(mesh.panel_numbers.max()) + 1)).without_snippets(
+            pattern, mesh
+        )
 
     @classmethod
     def pieces(cls, pattern: YarnPattern, mesh: TriangleMesh, tilings: Tilings) -> YarnLayout:
@@ -115,22 +118,18 @@ class YarnLayout:
                 "yarns on the cloth", expected="panels larger than the pattern", found="none fits"
             )
         rows = np.repeat(kept, ends - starts)
-        return YarnLayout(
-            self.vertex[rows],
-            self.triangle[rows],
-            self.place[rows],
-            self.material[rows],
-            self.panel[rows],
-            self.stretch[rows],
-            np.concatenate([[0], np.cumsum((ends - starts)[kept])]).astype(np.int64),
-            self.yarn[kept],
-            self.closed[kept],
-            self.bridges.among(rows),
+        return self.among(
+            rows,
+            offsets=np.concatenate([[0], np.cumsum((ends - starts)[kept])]).astype(np.int64),
+            yarn=self.yarn[kept],
+            closed=self.closed[kept],
+            bridges=self.bridges.among(rows),
         )
 
-
-def _panel_count(mesh: TriangleMesh) -> int:
-    return int(mesh.panel_numbers.max()) + 1
+    def among(self, rows: Integers | NDArray[np.bool_], **changes: Any) -> YarnLayout:
+        """The layout of some of its vertices, with other curves."""
+        kept = ("vertex", "triangle", "place", "material", "panel", "stretch")
+        return replace(self, **{name: getattr(self, name)[rows] for name in kept}, **changes)
 
 
 def _panel_pieces(

@@ -116,11 +116,9 @@ def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
         borrowed += [(row, *side, 1.0 / len(lenders)) for side in lenders]
     if not borrowed:
         return rows
-    new = [_borrowing(mesh, *entry) for entry in borrowed]
-    stencils = np.concatenate([rows[0][kept], np.array([entry[0] for entry in new])])
-    geometry = np.concatenate([rows[1][kept], np.array([entry[1] for entry in new])])
-    areas = np.concatenate([rows[2][kept], np.array([entry[2] for entry in new])])
-    triangles = np.concatenate([rows[3][kept], np.array([entry[3] for entry in new])])
+    new = zip(*(_borrowing(mesh, *entry) for entry in borrowed), strict=True)
+    parts = zip(rows, new, strict=True)
+    stencils, geometry, areas, triangles = (np.concatenate([a[kept], np.array(b)]) for a, b in parts)
     # Keep the order of the mesh, so that blocks of elements touch nearby memory.
     order = np.argsort(triangles, kind="stable")
     return stencils[order], geometry[order], areas[order], triangles[order]
