@@ -12,7 +12,7 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.detail import curve_set
-from yarnscale.detail.fluctuations import FluctuationTable
+from yarnscale.detail.fluctuations import FluctuationTable, fluctuation
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.drawing import library
 from yarnscale.files.animation import read_animation
@@ -133,10 +133,10 @@ def test_samples_beside_the_pattern_are_used_without_a_solve(
     assert (summary["material"], summary["frames_written"]) == ("wool", 2)
     assert max(summary["error_in_radii"]) < 1e-6
     table = FluctuationTable.from_store(SampleStore(tmp_path / "samples"), pattern)
-    inside = np.repeat([[0.05, 0.1, 0.2, 0.0, 0.0]], count, axis=0)
-    np.testing.assert_allclose(
-        table.at(inside, np.arange(count)), slope @ inside[0], atol=1e-5 * pattern.radius
-    )
+    inside, found = np.array([0.05, 0.1, 0.2, 0.0, 0.0]), np.empty((count, 3))
+    for vertex, moved in enumerate(found):
+        fluctuation(table.values, table.axes, inside, vertex, moved)
+    np.testing.assert_allclose(found, slope @ inside, atol=1e-5 * pattern.radius)
     assert sorted(path.name for path in (folder / "yarns").glob("frame_*")) == [
         "frame_0001.npz", "frame_0002.npz",
     ]  # fmt: skip
