@@ -176,6 +176,13 @@ def test_sheets_of_a_workbook(tmp_path):
         read_measurements(tmp_path / "bad.xlsx", settings=SWATCH)
 
 
+def test_sizes_in_a_sentence_above_the_table(tmp_path):
+    text = '"Method","strip 50 mm, gauge 100 mm, 100 mm/min"\n"Specimen 1 - weft"\n' + GOOD
+    fabric = fabric_of(tmp_path, text, name="log.csv", settings=None)
+    check(fabric)
+    assert "swatch width 50 mm, as line 1 says" in " | ".join(fabric.notes)
+
+
 def test_one_file_a_specimen(tmp_path):
     for k in (1, 2):
         (tmp_path / f"log{k}.txt").write_text(
@@ -222,6 +229,7 @@ def test_what_is_left_out_is_said(tmp_path):
         assert word in notes
 
 
+FALLING = "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{40 - 100 * s:.4f},{f:.4f}")
 GOOD = "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}")
 
 
@@ -241,6 +249,10 @@ GOOD = "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}")
         (GOOD.replace("\n5.0000,", '\n"5,0000",'), SWATCH, ("decimal marks", "5,0000")),
         (GOOD.replace("Extension (mm)", "Strain [1]"), SWATCH, (":82", "Strain [1]", "percent")),
         (GOOD.replace(",", ",-"), SWATCH, ("Load", "positive")),
+        ("A 1\n" + GOOD + "A 2\nExtension (mm),Load (N)\nA 3\n" + GOOD, SWATCH, (":85", "'A 2'", "readings below")),
+        ("1,,2,\n" + 2 * "Extension (mm),Load (N)," + "\n0,0,,\n1,1,,\n2,2,,\n", SWATCH, (":2", "specimen '2'")),
+        (GOOD.replace("(N)", "(kN)"), SWATCH, ("grams taken for newtons",)),
+        (FALLING, SWATCH, (":2", "length falls")),
         ("no,log\nat,all\n", SWATCH, (":1", "column names", "no, log")),
         ("Extension (mm),Load (N)\n", SWATCH, ("readings", "none")),
         (b"PK\x03\x04" + 50 * b"\0", SWATCH, ("spreadsheet", "CSV")),

@@ -82,10 +82,23 @@ def loading(
         kept = int(beyond[0]) + max(1, len(rising) // (2 * _BINS))
         columns, rising = [column[:kept] for column in columns], rising[:kept]
     if len(rising) < 3 or not rising[-1] > rising[0]:
-        raise InputError("loading", expected="three readings or more whose force grows", found=len(rising))
+        raise InputError(
+            "loading",
+            expected="three readings or more whose force grows",
+            found=_fault(force, length, len(rising), largest_force),
+        )
     longer = isotonic_regression(columns[1]).x
     columns, counts = _binned(columns, rising, longer)
     return replace(_from_zero(columns, counts, float(longer[0]), remarks), unloading=unloading)
+
+
+def _fault(force: Array, length: Array, count: int, largest_force: float) -> str:
+    """What is wrong with readings that hold no loading."""
+    if force[np.argmin(length)] > force[np.argmax(length)]:
+        return "a force that grows while the length falls"
+    if force.max() > 10 * largest_force:
+        return f"{count} up to {largest_force:.3g} N, then {force.max():.3g} N: grams taken for newtons?"
+    return f"{count}"
 
 
 def stretch_run(

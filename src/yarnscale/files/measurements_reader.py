@@ -28,6 +28,11 @@ _NAMES = {
     "loop_ratio": "loop_ratio and clamp_distance_mm",
 }
 """First needed quantity of a table → names of columns to show in an error."""
+_IN_TEXT = {
+    "swatch_width": re.compile(r"\b(?:strip|width|breite)\b[^\d,;]{0,20}(\d+(?:[.,]\d+)?)\s*mm\b(?!/)", re.I),
+    "swatch_length": re.compile(r"\b(?:gauge|gage|clamps)\b[^\d,;]{0,20}(\d+(?:[.,]\d+)?)\s*mm\b(?!/)", re.I),
+}
+"""Size of the swatch as sentences above a table give it."""
 _SAMPLED = 2000
 """Readings of a table in which the decimal mark is looked for."""
 
@@ -73,6 +78,7 @@ class _Reader:
         self.rows: list[list[Row]] = []
         self.text: list[tuple[int, tuple[str, ...]]] = []
         self.settings: dict[str, float] = {}
+        self.told: list[str] = []
         self.first: tuple[int, tuple[str, ...]] | None = None
         self.width, self.numeric = 0, ()
 
@@ -126,8 +132,13 @@ class _Reader:
 
     def _begin(self, line: int, names: tuple[ColumnName, ...]) -> None:
         title = " ".join(filter(None, self.text[-1][1])) if self.text else ""
-        said = {"settings": tuple(self.settings.items()), "lines": tuple(self.text)}
-        self.found.append(MeasuredTable(self.path, line, names, title=title, **said))
+        self.found.append(
+            MeasuredTable(
+                self.path, line, names, title=title, settings=tuple(self.settings.items()), lines=tuple(self.text),
+                remarks=tuple(self.told),
+            )
+        )  # fmt: skip
+        self.told = []
         self.rows.append([])
         self.text, self.width = [], len(names)
         self.numeric = tuple(k for k, n in enumerate(names) if n.quantity in self.needed)
@@ -163,6 +174,7 @@ class _Reader:
             self.text.append((line, cells))
         sizes = (*CONSTRUCTION, "swatch_width", "swatch_length")
         if quantity is None or quantity not in sizes or len(cells) < 2:
+            self._read_sentence(line, " ".join(cells))
             return
         # Names such as tex are units themselves.
         parts = [*cells[1].split(), *cells[2:3], name.unit or label]
@@ -170,6 +182,12 @@ class _Reader:
         number = parts[0].replace(",", ".") if parts else ""
         if found is not None and _looks_like_number(number):
             self.settings[quantity] = float(number) * found[1]
+
+    def _read_sentence(self, line: int, text: str) -> None:
+        for quantity, form in _IN_TEXT.items():
+            if quantity not in self.settings and (found := form.search(text)) is not None:
+                self.settings[quantity] = 1e-3 * float(found[1].replace(",", "."))
+                self.told.append(f"{quantity.replace('_', ' ')} {found[1]} mm, as line {line} says")
 
     def tables(self, separator: str) -> tuple[MeasuredTable, ...]:
         """What was found. Raises InputError where that is nothing."""
@@ -190,6 +208,10 @@ class _Reader:
             raise InputError(
                 "readings", where=self.path, expected="a line of column names and rows", found="none"
             )
+        for table, rows in zip(self.found, self.rows, strict=True):
+            again = [other for other in tables if other.names == table.names]
+            if table.title and not rows and again and all(other.header != table.header for other in again):
+                raise _empty_specimen(table, table.header)
         # A few numbers below a line of text, without names of their own, may be results in another form.
         long = [
             table
@@ -235,10 +257,18 @@ def _side_by_side(table: MeasuredTable) -> list[MeasuredTable]:
         cut = slice(first, first + size)
         rows = tuple((line, cells[cut]) for line, cells in table.rows if any(cells[cut]))
         title = table.above[first] if len(table.above) > first else ""
-        if rows:
-            title = title or f"{table.title} {number}".strip()
-            found.append(replace(table, names=table.names[cut], rows=rows, title=title))
+        if not rows:
+            raise _empty_specimen(replace(table, title=title or f"number {number}"), table.header)
+        title = title or f"{table.title} {number}".strip()
+        found.append(replace(table, names=table.names[cut], rows=rows, title=title))
     return found
+
+
+def _empty_specimen(table: MeasuredTable, line: int) -> InputError:
+    return InputError(
+        f"specimen '{table.title:.40}'", where=f"{table.path}:{line}", expected="readings below its column names",
+        found="none",
+    )  # fmt: skip
 
 
 def _looks_like_number(cell: str) -> bool:
