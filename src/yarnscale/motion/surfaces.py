@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from yarnscale.motion.obstacles import Obstacle, Plane, Sphere, TriangleObstacle
+from yarnscale.numerics.pair_distance import triangle_weights
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -76,23 +77,23 @@ class _Triangles:
         self._tree = KDTree(middle)
 
     def _nearest(self, points: Array, time: float) -> tuple[Indices, Indices, Array]:
-        """Which points are within reach (k,), the nearest triangle of each (k,) and its closest point (k, 3)."""
+        """Points within reach (k,), the nearest triangle of each (k,) and the weights of its closest point (k, 3)."""
         self._place(time)
         near = self._tree.query_ball_point(points, self._reach + self._widest)
         counts = np.array([len(found) for found in near], np.int64)
         which = np.concatenate([np.empty(0, np.int64), *(np.array(found, np.int64) for found in near)])
         owner = np.repeat(np.arange(len(points)), counts)
-        closest = _closest(points[owner], self._corner[which])
-        gap = np.linalg.norm(points[owner] - closest, axis=1)
+        weights = triangle_weights(points[owner], self._corner[which])
+        gap = np.linalg.norm(points[owner] - _combined(weights, self._corner[which]), axis=1)
         order = np.lexsort((gap, owner))
         first = order[np.unique(owner[order], return_index=True)[1]]
-        return owner[first], which[first], closest[first]
+        return owner[first], which[first], weights[first]
 
     def at(self, points: Array, time: float) -> tuple[Array, Array]:
-        own, which, closest = self._nearest(points, time)
+        own, which, weights = self._nearest(points, time)
         signed, direction = np.full(len(points), self._reach), np.zeros_like(points)
         direction[:, 2] = 1.0
-        away, outward = points[own] - closest, self._normal[which]
+        away, outward = points[own] - _combined(weights, self._corner[which]), self._normal[which]
         gap = np.linalg.norm(away, axis=1)
         sign = np.where(np.einsum("ij,ij->i", away, outward) < 0, -1.0, 1.0)
         signed[own] = sign * gap
@@ -103,32 +104,13 @@ class _Triangles:
     def carried(self, points: Array, start: float, end: float) -> Array:
         if not self._body.moves:
             return points
-        own, which, closest = self._nearest(points, start)
-        corner = self._corner[which]
-        sides = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], 2)
-        share = np.einsum("nij,nj->ni", np.linalg.pinv(sides), closest - corner[:, 0])
-        weights = np.column_stack([1.0 - share.sum(axis=1), share])
+        own, which, weights = self._nearest(points, start)
         moved = self._body.points(end) - self._body.points(start)
         gone = points.copy()
-        gone[own] += np.einsum("nk,nki->ni", weights, moved[self._body.triangles[which]])
+        gone[own] += _combined(weights, moved[self._body.triangles[which]])
         return gone
 
 
-def _closest(points: Array, corner: Array) -> Array:
-    """Closest points of triangles (m, 3, 3) to points (m, 3)."""
-    a, ab, ac = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    away = points - a
-    uu, vv, uv = (ab * ab).sum(1), (ac * ac).sum(1), (ab * ac).sum(1)
-    up, vp = (ab * away).sum(1), (ac * away).sum(1)
-    skew = np.maximum(uu * vv - uv * uv, 1e-300)
-    s, t = (vv * up - uv * vp) / skew, (uu * vp - uv * up) / skew
-    best = a + s[:, None] * ab + t[:, None] * ac
-    gap = np.where((s >= 0) & (t >= 0) & (s + t <= 1), 0.0, np.inf)
-    for first, second in ((0, 1), (1, 2), (2, 0)):
-        start, edge = corner[:, first], corner[:, second] - corner[:, first]
-        along = np.clip(((points - start) * edge).sum(1) / np.maximum((edge * edge).sum(1), 1e-300), 0.0, 1.0)
-        on = start + along[:, None] * edge
-        apart = ((points - on) ** 2).sum(1)
-        closer = apart < gap
-        best, gap = np.where(closer[:, None], on, best), np.where(closer, apart, gap)
-    return best
+def _combined(weights: Array, corners: Array) -> Array:
+    """Σ weights·corners, (n, 3), of triangles (n, 3, 3)."""
+    return np.einsum("nk,nki->ni", weights, corners)

@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import minimize
 
 from yarnscale.motion.obstacles import MeshObstacle
+from yarnscale.numerics.pair_distance import advance, closest_points
 from yarnscale.shell.contact.broad_phase import Surfaces, near_pairs
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
-from yarnscale.shell.contact.pair_distance import advance, closest_points
 from yarnscale.shell.contact.pair_hessian import positive_terms
 from yarnscale.shell.contact.pair_search import PairSearch
 from yarnscale.shell.mesh import rectangle

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
+from yarnscale.numerics.pair_distance import closest_points
 from yarnscale.shell.contact.broad_phase import on_overlaps
-from yarnscale.shell.contact.pair_distance import closest_points
 from yarnscale.shell.contact.pair_loops import cross
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-from yarnscale.shell.contact.pair_distance import advance, closest_points, separation
+from yarnscale.numerics.pair_distance import advance, closest_points, separation
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

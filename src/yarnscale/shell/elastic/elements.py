@@ -117,11 +117,10 @@ def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
     if not borrowed:
         return rows
     new = zip(*(_borrowing(mesh, *entry) for entry in borrowed), strict=True)
-    parts = zip(rows, new, strict=True)
-    stencils, geometry, areas, triangles = (np.concatenate([a[kept], np.array(b)]) for a, b in parts)
+    both = [np.concatenate([a[kept], np.array(b)]) for a, b in zip(rows, new, strict=True)]
     # Keep the order of the mesh, so that blocks of elements touch nearby memory.
-    order = np.argsort(triangles, kind="stable")
-    return stencils[order], geometry[order], areas[order], triangles[order]
+    order = np.argsort(both[3], kind="stable")
+    return tuple(array[order] for array in both)  # type: ignore[return-value]
 
 
 def _borrowing(

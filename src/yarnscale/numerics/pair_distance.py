@@ -23,6 +23,17 @@ def closest_points(x, is_corner, c):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def triangle_weights(points, corners):
+    """Barycentric weights (n, 3) of the points of triangles (n, 3, 3) that are closest to points (n, 3)."""
+    weights, x, c = np.empty((len(points), 3)), np.empty((4, 3)), np.empty(4)
+    for n in range(len(points)):
+        x[0], x[1:] = points[n], corners[n]
+        closest_points(x, True, c)
+        weights[n] = -c[1:]
+    return weights
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def separation(x, c, r):
     """Set r (3,) = Σ c x; its squared length."""
     total = 0.0
