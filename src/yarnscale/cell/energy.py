@@ -135,15 +135,11 @@ class CellEnergy:
         turned = np.einsum("nij,nj->ni", turn, rest), np.einsum("nij,nj->ni", turn, director)
         tangent, carried, slope = carried_frames(edge, *turned)
 
-        def by_state(nodes: Indices, vector: Array) -> Array:
-            return self.surface.by_state(self.reference[nodes], vector)
-
-        still = np.zeros_like(rest)
-        at_start = by_state(start, still)
+        surface, place, still = self.surface, self.reference[start], np.zeros_like(rest)
         inputs = (
-            by_state(end, still) - at_start,
-            by_state(start, rest) - at_start,
-            by_state(start, director) - at_start,
+            surface.by_state(self.reference[end], still) - surface.by_state(place, still),
+            surface.frames_by_state(place, rest),
+            surface.frames_by_state(place, director),
         )
         return tangent, carried, slope @ np.concatenate(inputs, axis=1)
 

@@ -72,7 +72,7 @@ def _kernel() -> Kernel:
     z, reference = ca.SX.sym("z", 6), ca.SX.sym("X", 3)
     point, rotation = midsurface_point(z, reference)
     outputs = [point, ca.vec(rotation.T)]
-    return compile_kernel(ca.Function("midsurface", [z, reference], outputs, {"cse": True}), "midsurface")
+    return compile_kernel(ca.Function("midsurface", [z, reference], outputs, {"cse": True}), "midsurface", shared=(0,))
 
 
 @cache
@@ -82,7 +82,7 @@ def _derivative_kernel() -> Kernel:
     point, rotation = midsurface_point(z, reference)
     slope = ca.vec(ca.jacobian(point + rotation @ u, z).T)
     function = ca.Function("midsurface_by_state", [z, reference, u], [ca.densify(slope)], {"cse": True})
-    return compile_kernel(function, "midsurface_by_state")
+    return compile_kernel(function, "midsurface_by_state", shared=(0,))
 
 
 class Midsurface:
@@ -94,12 +94,9 @@ class Midsurface:
         self._scale = np.array([1.0, 1.0, 1.0, length, length, length])
         self._z = strain.vector * self._scale
 
-    def _state(self, count: int) -> Array:
-        return np.broadcast_to(self._z, (count, 6))
-
     def at(self, reference: Array) -> tuple[Array, Array]:
         """Points m (n, 3) and rotations R (n, 3, 3) at reference coordinates (n, 3)."""
-        points, rotations = run_columns(_kernel(), self._state(len(reference)), reference)
+        points, rotations = run_columns(_kernel(), self._z[None], reference)
         return points, rotations.reshape(-1, 3, 3)
 
     def rotation_vectors(self, reference: Array) -> Array:
@@ -108,5 +105,9 @@ class Midsurface:
 
     def by_state(self, reference: Array, fluctuation: Array) -> Array:
         """∂(m + R û)/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û, shape (n, 3, 6); lengths in the unit."""
-        (slopes,) = run_columns(_derivative_kernel(), self._state(len(reference)), reference, fluctuation)
+        (slopes,) = run_columns(_derivative_kernel(), self._z[None], reference, fluctuation)
         return slopes.reshape(-1, 3, 6) * self._scale
+
+    def frames_by_state(self, reference: Array, vectors: Array) -> Array:
+        """∂(R v)/∂(state) of vectors (n, 3) fixed in the frames at reference coordinates (n, 3), shape (n, 3, 6)."""
+        return self.by_state(reference, vectors) - self.by_state(reference, np.zeros_like(vectors))

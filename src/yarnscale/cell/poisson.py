@@ -47,18 +47,18 @@ CELLS = 16
 
 
 @cache
-def _target_kernel(corrects: bool, derivative: bool) -> Kernel:
-    """T (3×2), or R S itself, at a point ξ; or its derivative by the state, 6×6 (entries of T by components)."""
+def _target_kernel(corrects: bool, derivative: bool, axis: int) -> Kernel:
+    """T (3×2), or R S itself, at a point ξ, its column of an axis; or the derivative of that by the state, 3×6."""
     z, xi = ca.SX.sym("z", 6), ca.SX.sym("xi", 2)
     stretch, _ = midsurface_frames(z)
     point, rotation = midsurface_point(z, ca.vertcat(xi, 0))
     target = rotation[:, 0:2] @ stretch
     if corrects:
         target = target - ca.jacobian(point, xi)
-    column = ca.vec(target)
+    column = target[:, axis]
     output = ca.vec(ca.jacobian(column, z).T) if derivative else column
-    name = "midsurface_gradient" + "_misfit" * corrects + "_by_state" * derivative
-    return compile_kernel(ca.Function(name, [z, xi], [ca.densify(output)], {"cse": True}), name)
+    name = f"midsurface_gradient_{axis}" + "_misfit" * corrects + "_by_state" * derivative
+    return compile_kernel(ca.Function(name, [z, xi], [ca.densify(output)], {"cse": True}), name, shared=(0,))
 
 
 class Grid:
@@ -80,9 +80,18 @@ class Grid:
             for step, rim in zip(self.step, self.rim, strict=True)
         ]
         self.middle = tuple(cells // 2 + int(rim) for rim in self.rim)
-        # Coefficients of cubic splines are linear in the values: those of unit values, once.
+        # Transforms and coefficients of cubic splines are linear in the values: those of unit values, once.
         units = [make_interp_spline(line, np.eye(len(line)), k=3) for line in self.nodes]
         self.knots, self.to_coefficients = tuple(spline.t for spline in units), [spline.c for spline in units]
+        self.to_waves, self.from_waves, self.flow_to_waves, sizes = [], [], [], []
+        for line, step in zip(self.nodes, self.step, strict=True):
+            count = len(line)
+            self.to_waves.append(np.asarray(dct(np.eye(count), type=1, axis=0)))
+            self.from_waves.append(np.asarray(idct(np.eye(count), type=1, axis=0)))
+            sizes.append((2 - 2 * np.cos(np.pi * np.arange(count) / (count - 1))) / step**2)
+            self.flow_to_waves.append(self.to_waves[-1] @ _divergence(count) / step)
+        self.size = sizes[0][:, None] + sizes[1]
+        self.size[0, 0] = np.inf  # the constant is free
 
     @classmethod
     @lru_cache(maxsize=8)
@@ -97,48 +106,40 @@ class Grid:
         return np.stack(np.meshgrid(*lines, indexing="ij"), -1)
 
     def least_squares(self, gradients: tuple[Array, Array]) -> Array:
-        """Fields (N1, N2, …) whose differences along edges are nearest to the given gradients; zero in the middle."""
-        field = self._divergence(gradients[0], 0) + self._divergence(gradients[1], 1)
-        waves = []
-        for axis in (0, 1):
-            field = np.asarray(dct(field, type=1, axis=axis))
-            count = len(self.nodes[axis])
-            waves.append((2 - 2 * np.cos(np.pi * np.arange(count) / (count - 1))) / self.step[axis] ** 2)
-        size = waves[0][:, None] + waves[1][None, :]
-        size[0, 0] = np.inf  # the constant is free
-        field = field / size.reshape(size.shape + (1,) * (field.ndim - 2))
-        for axis in (0, 1):
-            field = np.asarray(idct(field, type=1, axis=axis))
-        return field - field[self.middle]
-
-    def _divergence(self, gradient: Array, axis: int) -> Array:
-        """Minus the divergence at nodes; half cells at the two ends, where nothing flows out."""
-        flow = np.moveaxis(gradient, axis, 0)
-        ends = np.concatenate([2 * flow[:1], flow[1:] - flow[:-1], -2 * flow[-1:]])
-        return np.moveaxis(-ends / self.step[axis], 0, axis)
+        """Fields (…, N1, N2) whose differences along edges are nearest to the given gradients; zero in the middle."""
+        (to_1, to_2), (flow_1, flow_2), (from_1, from_2) = self.to_waves, self.flow_to_waves, self.from_waves
+        waves = (flow_1 @ gradients[0] @ to_2.T + to_1 @ gradients[1] @ flow_2.T) / self.size
+        field = from_1 @ waves @ from_2.T
+        return field - field[..., self.middle[0], self.middle[1], None, None]
 
     def tile_mean(self, gradient: Array, axis: int) -> Array:
-        """Mean over the tile of a quantity on the edges along an axis."""
+        """Mean over the tile of quantities (…, count 1, count 2) on the edges along an axis."""
         inside = [slice(rim, rim + self.cells + 1) for rim in self.rim]
         inside[axis] = slice(self.rim[axis], self.rim[axis] + self.cells)
-        part = gradient[tuple(inside)].mean(axis=axis)
-        return (part.sum(axis=0) - 0.5 * (part[0] + part[-1])) / self.cells
+        part = gradient[..., inside[0], inside[1]].mean(axis=axis - 2)
+        return (part.sum(axis=-1) - 0.5 * (part[..., 0] + part[..., -1])) / self.cells
 
     def keep_tile_mean(self, field: Array, gradients: tuple[Array, Array]) -> Array:
         """The field plus a linear one, so that its gradient has the tile mean of ``gradients``."""
         for axis in (0, 1):
-            misfit = gradients[axis] - np.diff(field, axis=axis) / self.step[axis]
+            misfit = gradients[axis] - np.diff(field, axis=axis - 2) / self.step[axis]
             line = self.nodes[axis].reshape((-1, 1) if axis == 0 else (1, -1))
-            field = field + np.multiply.outer(line, self.tile_mean(misfit, axis))
+            field = field + self.tile_mean(misfit, axis)[..., None, None] * line
         return field
 
     def interpolant(self, field: Array) -> Callable[[Array], Array]:
-        """A field (N1, N2, …) as a function of points (n, 2): its C² cubic spline, beyond the grid its border value."""
+        """A field (…, N1, N2) as a function of points (n, 2): its C² cubic spline, beyond the grid its border value."""
         first, second = self.to_coefficients
-        along = np.tensordot(first, field, axes=(1, 0))
-        surface = NdBSpline(self.knots, np.moveaxis(np.tensordot(second, along, axes=(1, 1)), 0, 1).copy(), 3)
+        surface = NdBSpline(self.knots, np.moveaxis(first @ field @ second.T, (-2, -1), (0, 1)).copy(), 3)
         low, high = ([line[end] for line in self.nodes] for end in (0, -1))
         return lambda points: surface(np.clip(points, low, high))
+
+
+def _divergence(count: int) -> Array:
+    """Minus the divergence at nodes of flows on edges (count, count − 1); half cells at both ends, closed outwards."""
+    matrix = np.eye(count, count - 1, -1) - np.eye(count, count - 1)
+    matrix[[0, -1]] *= 2
+    return matrix
 
 
 class PoissonMidsurface:
@@ -182,13 +183,12 @@ class PoissonMidsurface:
 
     def _solved(self, derivative: bool) -> Callable[[Array], Array]:
         """ψ (n, 3), or its derivatives by the scaled state (n, 3, 6), as a function of points (n, 2)."""
-        kernel, gradients = _target_kernel(self._corrects, derivative), []
+        gradients = []
         for axis in (0, 1):
             points = self.grid.edge_middles(axis)
-            state = np.broadcast_to(self._z, (points.shape[0] * points.shape[1], 6))
-            (column,) = run_columns(kernel, state, points.reshape(-1, 2))
-            shape = (*points.shape[:2], 2, 3, 6) if derivative else (*points.shape[:2], 2, 3)
-            gradients.append(column.reshape(shape)[:, :, axis])
+            kernel = _target_kernel(self._corrects, derivative, axis)
+            column = run_columns(kernel, self._z[None], points.reshape(-1, 2))[0]
+            gradients.append(column.T.reshape(*((3, 6) if derivative else (3,)), *points.shape[:2]))
         both = gradients[0], gradients[1]
         field = self.grid.least_squares(both)
         if self._tile_mean:
@@ -224,6 +224,10 @@ class PoissonMidsurface:
             slopes -= self._closed.by_state(flat, np.zeros_like(flat))
         slopes += self._correction_by_state(local[:, :2]) * self._scale
         return slopes + self._origin_by_state
+
+    def frames_by_state(self, reference: Array, vectors: Array) -> Array:
+        """∂(R v)/∂(state) of vectors (n, 3) fixed in the frames at reference coordinates (n, 3), shape (n, 3, 6)."""
+        return self._closed.frames_by_state(reference - self._centre, vectors)
 
 
 def cell_midsurface(pattern: YarnPattern, strain: ShellStrain) -> Midsurface | PoissonMidsurface:

@@ -114,12 +114,12 @@ def compile_kernel(function: ca.Function, name: str, *, shared: Collection[int] 
 
 
 def run_columns(kernel: Kernel, *inputs: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Run a kernel on arrays (n, size), one row an element; its outputs likewise."""
-    n = len(inputs[0])
+    """Run a kernel on arrays (n, size), one row an element, (1, size) where all share it; its outputs likewise."""
+    n = max(len(array) for array in inputs)
     count = max(LANES, -(-n // LANES) * LANES)
     arrays = []
-    for array in inputs:
-        column = np.empty((array.shape[1], count))
+    for k, array in enumerate(inputs):
+        column = np.empty((array.shape[1], 1 if k in kernel.shared else count))
         column[:, :n] = array.T
         column[:, n:] = array[-1:].T
         arrays.append(column)
