@@ -76,13 +76,15 @@ def test_plans_hold_all_kinds_of_states_over_the_decades(cell: PeriodicCell) -> 
     kinds = Counter(ray.kind for ray in rays)
     assert set(kinds) == {"rest", "tension", "bending", "bent", "stress", "strain"}
     pulls = [load for ray in rays for loads, _ in ray.levels for _, load in loads.tensions]
-    assert max(pulls) == pytest.approx(40.0)
+    assert max(pulls) == pytest.approx(44.0)  # beyond the limit, which virtual tests reach
     weight_of_a_centimetre = cell.area_density * 9.81 * 0.01
     assert 0.01 * weight_of_a_centimetre < min(pulls) < 0.2 * weight_of_a_centimetre
-    first = next(ray for ray in rays if ray.kind == "tension")
-    steps = np.diff(np.log([loads.tensions[0][1] for loads, _ in first.levels]))
+    even = [ray for ray in rays if ray.kind == "tension" and len(ray.levels) == LEVELS]
+    steps = np.diff(np.log([loads.work(np.zeros(6))[1][:3].max() for loads, _ in even[0].levels]))
     assert len(steps) == LEVELS - 1
     assert steps == pytest.approx(steps[0])
+    closer = [ray for ray in rays if ray.kind == "tension" and len(ray.levels) > 1.5 * LEVELS]
+    assert [ray.levels[0][0].tensions[0][0] for ray in closer] == pytest.approx([0.0, np.pi / 2, np.pi / 4])
     assert sum(len(ray.levels) for ray in rays) < 600 < ITERATES * sum(len(ray.levels) for ray in rays)
     bent = np.array([held.values for ray in rays if ray.kind == "bent" for _, held in ray.levels[:1]])
     determinant = bent[:, 0] * bent[:, 2] - bent[:, 1] ** 2
@@ -133,6 +135,19 @@ def sampled(cell: PeriodicCell, tmp_path: Path, inline: None, monkeypatch: pytes
     store = create_ray_store(tmp_path / "store", cell, RAYS)
     sample(cell, store)
     return store
+
+
+def test_tension_goes_on_behind_one_load_without_equilibrium(
+    cell: PeriodicCell, tmp_path: Path, inline: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fabrics_module, "TIGHTEST", 1e-5)
+    impossible = (Loads(), Prescribed.components(II11=900.0))
+    pulls = tuple((Loads.components(s_x=load, s_y=load), FLAT) for load in (0.1, 0.2))
+    rays = [REST, *(Ray("tension", (impossible,) * n + pulls[: 3 - n]) for n in (1, 2))]
+    store = create_ray_store(tmp_path / "store", cell, rays)
+    sample(cell, store)
+    found = (store.status().reshape(store.shape) == CODE_OF["converged"]).any(axis=2)
+    assert found[1:].tolist() == [[False, True, True], [False, False, False]]
 
 
 def test_samples_are_equilibria_that_meet_their_loads(

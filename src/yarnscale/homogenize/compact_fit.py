@@ -9,20 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
 from yarnscale.homogenize.compact_problem import (
-    FIT_FLOOR,
     STRESS_FLOOR,
     CompactOptions,
     Problem,
     Samples,
     StressErrors,
 )
-from yarnscale.homogenize.compact_start import start_of
+from yarnscale.homogenize.compact_start import renewed, start_of
 from yarnscale.kinematics import strain_units
 from yarnscale.numerics.threads import on_one_thread, run_parts
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
@@ -31,7 +31,7 @@ __all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
 Array = NDArray[np.float64]
 
-_RACE = 20
+_RACE = 12
 """Iterations after which the better of several starts goes on: some are caught early."""
 _LAST = 5
 """Iterations with all states, those that were held back among them."""
@@ -44,6 +44,7 @@ def fit_compact_material(
     stresses: ArrayLike,
     moduli: ArrayLike | None = None,
     *,
+    kinds: ArrayLike | None = None,
     density: float,
     radius: float,
     options: CompactOptions | None = None,
@@ -51,24 +52,26 @@ def fit_compact_material(
 ) -> CompactMaterial:
     """Compact material of sampled states.
 
-    strains (n, 6) [-, 1/m] in the order of ``kinematics.COMPONENTS``; energies (n,) [J/m²]; stresses (n, 6) [N/m, N];
-    moduli (n, 6, 6), NaN where unknown; density [kg/m²]; radius of the yarn [m]. The undeformed state should be among
-    them. Raises InputError on arrays that do not match, or fewer than 10 states.
+    strains (n, 6) [-, 1/m] in the order of ``kinematics.COMPONENTS``; energies (n,) [J/m²]; stresses (n, 6) [N/m,
+    N]; moduli (n, 6, 6), NaN where unknown; kinds (n,) of their rays (``rays.Ray``); density [kg/m²]; radius of the
+    yarn [m]. The undeformed state should be among them. Raises InputError on arrays that do not match, or fewer
+    than 10 states.
     """
     options, scale = options or CompactOptions(), strain_units(radius)
-    data = Samples.of(strains, energies, stresses, moduli, scale)
+    data = Samples.of(strains, energies, stresses, moduli, kinds, scale)
     mirrored = _is_symmetric(data) if options.symmetric is None else options.symmetric
     rng = np.random.default_rng(options.seed)
     held = rng.permutation(len(data.energies)) < min(100, len(data.energies) // 10)
     held[data.rest] = False
     train, test = Problem(data.chosen(~held), mirrored, options), data.chosen(held)
+    race = min(_RACE, options.iterations) if options.starts > 1 else 0
     starts = run_parts(lambda own: start_of(train, own), rng.spawn(options.starts))
-    race = min(_RACE, options.iterations) if len(starts) > 1 else 0
-    raced = [train.search(start, FIT_FLOOR, race) for start in starts]
-    start = min(raced, key=lambda unknowns: train.loss(unknowns, FIT_FLOOR))
-    unknowns = train.search(start, FIT_FLOOR, options.iterations - race)
+    raced = [train.search(start, race, partial(renewed, train, rng)) for start in starts]
+    start = min(raced, key=train.loss)
+    unknowns = train.search(start, options.iterations - race, partial(renewed, train, rng))
     unseen = train.errors(unknowns, test)
-    springs, constant = Problem(data, mirrored, options).searched(unknowns, FIT_FLOOR, _LAST)
+    everything = Problem(data, mirrored, options)
+    springs, constant = everything.network(everything.search(unknowns, _LAST))
     springs = _filled(springs, options.springs)
     samples, spacing = _representative(data.x, mirrored)
     record = {

@@ -7,6 +7,7 @@ stiff and soft directions of a state.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -15,9 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import nnls
 
 from yarnscale.errors import InputError
-from yarnscale.homogenize.spring_jacobian import Directional, springs_of
+from yarnscale.homogenize.spring_jacobian import Directional, springs_of, unknowns_of
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.materials.compact import Springs
 
@@ -27,34 +29,42 @@ STRESS_FLOOR = 0.02
 """Stress [N/m], by strains in units, below which errors stop being relative: the weight of a centimetre of fabric."""
 FIT_FLOOR = 0.25 * STRESS_FLOOR
 """The same for the fit, which has to meet the strain under that load, too."""
-_LEAST_ALLOWED = 0.1
-"""Allowed error of stress along the softest directions, as a part of that along stiff ones."""
+_MOMENT_FLOOR = 0.5
+"""Floor at bent states without loads, over the median of their stress, if that is less than the usual floor."""
+_LEAST_ALLOWED, _LEAST_USUAL = 0.1, 0.02
+"""Allowed error of stress along the softest directions, as a part of that along stiff ones; in tension or bending."""
 FEWEST_STATES = 10
 _HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 100, 2.0
 _SINGLE: Any = np.float32
-_LATEST, _LEAST_GAIN = 6, 2e-3
+_LATEST, _LEAST_GAIN = 6, 1e-3
 """The search ends where the last iterations lower the loss by less than this part each."""
+_RENEWED = 4
+"""Iterations after which springs that do little are replaced."""
+_LARGEST_DAMPING = 1e4
+Renewal = Callable[[Springs, Array], tuple[Springs, float]]
 
 
 @dataclass(frozen=True)
 class CompactOptions:
     """How to fit.
 
-    steps, springs: their number, of springs the largest. rounds: of the choice of springs. starts:
-    choices that compete. iterations: of the refinement. tolerance: relative error of stress and energy that counts as
-    one. strain_tolerance: error of the strain, in units, that counts as one along soft directions. modulus_weight: of a
-    relative error of a modulus beside one of stress. symmetric: whether the fabric is its own mirror image, None to
-    tell from the samples. seed: of the choice. Raises InputError for values out of range.
+    steps, springs: their number, of springs the largest. rounds: of the choice of springs. starts: choices that
+    compete. iterations: of the refinement. tolerance: relative error of stress and energy that counts as one.
+    strain_tolerance: error of the strain, in units, that counts as one along soft directions. modulus_weight: of a
+    relative error of a modulus beside one of stress. importance: of states under tension, its fourth root of those
+    at rest and bent ones. symmetric: whether the fabric is its own mirror image, None to tell from the samples.
+    seed: of the choice. Raises InputError for values out of range.
     """
 
     steps: int = 16
     springs: int = 40
-    rounds: int = 75
-    starts: int = 2
-    iterations: int = 80
+    rounds: int = 40
+    starts: int = 3
+    iterations: int = 60
     tolerance: float = 0.03
     strain_tolerance: float = 0.01
     modulus_weight: float = 0.3
+    importance: float = 3.0
     symmetric: bool | None = None
     seed: int = 0
 
@@ -63,7 +73,7 @@ class CompactOptions:
         for name, lowest in least.items():
             if not isinstance(found := getattr(self, name), int | np.integer) or found < lowest:
                 raise InputError(name, expected=f"a whole number from {lowest} on", found=found)
-        for name in ("tolerance", "strain_tolerance", "modulus_weight"):
+        for name in ("tolerance", "strain_tolerance", "modulus_weight", "importance"):
             if not (np.isfinite(found := getattr(self, name)) and found > 0):
                 raise InputError(name, expected="a positive number", found=found)
 
@@ -96,12 +106,13 @@ class StressErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class Samples:
-    """States x (n, 6), energies (n,), stresses (n, 6) and moduli (n, 6, 6), all in units of strain."""
+    """States x (n, 6), energies (n,), stresses (n, 6), moduli (n, 6, 6), all in units of strain; their kinds (n,)."""
 
     x: Array
     energies: Array
     stresses: Array
     moduli: Array
+    kinds: NDArray[np.str_]
 
     @classmethod
     def of(
@@ -110,15 +121,18 @@ class Samples:
         energies: ArrayLike,
         stresses: ArrayLike,
         moduli: ArrayLike | None,
+        kinds: ArrayLike | None,
         scale: Array,
     ) -> Samples:
         x, energy, stress = (np.asarray(a, dtype=np.float64) for a in (strains, energies, stresses))
         modulus = np.full((len(x), 6, 6), np.nan) if moduli is None else np.asarray(moduli, dtype=np.float64)
+        kind = np.full(len(x), "strain") if kinds is None else np.asarray(kinds, dtype=np.str_)
         for name, array, shape in (
             ("strains", x, (len(x), 6)),
             ("energies", energy, (len(x),)),
             ("stresses", stress, (len(x), 6)),
             ("moduli", modulus, (len(x), 6, 6)),
+            ("kinds", kind, (len(x),)),
         ):
             if array.shape != shape:
                 raise InputError(name, expected=f"shape {shape}", found=array.shape)
@@ -126,15 +140,26 @@ class Samples:
         if good.sum() < FEWEST_STATES:
             raise InputError("states to fit", expected=f"at least {FEWEST_STATES}", found=int(good.sum()))
         modulus = modulus * scale[:, None] * scale
-        return cls(x[good] / scale, energy[good], stress[good] * scale, modulus[good])
+        return cls(x[good] / scale, energy[good], stress[good] * scale, modulus[good], kind[good])
 
     def chosen(self, states: NDArray[np.bool_]) -> Samples:
-        return Samples(self.x[states], self.energies[states], self.stresses[states], self.moduli[states])
+        x, energies, stresses, moduli = (
+            a[states] for a in (self.x, self.energies, self.stresses, self.moduli)
+        )
+        return Samples(x, energies, stresses, moduli, self.kinds[states])
 
     @cached_property
     def rest(self) -> int:
         """The state nearest to the undeformed one."""
         return int(np.argmin(np.abs(self.x).max(axis=1)))
+
+
+class Iterate(NamedTuple):
+    """Loss, residuals (13, n) and unknowns of a search."""
+
+    loss: float
+    residuals: Array
+    unknowns: Array
 
 
 class Problem:
@@ -164,6 +189,14 @@ class Problem:
         seconds = np.einsum("imn,nij,jmn->mn", self.v, moduli, self.v, optimize=True)
         self.target = np.concatenate([self.energies[None], slopes, seconds])
         self.norms = np.linalg.norm(stresses, axis=1)
+        kinds = np.concatenate([data.kinds, data.kinds[more]])
+        pulled, bent = kinds == "tension", kinds == "bending"
+        rather = np.where(bent | self.at_rest, options.importance**0.25, 1.0)
+        self.importance = np.where(pulled, options.importance, rather)
+        self.least = np.where(pulled | bent, _LEAST_USUAL, _LEAST_ALLOWED)
+        # Knits can be a thousand times softer in bending than in tension.
+        moment = _MOMENT_FLOOR * float(np.median(self.norms[bent])) if bent.any() else FIT_FLOOR
+        self.floors = np.where(bent | self.at_rest, min(1.0, moment / FIT_FLOOR), 1.0)
         self.states = Directional(self.x, self.v, mirrored=mirrored)
         self.coarse = Directional(self.x.astype(_SINGLE), self.v.astype(_SINGLE), mirrored=mirrored)
 
@@ -174,71 +207,93 @@ class Problem:
 
     def weights(self, floor: float, *, at_rest: float = 1.0) -> Array:
         """Of the 13 outputs of every state, (13, n); at_rest: factor of the modulus of the undeformed state."""
-        options = self.options
+        options, floors = self.options, floor * self.floors
         added = np.abs(self.energies - self.energies.min())
-        allowed = self.norms + floor
+        allowed = self.norms + floors
         # An error of the modulus is one of the stress a tenth of a unit of strain away.
-        modulus_floor = np.where(self.at_rest, 0.3 / at_rest * floor, 10.0 * allowed)
+        modulus_floor = np.where(self.at_rest, 0.3 / at_rest * floors, 10.0 * allowed)
         modulus = options.modulus_weight * self.known / (self.sizes + modulus_floor)
         modulus = np.where(self.at_rest, at_rest, 1.0) * modulus
         # Where fabric is soft, a small error of the stress is a large one of the strain.
         strained = options.strain_tolerance / options.tolerance * self.sizes
-        slopes = np.where(self.known, np.clip(strained, _LEAST_ALLOWED * allowed, allowed), allowed)
-        return np.concatenate([1.0 / (added + floor)[None], 1.0 / slopes, modulus]) / options.tolerance
+        slopes = np.where(self.known, np.clip(strained, self.least * allowed, allowed), allowed)
+        weights = np.concatenate([1.0 / (added + floor)[None], 1.0 / slopes, modulus])
+        return weights * self.importance / options.tolerance
 
-    def search(self, unknowns: Array, floor: float, iterations: int) -> Array:
-        """Levenberg–Marquardt at one floor."""
-        weights, damping = self.weights(floor, at_rest=_AT_REST), 1e-2
-        value, residuals = self._loss(unknowns, weights)
-        gains, single = [1.0] * _LATEST, True
-        for _ in range(iterations):
-            matrix, gradient = self._normal(unknowns, weights, residuals, single=single)
-            diagonal, trial, found = np.diag(matrix).copy(), np.inf, residuals
-            for _ in range(10):
-                damped = matrix.copy()
-                damped[np.diag_indices(len(damped))] += damping * (diagonal + _LEAST_DIAGONAL)
-                step = cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), gradient)
-                trial, found = self._loss(unknowns - step, weights)
-                if trial < value:
-                    break
-                damping *= 4.0
-            if trial < value:
-                gains.append(1.0 - trial / value)
-                unknowns, value, residuals = unknowns - step, trial, found
-                damping = max(damping / 4.0, 1e-6)
-            if not trial < np.inf or sum(gains[-_LATEST:]) < _LATEST * _LEAST_GAIN or damping > 1e3:
-                if not single:
-                    break
-                # What single precision cannot improve, double may.
-                gains, single, damping = [1.0] * _LATEST, False, 1e-2
-        return unknowns
+    def search(self, unknowns: Array, iterations: int, renewed: Renewal | None = None) -> Array:
+        """Levenberg–Marquardt, with the best stiffnesses at every trial; from time to time also with other springs.
 
-    def loss(self, unknowns: Array, floor: float) -> float:
+        renewed: springs in place of some that do little, for a network and weights.
+        """
+        weights, damping = self.weights(FIT_FLOOR, at_rest=_AT_REST), 1e-2
+        here = self._stiffened(unknowns, weights, self._residuals(unknowns, weights))
+        gains = [1.0] * _LATEST
+        for iteration in range(iterations):
+            before = here.loss
+            if renewed is not None and iteration % _RENEWED == 0 and iteration < 0.8 * iterations:
+                other = renewed(self.network(here.unknowns)[0], weights * self._factors(here.residuals))
+                here = min(
+                    here,
+                    self._stiffened(unknowns_of(*other), weights, here.residuals),
+                    key=lambda found: found.loss,
+                )
+            matrix, gradient = self._normal(here.unknowns, weights, here.residuals)
+            diagonal = np.diag(matrix) + _LEAST_DIAGONAL
+            tried = [(here, 0.0)]
+            while damping < _LARGEST_DAMPING and len(tried) == 1:
+                for mine in (0.125 * damping, damping, 8.0 * damping):
+                    factors = cho_factor(
+                        matrix + np.diag(mine * diagonal), overwrite_a=True, check_finite=False
+                    )
+                    step = cho_solve(factors, gradient, check_finite=False)
+                    there = self._stiffened(here.unknowns - step, weights, here.residuals)
+                    if there.loss < here.loss:
+                        tried.append((there, mine))
+                damping *= 64.0
+            here, damping = min(tried, key=lambda trial: trial[0].loss)
+            gains.append(1.0 - here.loss / before)
+            if len(tried) == 1 or sum(gains[-_LATEST:]) < _LATEST * _LEAST_GAIN:
+                break
+            damping = max(damping, 1e-6)
+        return here.unknowns
+
+    def loss(self, unknowns: Array) -> float:
         """What ``search`` lowers."""
-        return self._loss(unknowns, self.weights(floor, at_rest=_AT_REST))[0]
+        return self._loss(self._residuals(unknowns, self.weights(FIT_FLOOR, at_rest=_AT_REST)))
 
-    def searched(self, unknowns: Array, floor: float, iterations: int) -> tuple[Springs, float]:
-        """The network after a search."""
-        return self.network(self.search(unknowns, floor, iterations))
+    def _residuals(self, unknowns: Array, weights: Array) -> Array:
+        return weights * (self.states.values(*self.network(unknowns)) - self.target)
 
-    def _loss(self, unknowns: Array, weights: Array) -> tuple[float, Array]:
-        with np.errstate(over="ignore", invalid="ignore"):
-            residuals = weights * (self.states.values(*self.network(unknowns)) - self.target)
+    def _factors(self, residuals: Array) -> Array:
+        """Square roots of the weights that make the least squares of residuals (13, n) Huber's."""
+        return np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
+
+    def _loss(self, residuals: Array) -> float:
         size = np.abs(residuals)
-        if not np.all(np.isfinite(size)):
-            return np.inf, residuals
         near = np.minimum(size, _HUBER)
-        huber = (near * (2 * size - near)).sum()
-        return float(huber + _SMALL * unknowns @ unknowns), residuals
+        return float((near * (2 * size - near)).sum()) if np.all(np.isfinite(size)) else np.inf
 
-    def _normal(
-        self, unknowns: Array, weights: Array, residuals: Array, *, single: bool
-    ) -> tuple[Array, Array]:
-        """Matrix and right side of the Gauss–Newton step, states in parts side by side; single: in single precision."""
-        springs, states, kind = self.network(unknowns)[0], self.states, np.float64
-        if single:
-            springs, states, kind = coarse(springs), self.coarse, _SINGLE
-        factors = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
+    def _stiffened(self, unknowns: Array, weights: Array, residuals: Array) -> Iterate:
+        """Unknowns with the best stiffnesses, background and constant; the squares are weighted by ``residuals``."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            springs, _ = self.network(unknowns)
+            columns = np.concatenate([self.states.by_stiffness(springs), self.states.by_background()])
+            try:
+                squares = NonNegative.of(columns, weights * self._factors(residuals), self.target)
+                found = squares.solved(np.arange(len(columns)))
+            except (RuntimeError, ValueError, np.linalg.LinAlgError):  # numbers beyond all bounds
+                return Iterate(np.inf, residuals, unknowns)
+        count = len(springs.stiffnesses)
+        found[:count] = np.maximum(found[:count], 1e-9 / squares.size[:count])
+        found[count:-1] = np.maximum(found[count:-1], 1e-6)
+        residuals = weights * (np.tensordot(found, columns, 1) - self.target)
+        springs = springs._replace(stiffnesses=found[:count], background=found[count:-1])
+        return Iterate(self._loss(residuals), residuals, unknowns_of(springs, float(found[-1])))
+
+    def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> tuple[Array, Array]:
+        """Matrix and right side of the Gauss–Newton step, states in parts side by side, in single precision."""
+        springs, states, kind = coarse(self.network(unknowns)[0]), self.coarse, _SINGLE
+        factors = self._factors(residuals)
         scaled, right = ((factors * part).astype(kind) for part in (weights, residuals))
         places = [slice(k, k + _AT_ONCE) for k in range(0, self.x.shape[1], _AT_ONCE)]
 
@@ -258,7 +313,7 @@ class Problem:
             np.asarray(np.sum([one[k] for one in found], axis=0), np.float64) for k in range(2)
         )
         matrix[np.diag_indices(len(matrix))] += _SMALL
-        return matrix, gradient + _SMALL * unknowns
+        return matrix, gradient
 
     def errors(self, unknowns: Array, states: Samples) -> StressErrors:
         """At other states."""
@@ -266,6 +321,42 @@ class Problem:
         place = Directional(states.x.T, along, mirrored=len(self.states.images) == 2)
         fitted = place.values(*self.network(unknowns))[1:7].T
         return StressErrors.of(fitted, states.stresses, np.ones(6))
+
+
+class NonNegative(NamedTuple):
+    """Least squares for numbers that are not negative but for the last one: normal matrix, right side, sizes."""
+
+    matrix: Array
+    right: Array
+    size: Array
+    least: float
+
+    @classmethod
+    def of(cls, columns: Array, weights: Array, target: Array) -> NonNegative:
+        """Of weighted columns (m, 13, n), the last one a constant energy, and a target (13, n)."""
+        kind, least, target = columns.dtype, float(target[0].min()), target.copy()
+        target[0] -= least
+        rows = (columns * weights.astype(kind)).reshape(-1, weights.size)
+        # Rows of very stiff springs would overflow in single precision when multiplied.
+        most = np.maximum(np.abs(rows).max(axis=1), kind.type(1e-30))
+        rows /= most[:, None]
+        right = (rows @ (weights * target).ravel().astype(kind)).astype(np.float64)
+        matrix = (rows @ rows.T).astype(np.float64)
+        size = np.sqrt(np.diag(matrix)) + 1e-300
+        matrix, right, size = matrix / size / size[:, None], right / size, size * most
+        matrix[np.diag_indices(len(matrix))] += 1e-4 if kind == _SINGLE else 1e-9
+        return cls(matrix, right, size, least)
+
+    def scaled(self, mine: NDArray[np.int64]) -> Array:
+        """The best numbers of some columns alone, times the size of the column."""
+        lower = np.linalg.cholesky(self.matrix[np.ix_(mine, mine)])
+        return nnls(lower.T, np.linalg.solve(lower, self.right[mine]), maxiter=30 * len(mine))[0]
+
+    def solved(self, mine: NDArray[np.int64]) -> Array:
+        """The best numbers of some columns alone, the constant energy among them."""
+        found = self.scaled(mine) / self.size[mine]
+        found[-1] += self.least
+        return found
 
 
 def coarse(springs: Springs) -> Springs:

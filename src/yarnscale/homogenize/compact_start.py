@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
-from yarnscale.homogenize.compact_problem import FIT_FLOOR, Problem, coarse
+from yarnscale.homogenize.compact_problem import FIT_FLOOR, NonNegative, Problem, coarse
 from yarnscale.homogenize.spring_jacobian import step, unknowns_of
 from yarnscale.shell.materials.compact import Springs
 
@@ -23,6 +22,8 @@ _FIRST_FLOOR, _LOWERED = 0.3, 0.85
 """Floor of the first round [N/m], and what each round leaves of it."""
 _FRESH, _VARIED = 70, 200
 """Springs drawn at random, and near those that stayed, in a round."""
+_RENEWED_SPREAD = 0.2
+"""How far those that are tried during the refinement are from the ones that are there."""
 _LEAST_GAIN, _LARGEST_GAIN = 0.5, 15.0
 """Range of |Q|: a spring tightens within a strain of about one over it."""
 _LEAST_TOP = 0.0
@@ -54,8 +55,17 @@ def start_of(problem: Problem, rng: np.random.Generator) -> Array:
             varied, drawn = _varied(x, springs, spread, rng), _drawn(x, options.steps, _FRESH, rng)
             springs = _joined(springs, np.concatenate([varied, drawn]), x)
             floor, spread = max(FIT_FLOOR, _LOWERED * floor), 0.95 * spread
-        springs, constant = _selected(problem, springs, floor)
+        springs, constant = _selected(problem, springs, problem.weights(floor))
     return unknowns_of(springs, constant)
+
+
+def renewed(
+    problem: Problem, rng: np.random.Generator, springs: Springs, weights: Array
+) -> tuple[Springs, float]:
+    """The best of these springs and of others near them, at most as many as asked, and the constant."""
+    x, steps = problem.data.x, problem.options.steps
+    rows = np.concatenate([_varied(x, springs, _RENEWED_SPREAD, rng), _drawn(x, steps, _FRESH, rng)])
+    return _selected(problem, _joined(springs, rows, x), weights)
 
 
 def _inputs(springs: Springs, x: Array) -> Array:
@@ -106,34 +116,18 @@ def _varied(x: Array, springs: Springs, spread: float, rng: np.random.Generator)
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _selected(problem: Problem, springs: Springs, floor: float) -> tuple[Springs, float]:
+def _selected(problem: Problem, springs: Springs, weights: Array) -> tuple[Springs, float]:
     """The stiffest springs, at most ``options.springs``, with the best stiffnesses and background; the constant."""
-    weights, target, least = problem.weights(floor), problem.target.copy(), float(problem.energies.min())
-    target[0] -= least
-    columns = [problem.coarse.by_stiffness(coarse(springs)), problem.coarse.by_background()]
-    rows = (np.concatenate(columns) * weights.astype(np.float32)).reshape(-1, weights.size)
-    # Rows of very stiff springs would overflow in single precision when multiplied.
-    most = np.maximum(np.abs(rows).max(axis=1), np.float32(1e-30))
-    rows /= most[:, None]
-    right = (rows @ (weights * target).ravel().astype(np.float32)).astype(np.float64)
-    matrix = (rows @ rows.T).astype(np.float64)
-    size = np.sqrt(np.diag(matrix)) + 1e-300
-    matrix, right, size = matrix / size / size[:, None], right / size, size * most
-    matrix[np.diag_indices(len(matrix))] += 1e-4
-    count = len(springs.springs)
-
-    def stiffest(mine: NDArray[np.int64]) -> Array:
-        lower = np.linalg.cholesky(matrix[np.ix_(mine, mine)])
-        return nnls(lower.T, np.linalg.solve(lower, right[mine]), maxiter=30 * len(mine))[0]
-
-    found = stiffest(np.arange(len(matrix)))[:count]
+    columns = np.concatenate([problem.coarse.by_stiffness(coarse(springs)), problem.coarse.by_background()])
+    squares, count = NonNegative.of(columns, weights, problem.target), len(springs.springs)
+    found = squares.scaled(np.arange(len(columns)))[:count]
     kept = np.argsort(found)[-problem.options.springs :]
-    mine = np.concatenate([kept[found[kept] > 0], np.arange(count, len(matrix))])
-    values = stiffest(mine) / size[mine]
+    mine = np.concatenate([kept[found[kept] > 0], np.arange(count, len(columns))])
+    values = squares.solved(mine)
     stiff = values[:-7] > 0
     kept, stiffnesses, background = mine[:-7][stiff], values[:-7][stiff], np.maximum(values[-7:-1], 1e-6)
     network = springs._replace(
         springs=springs.springs[kept], bends=springs.bends[kept], spring_offsets=springs.spring_offsets[kept],
         stiffnesses=stiffnesses, background=background,
     )  # fmt: skip
-    return network, least + float(values[-1])
+    return network, float(values[-1])

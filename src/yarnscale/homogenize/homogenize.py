@@ -53,8 +53,8 @@ def fit(store: SampleStore, *, options: CompactOptions | None = None) -> Compact
     """Compact shell material of a store's converged states: their energies, stresses and, where kept, moduli."""
     states = _states_of(store)
     return fit_compact_material(
-        states.strains, states.energies, states.stresses, states.moduli, density=states.density,
-        radius=states.radius, options=options, provenance=dict(store.attributes["provenance"]),
+        states.strains, states.energies, states.stresses, states.moduli, kinds=states.kinds,
+        density=states.density, radius=states.radius, options=options, provenance=dict(store.attributes["provenance"]),
     )  # fmt: skip
 
 

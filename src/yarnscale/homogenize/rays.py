@@ -35,7 +35,7 @@ SOLVES = 600
 _PER_LEVEL = 2.1  # equilibria, as measured over ten patterns
 _FEWEST_RAYS = 9  # of a plan that begins with the axes: tension and bending along both
 _LEAST = 0.05  # of the weight of a centimetre of the fabric
-_BENDS = np.array([0.002, 0.008, 0.025, 0.06, 0.1])
+_BENDS = np.array([0.008, 0.025, 0.05, 0.075, 0.1])
 """Curvatures of rays of pure bending, times the yarn radius."""
 _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
 """Least and largest s_x, s_a, s_y of states that are chosen by strain, for safety; they bend up to 0.1/r."""
@@ -101,7 +101,8 @@ def load_rays(
         raise InputError("number of solves", expected=f"at least {FEWEST}", found=solves)
     radius, sizes = cell.pattern.radius, np.geomspace(least, limit, LEVELS)
     rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
-    axes = _along_axes(radius, sizes) if fixed else ()
+    close = np.concatenate([np.geomspace(least, 0.1 * limit, 10), np.linspace(0.1, 1.1, 9)[1:] * limit])
+    axes = _along_axes(radius, sizes, close) if fixed else ()
     for ray in chain(axes, _random_rays(radius, sizes, seed)):
         if spent >= solves and (not fixed or len(rays) > _FEWEST_RAYS):
             break
@@ -122,13 +123,13 @@ VISITED = "visited"
 """Kind of rays that are no part of a plan: to states where a simulation went."""
 
 
-def _along_axes(radius: float, sizes: Array) -> Iterator[Ray]:
-    """Tension, bending and rolling up along the axes and diagonals, and twist."""
-    yield from (_tension(angle, sizes) for angle in (0.0, np.pi / 2))
+def _along_axes(radius: float, sizes: Array, close: Array) -> Iterator[Ray]:
+    """Tension, bending and rolling up along the axes and diagonals, and twist; close: closer levels of load."""
+    yield from (_tension(angle, close) for angle in (0.0, np.pi / 2))
     yield from (_rolling(straight) for straight in ("II22", "II11"))
     yield from (_bending(angle, sign, radius) for angle in (0.0, np.pi / 2) for sign in (1.0, -1.0))
     yield _in_plane(np.array([1.0, 0.0, 1.0]), sizes)
-    yield from (_tension(angle, sizes) for angle in (np.pi / 4, 3 * np.pi / 4))
+    yield from (_tension(angle, part) for angle, part in ((np.pi / 4, close), (3 * np.pi / 4, sizes)))
     yield from (_bending(angle, sign, radius) for angle in (np.pi / 4, 3 * np.pi / 4) for sign in (1.0, -1.0))
     yield from (_twisting(sign, radius) for sign in (1.0, -1.0))
 
@@ -143,11 +144,11 @@ def _random_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
         pull = normal[:3].copy()
         if turn % 3:  # fabric bears little compression before it buckles
             pull[[0, 2]] = np.abs(pull[[0, 2]])
-        if turn % 4 == 0:
-            yield _stress(np.concatenate([pull, normal[3:]]) * _emphasis(turn // 4), sizes, radius)
-        elif turn % 4 == 2 and turn % 8 == 2:
+        if turn % 2 == 0 and turn % 8 != 2:
+            yield _stress(np.concatenate([pull, normal[3:]]) * _emphasis(turn // 2), sizes, radius)
+        elif turn % 16 == 2:
             yield _in_plane(pull, sizes)
-        elif turn % 4 == 2:
+        elif turn % 16 == 10:
             yield _tension(np.pi * place[6], sizes)
         else:
             yield _bent(pull, curvature(place[3:7], radius, least=0.004, most=0.15), sizes)
@@ -215,7 +216,7 @@ def _twisting(sign: float, radius: float) -> Ray:
 def _rolling(straight: str) -> Ray:
     """A free piece that rolls up by itself along one axis."""
     prescribed = Prescribed.components(**{"II12": 0.0, straight: 0.0})
-    return Ray("bending", ((Loads(), prescribed),) * 3)
+    return Ray("bending", ((Loads(), prescribed),) * 5)
 
 
 def _stress(direction: Array, sizes: Array, radius: float) -> Ray:

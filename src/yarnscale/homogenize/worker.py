@@ -113,11 +113,11 @@ def solve(
     return record(equilibrium) | extra, _peak_megabytes()
 
 
-LEVEL_TOLERANCE, LEVEL_FLOOR = 0.25, 2e-4
+LEVEL_TOLERANCE, LEVEL_FLOOR = 0.1, 2e-5
 """Load that may be missing where the next level begins, as a share of its own or [N/m]."""
 LEVEL_STEP = 0.24
-"""Largest change of a scaled strain between the samples of a level."""
-BENT_ENOUGH, CRUSHED = 0.25, -0.55
+"""Largest change of a scaled strain between the samples of a level, times the larger stretch."""
+BENT_ENOUGH, CRUSHED = 0.25, -0.72
 """Curvature times yarn radius, and stretch, at which a ray ends: rolled up or crushed flat, solves fail often."""
 
 
@@ -139,13 +139,14 @@ def sample_level(
     def keep(response: Response, moduli: Array) -> None:
         found.append(record(response.state) | {"strain": response.strain, "moduli": moduli})
 
-    before = None
+    before, stretch = None, 1.0
     if start is not None:
+        stretch += max(0.0, start.strain.s_x, start.strain.s_y)
         there = Response(start.strain.vector, start.energy, start.stress, state=start)
         before = LoadedState(there, start.moduli, 0.0, Status.CONVERGED, 0)
     outcome = equilibrium_under(
         CellFabric(cell), loads, prescribed=prescribed, start=before, tolerance=LEVEL_TOLERANCE, floor=LEVEL_FLOOR,
-        radius=LEVEL_STEP, max_iterations=iterates, observe=keep,
+        radius=LEVEL_STEP * stretch, max_iterations=iterates, observe=keep,
     )  # fmt: skip
     return (found, outcome.status in (Status.STALLED, Status.INVALID)), _peak_megabytes()
 
