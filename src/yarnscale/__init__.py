@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from yarnscale.shell.materials.material import ShellMaterial
     from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
     from yarnscale.shell.materials.spline_material import SplineMaterial
+    from yarnscale.shell.materials.stiffening import StiffeningMaterial
     from yarnscale.shell.mesh import TriangleMesh
     from yarnscale.shell.scenes.scene import Scene, run_scene
     from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
@@ -92,6 +93,7 @@ _HOME = {
     "SplineMaterial": "shell.materials.spline_material",
     "SplineScene": "fabric.spline_scene",
     "Status": "numerics.newton",
+    "StiffeningMaterial": "shell.materials.stiffening",
     "StrainGrid": "homogenize.plan",
     "StrainRange": "homogenize.plan",
     "StretchRule": "yarn.material",
@@ -143,7 +145,9 @@ __all__ = [  # noqa: RUF022
     "FabricResult", "FabricShell", "FabricTests", "FluctuationTable", "Homogenization", "InputError",
     "OrthotropicMaterial", "PeriodicCell", "Programme", "RestShape", "RodFabric", "RodScene", "SampleStore", "Scene",
     "Schedule", "ShellMaterial", "ShellStrain", "SplineFabric", "SplineMaterial", "SplineScene", "Status",
-    "StrainGrid", "StrainRange", "StretchRule", "SwatchMeasurements", "TriangleMesh", "YarnDetail", "YarnMaterial",
+    "StiffeningMaterial", "StrainGrid", "StrainRange", "StretchRule", "SwatchMeasurements",
+    "TriangleMesh", "YarnDetail",
+    "YarnMaterial",
     "YarnPattern", "YarnSheet", "__version__", "axes_and_planes", "create_store", "estimate_yarn", "fabric_model",
     "fit", "fit_compact_material", "fit_published", "fit_shell", "fit_spline_material", "homogenize_cell", "jersey",
     "knit", "patterns", "read_grid", "read_material", "read_measurements", "read_pattern", "read_yarn_material",
