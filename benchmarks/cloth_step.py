@@ -138,9 +138,8 @@ def stretching(
         watch.watch(solver.energy, method, name)
     watch.watch(solver.linear, "factorise", "factorisation, with assembly of the matrix")
     watch.watch(solver.linear, "step", "solve")
-    if solver.contact is not None:
-        for method in ("bound", "value", "gradient", "hessian"):
-            watch.watch(solver.contact, method, f"contact: {method}")
+    for method in ("bound", "value", "gradient", "hessian"):
+        watch.watch(solver.contact, method, f"contact: {method}")
     solver.linear.factorisations = solver.linear.analyses = 0
     duration = scene.schedule.duration
     frames, steps, iterations, worst = 30 * duration, round(duration / time_step), 0, 0.0

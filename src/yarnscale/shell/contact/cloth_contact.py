@@ -37,7 +37,7 @@ _ROOM = 1.5
 
 
 class ClothContact:
-    """All contact of one mesh with itself and with obstacles; see ``step.ContactEnergy`` for the methods' contract.
+    """All contact of one mesh with itself and with obstacles.
 
     Positions are those of the cloth followed by ``guests`` rows, the points of moving obstacles (``places``).
     """
@@ -90,7 +90,7 @@ class ClothContact:
 
     def slips(self, positions: Floats) -> Slips | None:
         """Elastic slips at the end of a step; None without friction."""
-        if self.settings.friction == 0.0:
+        if self.settings.friction == 0.0 or not self.parts:
             return None
         found = [part.slips(positions) for part in self.parts]
         return Slips(
@@ -109,7 +109,10 @@ class ClothContact:
         return total, gradient
 
     def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
-        """Positive semi-definite Hessian: see ``step.ContactEnergy``."""
+        """Positive semi-definite Hessian: increasing keys ``column·rows + row`` of vertices, blocks (m, 9) [N/m].
+
+        Of the lower triangle; blocks row by row.
+        """
         found = [part.hessian(positions) for part in self.parts]
         if not found:
             return np.zeros(0, np.int64), np.zeros((0, 9))

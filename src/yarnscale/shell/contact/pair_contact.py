@@ -180,7 +180,9 @@ class PairContact:
         vertices = np.where(pairs < self.rows, pairs, SKIPPED)
         return BlockPattern.of(np.ones(self.rows, np.int64), [vertices]), vertices
 
-    def _add_repulsion(self, close: Close, everything: Floats, slots: Integers, blocks: Floats) -> None:
+    def _add_repulsion(
+        self, close: Close, everything: Floats, slots: NDArray[np.int32], blocks: Floats
+    ) -> None:
         energy, slope, bend = barrier(close.distances, self.settings.thickness)
         fade, turning, turned = (close.weights * factor for factor in close.fade)
         pair_hessian.add_repulsion(

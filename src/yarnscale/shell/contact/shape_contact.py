@@ -93,7 +93,9 @@ class ShapeContact(PairContact):
         along = apart - turned
         return along - np.einsum("ni,ni->n", along, close.normals)[:, None] * close.normals
 
-    def _add_repulsion(self, close: Close, everything: Floats, slots: Integers, blocks: Floats) -> None:
+    def _add_repulsion(
+        self, close: Close, everything: Floats, slots: NDArray[np.int32], blocks: Floats
+    ) -> None:
         if isinstance(self.shape, Sphere):
             return super()._add_repulsion(close, everything, slots, blocks)
         # Heights above a plane are linear in positions: b'' n nᵀ, as friction along n has it.

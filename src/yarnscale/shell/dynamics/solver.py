@@ -25,7 +25,7 @@ from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 from yarnscale.numerics.regularisation import ShiftRule
 from yarnscale.numerics.sums import Load, MatrixSprings, Springs, Term
-from yarnscale.shell.contact.cloth_contact import ClothContact
+from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosses
 from yarnscale.shell.dynamics.air import drag_entries
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
@@ -84,6 +84,7 @@ class SolverOptions:
             raise InputError("iterations", expected="at least 1", found=self.iterations)
 
 
+NO_CONTACT = ContactSettings(self_contact=False)
 STATIC_SOFTNESS = 1e-8
 """Share of the largest diagonal entry that is added to all, in equilibria."""
 OFF_PLACE, OFF_PLACE_SHARE = 5e-4, 0.05
@@ -99,12 +100,8 @@ class ClothSolver(Body[ClothState]):
         self.off_place = min(OFF_PLACE, OFF_PLACE_SHARE * cloth.mesh.median_edge)
         self.energy = ShellEnergy(cloth.mesh, cloth.material, free_edges=cloth.free_edges)
         self.masses = self.energy.masses
-        touching = cloth.contact is not None and (cloth.contact.self_contact or cloth.obstacles)
-        self.contact = (
-            ClothContact(cloth.mesh, cloth.contact, cloth.obstacles) if cloth.contact and touching else None
-        )
-        guests = self.contact.guests if self.contact is not None else 0
-        self.elastic = ShellObjective(self.energy, guests=guests)
+        self.contact = ClothContact(cloth.mesh, cloth.contact or NO_CONTACT, cloth.obstacles)
+        self.elastic = ShellObjective(self.energy, guests=self.contact.guests)
         self.growth = PatternGrowth(self.elastic.pattern)
         self.linear = ConstrainedSolver(None, None)
         strength = float(np.linalg.norm(cloth.gravity)) or GRAVITY
@@ -115,8 +112,7 @@ class ClothSolver(Body[ClothState]):
     ) -> Step[ClothState]:
         self._take_up(state)
         begin = self._with_obstacles(state)
-        if self.contact is not None:
-            self.contact.start_step(begin, min(duration, 1.0), state.time, state.slips)
+        self.contact.start_step(begin, min(duration, 1.0), state.time, state.slips)
         static = math.isinf(duration)
         integrator = self.options.integrator
         rule = step_rule(
@@ -130,7 +126,7 @@ class ClothSolver(Body[ClothState]):
         self.elastic.softness = STATIC_SOFTNESS if weight == 0.0 else 0.0
         objective = StepObjective(
             self.elastic, [masses, load, *held, *self._viscosity(state, rule)], self.scale,
-            contact=self.contact, growth=self.growth,
+            self.contact, self.growth,
         )  # fmt: skip
         moved = duration * state.velocities if inertia else np.zeros_like(state.velocities)
         start = self._start(begin, self._with_obstacle_steps(begin, moved, held)).ravel()
@@ -144,7 +140,7 @@ class ClothSolver(Body[ClothState]):
             self.energy.elements.reference_angles,
             remembered(integrator, state.positions, state.velocities, duration) if inertia else None,
             obstacles if len(obstacles) else None,
-            self.contact.slips(solution.x.reshape(-1, 3)) if self.contact is not None else None,
+            self.contact.slips(solution.x.reshape(-1, 3)),
         )
         inertial = masses.weight * (positions - centre).ravel()
         return Step.of(new, solution, duration, float(np.linalg.norm(inertial)) / self.scale)
@@ -161,7 +157,7 @@ class ClothSolver(Body[ClothState]):
     def faults(self, state: ClothState) -> dict[str, int]:
         """Whether the cloth crosses itself or a body (``intersections``), or a body; what is not tested is left out."""
         crossed, tested = self.intersects(state), {}
-        if self.contact is not None and self.contact.settings.self_contact:
+        if self.contact.settings.self_contact:
             tested["intersections"] = int(crossed)
         if self.cloth.obstacles:
             bodies = crossed and any(c.body != CLOTH for c in self.crossings(state))
@@ -177,16 +173,16 @@ class ClothSolver(Body[ClothState]):
             "elastic": self.energy.value(positions),
             "gravity": -float(self.masses @ height),
             "kinetic": 0.5 * float(self.masses @ (velocities**2).sum(axis=1)),
-            "contact": self.contact.value(self._with_obstacles(state)) if self.contact is not None else 0.0,
+            "contact": self.contact.value(self._with_obstacles(state)),
         }
 
     def intersects(self, state: ClothState) -> bool:
         """Whether the cloth crosses itself or an obstacle, by a test of its own over the whole of both."""
-        return self.contact is not None and self.contact.intersects(self._with_obstacles(state))
+        return self.contact.intersects(self._with_obstacles(state))
 
     def crossings(self, state: ClothState) -> list[Crossing]:
         """Which surfaces cross and where; empty where nothing was found or tested."""
-        return self.contact.crossings(self._with_obstacles(state)) if self.contact is not None else []
+        return self.contact.crossings(self._with_obstacles(state))
 
     def distances_from_places(self, state: ClothState) -> dict[str, float]:
         """How far handles and moving obstacles are from where their motion takes them, by name [m].
@@ -206,7 +202,7 @@ class ClothSolver(Body[ClothState]):
 
     def closest(self, state: ClothState) -> float:
         """Smallest distance [m] between surfaces that may meet; inf beyond the thickness of contact."""
-        return self.contact.closest(self._with_obstacles(state)) if self.contact is not None else math.inf
+        return self.contact.closest(self._with_obstacles(state))
 
     def pull(self, handle: Handle, state: ClothState) -> Floats:
         """Force of a handle on the cloth [N], (3,)."""
@@ -214,8 +210,7 @@ class ClothSolver(Body[ClothState]):
 
     def _minimise(self, objective: StepObjective, start: Floats, limit: int, *, static: bool) -> Solution:
         tolerance, done = self.options.tolerance, 0
-        bound = self._bound if self.contact is not None else None
-        hooks: Any = {"linear": self.linear, "bound": bound, "after_step": self._follow}
+        hooks: Any = {"linear": self.linear, "bound": self._bound, "after_step": self._follow}
         if self.options.method == "quasi-newton" and not static:
             rough = NewtonOptions(max(tolerance, NEWTON_BELOW), max_iterations=limit)
             first = minimise_keeping_factors(objective, start, rough, self.options.keep, **hooks)
@@ -240,24 +235,19 @@ class ClothSolver(Body[ClothState]):
 
     def _with_obstacles(self, state: ClothState) -> Floats:
         """Positions of the cloth and, after them, of the points of moving obstacles."""
-        if self.contact is None or not self.contact.guests:
-            return state.positions
         places = self.contact.places(state.time) if state.obstacles is None else state.obstacles
         return np.concatenate([state.positions, places])
 
     def _with_obstacle_steps(self, begin: Floats, moved: Floats, held: list[Attachment]) -> Floats:
         """A step of the cloth and, after it, the ways of the obstacles' points to their places."""
-        if self.contact is None or not self.contact.guests:
-            return moved
         return np.concatenate([moved, held[-1].targets - begin[len(moved) :]])
 
     def _bound(self, x: Floats, step: Floats) -> float:
-        assert self.contact is not None
         return self.contact.bound(x.reshape(-1, 3), step.reshape(-1, 3))
 
     def _start(self, positions: Floats, moved: Floats) -> Floats:
         """x + Δt v, as far as nothing touches and the energy stays finite."""
-        fraction = self.contact.bound(positions, moved) if self.contact is not None else 1.0
+        fraction = self.contact.bound(positions, moved)
         for _ in range(4):
             start = positions + fraction * moved
             if math.isfinite(self.energy.value(start[: len(self.masses)])):
@@ -281,7 +271,4 @@ class ClothSolver(Body[ClothState]):
 
     def _attachments(self, time: float) -> list[Attachment]:
         """What holds handles and, last, the points of moving obstacles."""
-        held = [handle.attachment(time) for handle in self.cloth.handles]
-        if self.contact is not None and self.contact.guests:
-            held.append(self.contact.attachment(time))
-        return held
+        return [*(handle.attachment(time) for handle in self.cloth.handles), self.contact.attachment(time)]

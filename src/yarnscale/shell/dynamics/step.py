@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,34 +22,11 @@ from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.sums import SumOfEnergies, Term
+from yarnscale.shell.contact.cloth_contact import ClothContact
 from yarnscale.shell.elastic.energy import Floats, ShellObjective
 
 ROUND_OFF = 1e-9
 """Share of the diagonal that is added to the positive model."""
-
-
-class ContactEnergy(Protocol):
-    """Forces between layers of cloth and from obstacles, as an energy that is inf where they meet."""
-
-    def value(self, positions: Floats) -> float:
-        """Energy [J] at positions (nv, 3)."""
-        ...
-
-    def gradient(self, positions: Floats) -> tuple[float, Floats]:
-        """Energy and gradient (nv, 3) [N]."""
-        ...
-
-    def hessian(self, positions: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Positive model of the Hessian: keys ``column·nv + row`` (lower triangle), blocks (m, 9) [N/m]."""
-        ...
-
-    def room(self, positions: Floats) -> NDArray[np.int64]:
-        """Keys, sorted or not, that entries of ``hessian`` may soon have."""
-        ...
-
-    def bound(self, positions: Floats, step: Floats) -> float:
-        """Fraction of a step (nv, 3) that meets nothing, in (0, 1]."""
-        ...
 
 
 class StepObjective(SumOfEnergies):
@@ -66,17 +42,15 @@ class StepObjective(SumOfEnergies):
         elastic: ShellObjective,
         terms: Sequence[Term],
         scale: float,
-        *,
-        contact: ContactEnergy | None = None,
-        growth: PatternGrowth | None = None,
+        contact: ClothContact,
+        growth: PatternGrowth,
     ) -> None:
         super().__init__(elastic, terms, scale)
-        self._contact = contact
-        self._growth = PatternGrowth(elastic.pattern) if growth is None else growth
+        self._contact, self._growth = contact, growth
 
     def value(self, x: Floats) -> float:
         """Energy [J]; inf where the state is not admissible."""
-        touching = 0.0 if self._contact is None else self._contact.value(x.reshape(-1, 3))
+        touching = self._contact.value(x.reshape(-1, 3))
         return touching + super().value(x) if math.isfinite(touching) else math.inf
 
     def gradient(self, x: Floats) -> tuple[float, Floats]:
@@ -86,15 +60,12 @@ class StepObjective(SumOfEnergies):
     def quadratic(self, x: Floats) -> tuple[float, Floats, StepModel]:
         """Energy, gradient and the second-order model, which is valid until the next call."""
         value, gradient, model = super().quadratic(x)
-        touching = None
-        if (contact := self._contact) is not None:
-            keys, blocks = contact.hessian(x.reshape(-1, 3))
-            touching = self._growth.admit(keys, lambda: contact.room(x.reshape(-1, 3))), blocks
-        return *self._with_contact(x, value, gradient), StepModel(model, self._growth, touching)
+        positions = x.reshape(-1, 3)
+        keys, blocks = self._contact.hessian(positions)
+        places = self._growth.admit(keys, lambda: self._contact.room(positions))
+        return *self._with_contact(x, value, gradient), StepModel(model, self._growth, places, blocks)
 
     def _with_contact(self, x: Floats, value: float, gradient: Floats) -> tuple[float, Floats]:
-        if self._contact is None:
-            return value, gradient
         touching, push = self._contact.gradient(x.reshape(-1, 3))
         return value + touching, gradient + push.ravel()
 
@@ -127,9 +98,11 @@ class PatternGrowth:
         return np.searchsorted(self._keys, keys)
 
     def spread(self, base: Floats, places: NDArray[np.int64], blocks: Floats) -> Floats:
-        """Entries in ``pattern`` of a matrix in the base pattern plus blocks (m, 9) at some places."""
-        values = np.zeros(self.pattern.entries)
-        values[self._base_slots] = base
+        """Entries in ``pattern`` of a matrix in the base pattern (overwritten) plus blocks (m, 9) at places."""
+        values = base
+        if self.pattern.entries > len(base):
+            values = np.zeros(self.pattern.entries)
+            values[self._base_slots] = base
         self._blocks.add_blocks(places, blocks, values)
         return values
 
@@ -150,7 +123,8 @@ class StepModel:
 
     summed: QuadraticModel
     growth: PatternGrowth
-    touching: tuple[NDArray[np.int64], Floats] | None
+    places: NDArray[np.int64]
+    blocks: Floats
 
     @property
     def pattern(self) -> SymmetricPattern:
@@ -159,9 +133,7 @@ class StepModel:
 
     def values(self, shift: float) -> Floats:
         """Entries in ``pattern`` [N/m]."""
-        values = self.summed.values(shift)
-        if self.touching is not None:
-            values = self.growth.spread(values, *self.touching)
+        values = self.growth.spread(self.summed.values(shift), self.places, self.blocks)
         if shift >= 1.0:
             values[self.pattern.diagonal] *= max(shift, 1.0 + ROUND_OFF)
         return values
