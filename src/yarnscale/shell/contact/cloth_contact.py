@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.motion.obstacles import Obstacle, Plane, Sphere, obstacle_name
+from yarnscale.motion.obstacles import Obstacle, Plane, Sphere
 from yarnscale.shell.contact.barrier import ContactSettings
 from yarnscale.shell.contact.crossings import Crossing
 from yarnscale.shell.contact.shape_contact import ShapeContact
@@ -47,25 +47,17 @@ class ClothContact:
     ) -> None:
         self.count, self.settings = mesh.vertex_count, settings
         self._moving = tuple(o for o in obstacles if o.moves)
-        self._first = {}
-        self.guests = 0
-        for obstacle in self._moving:
-            self._first[id(obstacle)] = self.count + self.guests
-            self.guests += len(obstacle.points(0.0))
+        sizes = [len(obstacle.points(0.0)) if obstacle.moves else 0 for obstacle in obstacles]
+        self.guests = sum(sizes)
         rows = self.count + self.guests
         self.parts: list[ShapeContact | SurfaceContact] = []
-        self._names = [obstacle_name(obstacle, number) for number, obstacle in enumerate(obstacles)]
-        self._shapes: list[int] = []
-        self._bodies: list[int] = []
         bodies = []
         for number, obstacle in enumerate(obstacles):
-            first = self._first.get(id(obstacle))
+            first = self.count + sum(sizes[:number]) if obstacle.moves else None
             if isinstance(obstacle, Sphere | Plane):
-                self.parts.append(ShapeContact(obstacle, mesh, settings, first, rows))
-                self._shapes.append(number)
+                self.parts.append(ShapeContact(obstacle, number, mesh, settings, first, rows))
             else:
-                bodies.append((obstacle, first))
-                self._bodies.append(number)
+                bodies.append((obstacle, number, first))
         if settings.self_contact or bodies:
             self.parts.append(SurfaceContact(mesh, bodies, settings, rows))
 
@@ -143,10 +135,4 @@ class ClothContact:
 
     def crossings(self, positions: Floats) -> list[Crossing]:
         """Crossing surfaces and places, one entry for each pair of objects; slow."""
-        found = []
-        for part, number in zip(self.parts, [*self._shapes, -1], strict=False):
-            if isinstance(part, ShapeContact):
-                found += part.crossings(positions, number, self._names[number])
-            else:
-                found += part.crossings(positions, self._bodies, [self._names[k] for k in self._bodies])
-        return found
+        return [crossing for part in self.parts for crossing in part.crossings(positions)]

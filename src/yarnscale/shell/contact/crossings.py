@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -57,11 +57,11 @@ def _in_file(lines: Integers, triangles: Sequence[int]) -> str:
 
 
 def surface_crossings(
-    positions: Floats, triangles: Integers, owners: Integers, names: Sequence[str], *, within_cloth: bool
+    positions: Floats, triangles: Integers, owners: Integers, names: Mapping[int, str], *, within_cloth: bool
 ) -> list[Crossing]:
     """Crossings of triangles (m, 3) of the cloth with each other, if wanted, and with those of bodies.
 
-    owners: object of each triangle (m,), increasing from ``CLOTH``; names: of the bodies.
+    owners: object of each triangle (m,), increasing from ``CLOTH``; names: of the bodies by their number.
     """
     cloth = int((owners == CLOTH).sum())
     pairs, places = crossing_triangles(positions, triangles, cloth, within_cloth=within_cloth)

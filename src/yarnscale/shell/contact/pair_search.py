@@ -91,9 +91,9 @@ class PairSearch:
         thirds = (
             np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 6
         )
-        self.vertex_areas = _summed(triangles, thirds, len(rest))
+        self.vertex_areas = np.bincount(triangles.ravel(), np.repeat(thirds, 3), len(rest))
         edges = self.surfaces.edges
-        self.edge_areas = _summed(self.surfaces.sides, thirds, len(edges))
+        self.edge_areas = np.bincount(self.surfaces.sides.ravel(), np.repeat(thirds, 3), len(edges))
         self.lengths = np.linalg.norm(rest[edges[:, 1]] - rest[edges[:, 0]], axis=1)
         self._fit_bodies(thirds)
         self.strip, self.disc = reach_aside(settings.thickness)
@@ -205,13 +205,6 @@ def shares(count: int) -> list[tuple[int, int]]:
     """Ranges of equal length that cover a number of pairs, one for each thread."""
     cuts = np.linspace(0, count, available_threads() + 1).astype(int).tolist()
     return list(pairwise(cuts))
-
-
-def _summed(numbers: Integers, values: Floats, count: int) -> Floats:
-    """Sums (count,) of the values (m,) of triangles over their corners or sides (m, 3)."""
-    total = np.zeros(count)
-    np.add.at(total, numbers, values[:, None])
-    return total
 
 
 def _fade(crossed: Floats, limits: Floats) -> tuple[Floats, Floats, Floats]:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.motion.obstacles import Plane, Shape, Sphere
+from yarnscale.motion.obstacles import Plane, Shape, Sphere, obstacle_name
 from yarnscale.motion.rigid import rotation_matrix
 from yarnscale.shell.contact import pair_hessian
 from yarnscale.shell.contact.barrier import ContactSettings, barrier
@@ -66,12 +66,18 @@ class _ShapeSearch:
 
 
 class ShapeContact(PairContact):
-    """Contact with one shape, whose point is row ``guest`` of the ``rows`` of positions, or at rest (None)."""
+    """Contact with one shape among the obstacles, whose point is row ``guest`` of all ``rows``, or at rest (None)."""
 
     def __init__(
-        self, shape: Shape, mesh: TriangleMesh, settings: ContactSettings, guest: int | None, rows: int
+        self,
+        shape: Shape,
+        number: int,
+        mesh: TriangleMesh,
+        settings: ContactSettings,
+        guest: int | None,
+        rows: int,
     ) -> None:
-        self.shape = shape
+        self.shape, self.number = shape, number
         if isinstance(shape, Sphere):
             figures, areas = mesh.triangles, mesh.areas
         else:
@@ -116,8 +122,8 @@ class ShapeContact(PairContact):
     def intersects(self, positions: Floats) -> bool:
         return self.closest(positions) <= 0
 
-    def crossings(self, positions: Floats, body: int, name: str) -> list[Crossing]:
-        """Crossings of the cloth with the shape; body: its number among the obstacles."""
+    def crossings(self, positions: Floats) -> list[Crossing]:
+        """Crossings of the cloth with the shape."""
         everything = self.everything(positions)
         close = self.search.close(everything)
         inside = close.distances <= 0
@@ -126,4 +132,5 @@ class ShapeContact(PairContact):
         weights, corners = -close.coefficients[inside, 1:], everything[close.vertices[inside, 1:]]
         places = np.einsum("nk,nki->ni", weights, corners)
         kind = "vertex" if isinstance(self.shape, Plane) else "triangle"
-        return [shape_crossing(body, name, kind, close.distances[inside], places, self.count)]
+        name = obstacle_name(self.shape, self.number)
+        return [shape_crossing(self.number, name, kind, close.distances[inside], places, self.count)]
