@@ -41,6 +41,8 @@ INNER_STIFFNESS = 1e3
 INNER_RADIUS = 0.25
 """R₂ [R_est]."""
 LARGEST_KNEE = 0.15
+_LEAST_KNEE = 1e-9
+"""Knees below are zero: a search comes near the end of the range without reaching it."""
 SOFTEST_CONTACT, STIFFEST_CONTACT = 1e-2, 3e3
 """Range of k_c1 [kg/s²]. EST22's ends at 1e2, where fits of thick spun yarns in tight hand knits end too and fail."""
 LARGEST_ASPECT = 3.0
@@ -134,6 +136,7 @@ class YarnModel:
         soft, knee, bending, outer, contact = (float(value) for value in values[:5])
         stretch = StretchRule()
         if self.two_phase:
+            knee = knee if knee > _LEAST_KNEE else 0.0
             stretch = StretchRule("two_phase", knee, self.stiffness / (math.pi * radius**2))
         rule = ContactRule(
             kernel="est2022", weights="simpson", outer_radius_ratio=outer / radius,
