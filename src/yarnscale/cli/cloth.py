@@ -113,12 +113,14 @@ def _flat(summary: Mapping[str, object]) -> dict[str, object]:
 
 def _notes(scene: Scene) -> list[str]:
     """Which surfaces can touch, and so are tested for crossings; motions that continue beyond the end."""
-    contact, bodies = scene.cloth.contact, bool(scene.cloth.obstacles)
+    contact, obstacles = scene.cloth.contact, bool(scene.cloth.obstacles)
     if contact is not None and contact.self_contact:
         thick = f"{1e3 * contact.thickness:.3g} mm"
-        notes = [f"the cloth meets itself{' and bodies' * bodies}, from a thickness of {thick}"]
-    elif contact is not None and bodies:
-        notes = ["the cloth meets bodies but not itself: crossings of the cloth with itself are not tested"]
+        notes = [f"the cloth meets itself{' and obstacles' * obstacles}, from a thickness of {thick}"]
+    elif contact is not None and obstacles:
+        notes = [
+            "the cloth meets obstacles but not itself: crossings of the cloth with itself are not tested"
+        ]
     else:
         notes = ["nothing may touch, so crossings are not tested ([contact] in a scene file)"]
     end = scene.start.time + scene.schedule.duration

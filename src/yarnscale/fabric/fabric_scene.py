@@ -78,7 +78,7 @@ class FabricScene(ABC, Generic[State]):
 
     @property
     def obstacles(self) -> Sequence[Obstacle]:
-        """Bodies that the fabric touches."""
+        """Obstacles that the fabric touches."""
         return ()
 
     @property

@@ -73,7 +73,7 @@ class RodScene(FabricScene[FabricMotion]):
 
     @property
     def obstacles(self) -> Sequence[Obstacle]:
-        """Bodies that the fabric touches."""
+        """Obstacles that the fabric touches."""
         return self.loads.obstacles
 
     @property

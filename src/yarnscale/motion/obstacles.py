@@ -1,4 +1,4 @@
-"""Bodies in contact with cloth: spheres and half-spaces, and triangle meshes, rigid or animated.
+"""Obstacles to cloth and yarns: spheres and half-spaces, and triangle meshes, rigid or animated.
 
 The place of an obstacle is given by points: the centre of a sphere, a point of a plane, the vertices of a
 mesh. During a step the points move along straight lines; their places at the ends of a step are exact.
@@ -21,7 +21,7 @@ Integers = NDArray[np.int64]
 
 
 class Obstacle(Protocol):
-    """A body whose points have a prescribed motion."""
+    """Points with a prescribed motion, and what lies between them."""
 
     @property
     def moves(self) -> bool:
@@ -96,7 +96,7 @@ class Plane:
 
 @dataclass(frozen=True, eq=False)
 class MeshObstacle:
-    """A rigid body given by triangles: vertices (n, 3) [m] before its motion, triangles (m, 3)."""
+    """A rigid obstacle given by triangles: vertices (n, 3) [m] before its motion, triangles (m, 3)."""
 
     vertices: Floats
     triangles: Integers
@@ -120,7 +120,7 @@ class MeshObstacle:
 
 @dataclass(frozen=True, eq=False)
 class AnimatedMesh:
-    """A body whose vertices move: poses (k, n, 3) [m] at increasing times (k,) [s], triangles (m, 3).
+    """An obstacle whose vertices move: poses (k, n, 3) [m] at increasing times (k,) [s], triangles (m, 3).
 
     Between two poses vertices move along straight lines; before the first and after the last they are at rest.
     """

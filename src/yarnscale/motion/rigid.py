@@ -73,7 +73,7 @@ class Motion:
         return rotation_matrix(self.share(time) * np.asarray(self.rotation))
 
     def place(self, points: Floats, time: float) -> Floats:
-        """Where points (n, 3) [m] of the body before the motion are at a time."""
+        """Where points (n, 3) [m] before the motion are at a time."""
         if not any(self.rotation):
             return points + self.offset(time)
         pivot = np.asarray(self.pivot)

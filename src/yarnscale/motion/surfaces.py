@@ -61,14 +61,14 @@ class _HalfSpace:
 
 
 class _Triangles:
-    def __init__(self, body: TriangleObstacle, reach: float) -> None:
-        self._body, self._reach, self._time = body, reach, np.nan
+    def __init__(self, obstacle: TriangleObstacle, reach: float) -> None:
+        self._obstacle, self._reach, self._time = obstacle, reach, np.nan
 
     def _place(self, time: float) -> None:
-        """Corners, normals and a tree of the middles of triangles, made anew where the body moves."""
-        if time == self._time or (not self._body.moves and not np.isnan(self._time)):
+        """Corners, normals and a tree of the middles of triangles, made anew where the obstacle moves."""
+        if time == self._time or (not self._obstacle.moves and not np.isnan(self._time)):
             return
-        self._time, self._corner = time, self._body.points(time)[self._body.triangles]
+        self._time, self._corner = time, self._obstacle.points(time)[self._obstacle.triangles]
         middle = self._corner.mean(axis=1)
         self._widest = float(np.linalg.norm(self._corner - middle[:, None], axis=2).max())
         sides = self._corner[:, 1:] - self._corner[:, :1]
@@ -102,12 +102,12 @@ class _Triangles:
         return signed, direction
 
     def carried(self, points: Array, start: float, end: float) -> Array:
-        if not self._body.moves:
+        if not self._obstacle.moves:
             return points
         own, which, weights = self._nearest(points, start)
-        moved = self._body.points(end) - self._body.points(start)
+        moved = self._obstacle.points(end) - self._obstacle.points(start)
         gone = points.copy()
-        gone[own] += _combined(weights, moved[self._body.triangles[which]])
+        gone[own] += _combined(weights, moved[self._obstacle.triangles[which]])
         return gone
 
 

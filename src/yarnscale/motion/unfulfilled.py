@@ -1,4 +1,4 @@
-"""Prescribed motions that were not carried out: of bodies that gave way, of handles, of grips."""
+"""Prescribed motions that were not carried out: of obstacles that gave way, of handles, of grips."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 class Unfulfilled:
     """A prescribed motion that was not carried out.
 
-    what: body, handle or grip; first: time at which it was first off its place [s]; distance: of its farthest point
+    what: obstacle, handle or grip; first: time at which it was first off its place [s]; distance: of its farthest point
     from its place, the largest of the run [m]; remaining: the same at the end of the run [m].
     """
 

@@ -37,7 +37,7 @@ def test_a_crossing_of_the_cloth_with_itself_has_triangles_and_a_place() -> None
     contact = ClothContact(mesh, ContactSettings())
     assert contact.intersects(mesh.assembled)
     (found,) = contact.crossings(mesh.assembled)
-    assert found.body == CLOTH
+    assert found.obstacle == CLOTH
     assert found.description == "triangles 0 and 2 of the cloth at (0.2, 0.3, 0) m, their only pair"
     assert "self_contact" in found.remedy and "weld" not in found.remedy
     apart = two_sheets(0.1)
@@ -108,7 +108,7 @@ def test_a_crossing_with_a_body_names_the_body(obstacle: Obstacle, told: str) ->
     far = MeshObstacle(FLOOR[0] - [0.0, 0.0, 2.0], FLOOR[1])
     contact = ClothContact(mesh, ContactSettings(), (far, obstacle))
     (found,) = contact.crossings(places)
-    assert found.body == 1 and found.description.startswith(told)
+    assert found.obstacle == 1 and found.description.startswith(told)
     assert "obstacles[1]" in found.remedy
 
 
@@ -127,13 +127,13 @@ def test_what_was_not_tested_is_none_and_not_zero() -> None:
     mesh = rectangle(0.04, 0.04, 0.02)
     start, floor = ClothState.flat(mesh, height=0.1), Plane()
     settings = ContactSettings()
-    bodies_alone = replace(settings, self_contact=False)
+    obstacles_alone = replace(settings, self_contact=False)
     for contact, obstacles, expected in (
         (None, (), {}),
-        (bodies_alone, (), {}),
-        (bodies_alone, (floor,), {"body_intersections": 0}),
+        (obstacles_alone, (), {}),
+        (obstacles_alone, (floor,), {"obstacle_intersections": 0}),
         (settings, (), {"intersections": 0}),
-        (settings, (floor,), {"intersections": 0, "body_intersections": 0}),
+        (settings, (floor,), {"intersections": 0, "obstacle_intersections": 0}),
     ):
         cloth = Cloth(mesh, JERSEY, contact=contact, obstacles=obstacles)
         run = simulate(ClothSolver(cloth), start, Schedule(0.01, 0.01, to_rest=False))

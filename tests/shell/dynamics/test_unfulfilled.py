@@ -111,8 +111,8 @@ def test_a_body_that_is_held_firmly_goes_where_it_is_sent() -> None:
     result = run_scene(scene(ball, schedule=Schedule(0.06, 0.01, to_rest=False), force=100.0))
     assert result.succeeded and result.unfulfilled == ()
     assert result.summary()["unfulfilled"] == []
-    crossed = replace(result, run=replace(result.run, faults={"body_intersections": 1}))
-    assert not crossed.succeeded and crossed.summary()["body_intersections"] == 1
+    crossed = replace(result, run=replace(result.run, faults={"obstacle_intersections": 1}))
+    assert not crossed.succeeded and crossed.summary()["obstacle_intersections"] == 1
 
 
 def test_statics_tell_it_too() -> None:

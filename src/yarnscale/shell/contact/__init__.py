@@ -1,1 +1,1 @@
-"""Contact of cloth with itself and with bodies: search, distances, barrier, friction."""
+"""Contact of cloth with itself and with obstacles: search, distances, barrier, friction."""

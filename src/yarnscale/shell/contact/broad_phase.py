@@ -40,7 +40,7 @@ class Surfaces:
 
     @classmethod
     def of(cls, triangles: Integers, cloth: int) -> Surfaces:
-        """Surfaces of triangles (m, 3), of which the first ``cloth`` are the cloth's and the rest bodies'."""
+        """Surfaces of triangles (m, 3), of which the first ``cloth`` are the cloth's and the rest obstacles'."""
         ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
         edges, first, sides = np.unique(ends, axis=0, return_index=True, return_inverse=True)
         own_sides, own_corners = np.zeros(len(ends), bool), np.zeros(triangles.size, bool)
@@ -60,7 +60,7 @@ class Surfaces:
 def near_pairs(
     surfaces: Surfaces, lowest: Floats, highest: Floats, *, within_cloth: bool
 ) -> tuple[Integers, Integers]:
-    """Pairs whose boxes overlap, in a fixed order, without those that share a vertex or belong to bodies only.
+    """Pairs whose boxes overlap, in a fixed order, without those that share a vertex or belong to obstacles only.
 
     lowest, highest: corners of the boxes of the vertices, (nv, 3) [m]. Returns vertices and triangles (n, 2), and edges
     and edges (m, 2).
@@ -90,8 +90,8 @@ def on_overlaps(
     if within_cloth:
         jobs += [(asking, True, *bounds) for bounds in pairwise(cuts)]
     if len(boxes) > cloth:
-        bodies = _Tree.of(boxes, cloth, len(boxes))
-        jobs += [(bodies, False, *bounds) for bounds in pairwise(cuts)]
+        obstacles = _Tree.of(boxes, cloth, len(boxes))
+        jobs += [(obstacles, False, *bounds) for bounds in pairwise(cuts)]
 
     def run(job: tuple[_Tree, bool, int, int]) -> Found:
         asked, same, begin, end = job

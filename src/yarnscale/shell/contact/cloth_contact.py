@@ -6,8 +6,8 @@ surfaces at a distance of t/2 have a given pressure. Steps are shortened before 
 cross. Friction uses the normal forces at the start of a step. Sticking contacts do not creep, see ``stick``.
 
 Points of moving obstacles are unknowns like the vertices of the cloth, in rows after them, and stiff springs of
-limited force pull them to their prescribed places: Newton's method moves cloth and bodies together, the bound of a
-step holds for both, and a cloth between two bodies can push them back.
+limited force pull them to their prescribed places: Newton's method moves cloth and obstacles together, the bound of a
+step holds for both, and a cloth between two obstacles can push them back.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ class ClothContact:
         self.guests = sum(sizes)
         rows = self.count + self.guests
         self.parts: list[ShapeContact | SurfaceContact] = []
-        bodies = []
+        meshes = []
         for number, obstacle in enumerate(obstacles):
             first = self.count + sum(sizes[:number]) if obstacle.moves else None
             if isinstance(obstacle, Sphere | Plane):
                 self.parts.append(ShapeContact(obstacle, number, mesh, settings, first, rows))
             else:
-                bodies.append((obstacle, number, first))
-        if settings.self_contact or bodies:
-            self.parts.append(SurfaceContact(mesh, bodies, settings, rows))
+                meshes.append((obstacle, number, first))
+        if settings.self_contact or meshes:
+            self.parts.append(SurfaceContact(mesh, meshes, settings, rows))
 
     def places(self, time: float) -> Floats:
         """Prescribed places of the points of moving obstacles at a time, (guests, 3) [m]."""
@@ -126,7 +126,7 @@ class ClothContact:
         return min([1.0, *(part.bound(positions, step) for part in self.parts)])
 
     def closest(self, positions: Floats) -> float:
-        """Smallest distance [m] between surfaces; inf beyond the thickness, negative inside a body."""
+        """Smallest distance [m] between surfaces; inf beyond the thickness, negative inside an obstacle."""
         return min([math.inf, *(part.closest(positions) for part in self.parts)])
 
     def intersects(self, positions: Floats) -> bool:

@@ -28,11 +28,11 @@ _TOUCHING = 1e-9
 class Crossing:
     """Two objects that cross.
 
-    body: number of the obstacle, or ``CLOTH`` if the cloth crosses itself; description: triangles, place and
+    obstacle: number of the obstacle, or ``CLOTH`` if the cloth crosses itself; description: triangles, place and
     number; remedy: advice for the user. triangles: those of the cloth that the description names.
     """
 
-    body: int
+    obstacle: int
     description: str
     remedy: str
     triangles: tuple[int, ...] = ()
@@ -59,33 +59,33 @@ def _in_file(lines: Integers, triangles: Sequence[int]) -> str:
 def surface_crossings(
     positions: Floats, triangles: Integers, owners: Integers, names: Mapping[int, str], *, within_cloth: bool
 ) -> list[Crossing]:
-    """Crossings of triangles (m, 3) of the cloth with each other, if wanted, and with those of bodies.
+    """Crossings of triangles (m, 3) of the cloth with each other, if wanted, and with those of obstacles.
 
-    owners: object of each triangle (m,), increasing from ``CLOTH``; names: of the bodies by their number.
+    owners: object of each triangle (m,), increasing from ``CLOTH``; names: of the obstacles by their number.
     """
     cloth = int((owners == CLOTH).sum())
     pairs, places = crossing_triangles(positions, triangles, cloth, within_cloth=within_cloth)
     found = []
-    for body in np.unique(owners[pairs[:, 1]]).tolist():
-        chosen = owners[pairs[:, 1]] == body
+    for obstacle in np.unique(owners[pairs[:, 1]]).tolist():
+        chosen = owners[pairs[:, 1]] == obstacle
         one, two = pairs[chosen][0]
         count, where = int(chosen.sum()), _place(places[chosen][0])
         number = "their only pair" if count == 1 else f"one of {count} pairs"
-        if body == CLOTH:
+        if obstacle == CLOTH:
             remedy = "move one of the layers, or set [contact] self_contact = false"
             if _doubled(positions, triangles[pairs[chosen]]):
                 remedy = f"sew vertices at the same place (weld), {remedy}"
             text = f"triangles {one} and {two} of the cloth at {where}, {number}"
-            found.append(Crossing(body, text, remedy, (int(one), int(two))))
+            found.append(Crossing(obstacle, text, remedy, (int(one), int(two))))
         else:
-            two -= int(np.searchsorted(owners, body))
-            text = f"triangle {one} of the cloth and triangle {two} of {names[body]} at {where}, {number}"
-            found.append(Crossing(body, text, f"move the cloth or {names[body]}", (int(one),)))
+            two -= int(np.searchsorted(owners, obstacle))
+            text = f"triangle {one} of the cloth and triangle {two} of {names[obstacle]} at {where}, {number}"
+            found.append(Crossing(obstacle, text, f"move the cloth or {names[obstacle]}", (int(one),)))
     return found
 
 
 def shape_crossing(
-    body: int, name: str, kind: str, distances: Floats, places: Floats, count: int
+    obstacle: int, name: str, kind: str, distances: Floats, places: Floats, count: int
 ) -> Crossing:
     """Crossing of the cloth with a sphere or plane.
 
@@ -100,7 +100,7 @@ def shape_crossing(
     remedy = f"move the cloth or {name}"
     if inside == count:
         remedy += ", or turn the normal to the side of the cloth" if kind == "vertex" else ""
-    return Crossing(body, text, remedy)
+    return Crossing(obstacle, text, remedy)
 
 
 def _place(point: Floats) -> str:

@@ -95,7 +95,7 @@ class PairSearch:
         edges = self.surfaces.edges
         self.edge_areas = np.bincount(self.surfaces.sides.ravel(), np.repeat(thirds, 3), len(edges))
         self.lengths = np.linalg.norm(rest[edges[:, 1]] - rest[edges[:, 0]], axis=1)
-        self._fit_bodies(thirds)
+        self._fit_obstacles(thirds)
         self.strip, self.disc = reach_aside(settings.thickness)
         around = self.lengths[self.surfaces.sides].sum(axis=1)
         self.shares *= 3.0 * thirds / self._met(3.0 * thirds, around)
@@ -103,11 +103,11 @@ class PairSearch:
         self._pairs: Pairs | None = None
         self._close: Close | None = None
 
-    def _fit_bodies(self, thirds: Floats) -> None:
-        """Limit the areas of coarse bodies and add the rest to the vertices of the cloth.
+    def _fit_obstacles(self, thirds: Floats) -> None:
+        """Limit the areas of coarse obstacles and add the rest to the vertices of the cloth.
 
-        Vertices and edges of bodies represent at most the mean area of those inside the cloth; the rest is
-        added to the cloth's vertices, by triangle of the body. thirds: of areas of triangles, (m,) [m²].
+        Vertices and edges of obstacles represent at most the mean area of those inside the cloth; the rest is
+        added to the cloth's vertices, by triangle of the obstacle. thirds: of areas of triangles, (m,) [m²].
         """
         surfaces, split = self.surfaces, self.surfaces.cloth
         usual = thirds[:split].mean()

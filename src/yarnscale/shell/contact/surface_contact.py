@@ -1,4 +1,4 @@
-"""Contact of cloth with itself and with bodies of triangles; frames are tested for crossings by another search."""
+"""Contact of cloth with itself and with obstacles of triangles; frames are tested for crossings by another search."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ Floats = NDArray[np.float64]
 
 
 class SurfaceContact(PairContact):
-    """Contact of surfaces; bodies have their number and the row of their first point, None if they are at rest."""
+    """Contact of surfaces; obstacles have their number and the row of their first point, None if they are at rest."""
 
     def __init__(
         self,
         mesh: TriangleMesh,
-        bodies: Sequence[tuple[TriangleObstacle, int, int | None]],
+        obstacles: Sequence[tuple[TriangleObstacle, int, int | None]],
         settings: ContactSettings,
         rows: int,
     ) -> None:
-        still = [body.points(0.0) for body, _, first in bodies if first is None]
+        still = [obstacle.points(0.0) for obstacle, _, first in obstacles if first is None]
         fixed = np.concatenate([np.zeros((0, 3)), *still])
         rest = np.zeros((rows + len(fixed), 3))
         rest[: mesh.vertex_count] = mesh.assembled
         faces, next_row = [mesh.triangles], rows
-        for body, _, first in bodies:
-            points = body.points(0.0)
+        for obstacle, _, first in obstacles:
+            points = obstacle.points(0.0)
             start = next_row if first is None else first
             next_row += len(points) if first is None else 0
             rest[start : start + len(points)] = points
-            faces.append(body.triangles + start)
+            faces.append(obstacle.triangles + start)
         triangles = np.concatenate(faces).astype(np.int64)
         self.pairs = PairSearch(triangles, len(mesh.triangles), rest, settings)
         super().__init__(self.pairs, settings, rows, fixed)
-        sizes = [len(mesh.triangles), *(len(body.triangles) for body, _, _ in bodies)]
-        self._owners = np.repeat([CLOTH, *(number for _, number, _ in bodies)], sizes)
-        self._names = {number: obstacle_name(body, number) for body, number, _ in bodies}
+        sizes = [len(mesh.triangles), *(len(obstacle.triangles) for obstacle, _, _ in obstacles)]
+        self._owners = np.repeat([CLOTH, *(number for _, number, _ in obstacles)], sizes)
+        self._names = {number: obstacle_name(obstacle, number) for obstacle, number, _ in obstacles}
 
     def intersects(self, positions: Floats) -> bool:
         triangles, cloth = self.pairs.surfaces.triangles, self.pairs.surfaces.cloth

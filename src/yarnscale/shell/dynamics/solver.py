@@ -88,7 +88,7 @@ NO_CONTACT = ContactSettings(self_contact=False)
 STATIC_SOFTNESS = 1e-8
 """Share of the largest diagonal entry that is added to all, in equilibria."""
 OFF_PLACE, OFF_PLACE_SHARE = 5e-4, 0.05
-"""How far from its place a handle or body has left its motion: this [m], or this share of an edge if that is less."""
+"""How far from its place a handle or obstacle has left its motion: this [m], or this share of an edge if less."""
 
 
 class ClothSolver(Body[ClothState]):
@@ -155,13 +155,13 @@ class ClothSolver(Body[ClothState]):
             raise start_that_crosses(self.crossings(state), self.cloth.mesh.lines)
 
     def faults(self, state: ClothState) -> dict[str, int]:
-        """Whether the cloth crosses itself or a body (``intersections``), or a body; what is not tested is left out."""
+        """Whether the cloth crosses itself or an obstacle (``intersections``), or an obstacle; only what is tested."""
         crossed, tested = self.intersects(state), {}
         if self.contact.settings.self_contact:
             tested["intersections"] = int(crossed)
         if self.cloth.obstacles:
-            bodies = crossed and any(c.body != CLOTH for c in self.crossings(state))
-            tested["body_intersections"] = int(bodies)
+            met = crossed and any(c.obstacle != CLOTH for c in self.crossings(state))
+            tested["obstacle_intersections"] = int(met)
         return tested
 
     def energies(self, state: ClothState) -> dict[str, float]:

@@ -100,9 +100,9 @@ class SceneResult:
         return self.run.faults.get("intersections")
 
     @property
-    def body_intersections(self) -> int | None:
-        """Frames in which the cloth crosses a body; None without bodies."""
-        return self.run.faults.get("body_intersections")
+    def obstacle_intersections(self) -> int | None:
+        """Frames in which the cloth crosses an obstacle; None without obstacles."""
+        return self.run.faults.get("obstacle_intersections")
 
     @property
     def converged(self) -> bool:
@@ -122,7 +122,7 @@ class SceneResult:
             **{name: float(value) for name, value in self.measures.items()},
             "vertices": self.scene.cloth.mesh.vertex_count,
             "intersections": None,
-            "body_intersections": None,
+            "obstacle_intersections": None,
             **self.run.summary(),
             "out_of_range": None if self.out_of_range is None else self.out_of_range.plain(),
             "seconds": self.seconds,
