@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.dissection import Dissection, separator, stages
+from yarnscale.numerics.dissection import Dissection, separator
 from yarnscale.numerics.factor import factorisation
 
 Grid = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -46,7 +46,7 @@ def test_a_separator_is_the_smallest_there_is() -> None:
 
 def test_the_last_stage_parts_a_grid_into_halves() -> None:
     first, second, places = _grid(61, 20)
-    stage = stages(first, second, places, leaf=50)
+    stage = Dissection.of(first, second, places, leaf=50).stage
     last = stage == stage.max()
     assert last.sum() == 20  # straight across the narrow way
     kept = ~last[first] & ~last[second]
@@ -60,7 +60,7 @@ def test_the_last_stage_parts_a_grid_into_halves() -> None:
 
 def test_nodes_in_one_place_are_one_stage() -> None:
     first, second = np.triu_indices(30, 1)
-    assert (stages(first, second, np.zeros((30, 2)), leaf=5) == 0).all()
+    assert (Dissection.of(first, second, np.zeros((30, 2)), leaf=5).stage == 0).all()
 
 
 @pytest.mark.parametrize("backend", ["cholmod", "superlu"])
@@ -72,7 +72,7 @@ def test_a_factor_of_a_dissected_matrix_solves_as_any_other(backend: str) -> Non
         + [np.stack([2 * np.arange(len(places)), 2 * np.arange(len(places)) + 1], 1)]
     )
     plain = BlockPattern.of(sizes, [pairs])
-    staged = plain.staged(stages(*plain.meetings(), places, leaf=20))
+    staged = plain.staged(Dissection.of(*plain.meetings(), places, leaf=20).stage)
     generator = np.random.default_rng(7)
     values = generator.standard_normal(plain.pattern.entries)
     values[plain.pattern.diagonal] += 40.0

@@ -20,7 +20,14 @@ from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step
-from yarnscale.motion.integrator import Earlier, Integrator, checked_integrator, remembered, step_rule
+from yarnscale.motion.integrator import (
+    Earlier,
+    Integrator,
+    checked_integrator,
+    remembered,
+    stable_step,
+    step_rule,
+)
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.regularisation import ShiftRule
@@ -245,13 +252,11 @@ class FabricDynamics(Body[FabricMotion]):
         self.energy.anchor(motion.x, motion.frames)
         self.energy.rub(motion.x, None)
         _, _, block, entries = self.energy.hessian(motion.x)
-        vector = np.random.default_rng(0).standard_normal(len(motion.x))
-        square = 0.0
-        for _ in range(iterations):
-            vector /= np.linalg.norm(vector)
-            image = block.pattern.multiply(entries, vector) / self.mass
-            square, vector = float(np.linalg.norm(image)), image
-        return _STABLE_SHARE * 2.0 / math.sqrt(square)
+
+        def times(vector: Array) -> Array:
+            return block.pattern.multiply(entries, vector) / self.mass
+
+        return _STABLE_SHARE * stable_step(times, len(motion.x), iterations)
 
     def _damped(self, x: Array, velocity: Array, duration: float) -> Array:
         """Velocity at a state whose non-rigid part, patch by patch, has decayed."""

@@ -27,6 +27,7 @@ from yarnscale.motion.integrator import (
     StepRule,
     checked_integrator,
     remembered,
+    stable_step,
     step_rule,
 )
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
@@ -213,18 +214,16 @@ class SplineMotion(Body[YarnMotion]):
     def stable_step(self, motion: YarnMotion, *, iterations: int = 60) -> float:
         """Longest stable explicit step at a state [s]: 2/ω of the fastest vibration, by power iteration."""
         self._aim_constraints(motion)
-        solver, shape = self._mass_solver(), motion.positions.shape
+        solver = self._mass_solver()
         _, _, model = self.energy.quadratic(self.yarns(motion).positions.ravel())
-        vector = np.random.default_rng(0).standard_normal(shape).ravel()
-        square = 0.0
-        for _ in range(iterations):
-            vector = vector / np.linalg.norm(vector)
-            full = (
-                vector if self.map is None else np.asarray(self.map.weights @ vector.reshape(shape)).ravel()
-            )
-            image = solver.step(self._pulled(model.pattern.multiply(model.entries, full)), None)
-            square, vector = float(vector @ image), image
-        return 2.0 / math.sqrt(square) if square > 0 else math.inf
+
+        def times(vector: Array) -> Array:
+            full = vector
+            if self.map is not None:
+                full = np.asarray(self.map.weights @ vector.reshape(-1, 3)).ravel()
+            return solver.step(self._pulled(model.pattern.multiply(model.entries, full)), None)
+
+        return stable_step(times, motion.positions.size, iterations)
 
     def _explicit(self, motion: YarnMotion, duration: float) -> Step[YarnMotion]:
         solver = self._mass_solver()

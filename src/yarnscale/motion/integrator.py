@@ -16,6 +16,7 @@ less than a factor 1 + √2 (Grigorieff 1983); beyond it, and for the first step
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -36,6 +37,18 @@ def checked_integrator(name: str) -> Integrator:
     if name not in get_args(Integrator):
         raise InputError("integrator", expected=" or ".join(get_args(Integrator)), found=name)
     return name  # type: ignore[return-value]
+
+
+def stable_step(times: Callable[[Floats], Floats], size: int, iterations: int) -> float:
+    """Longest stable step of symplectic Euler [s]: 2/ω of the fastest vibration, by power iteration.
+
+    times: product of M⁻¹K with a vector (size,).
+    """
+    vector, square = np.random.default_rng(0).standard_normal(size), 0.0
+    for _ in range(iterations):
+        image = times(vector / np.linalg.norm(vector))
+        square, vector = float(np.linalg.norm(image)), image
+    return 2.0 / math.sqrt(square) if square > 0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,17 +28,9 @@ _BROAD = 0.67
 """Extent along an axis, over the largest, from which cuts across that axis are tried too."""
 
 
-def stages(first: Indices, second: Indices, places: Array, *, leaf: int = LEAF) -> Indices:
-    """Stage (n,) at which each node is eliminated, from 0: halves before what separates them.
-
-    first, second: (m,) nodes that an edge joins, in any order and as often as they like. places: (n, d) of nodes.
-    """
-    return Dissection.of(first, second, places, leaf=leaf).stage
-
-
 @dataclass(frozen=True, eq=False)
 class Dissection:
-    """Stage (n,) at which each node is eliminated, and the tree of stages.
+    """Stage (n,) at which each node is eliminated, from 0, and the tree of stages.
 
     parent: (s,) the stage that separates each stage from others, itself at the root.
     """
@@ -48,7 +40,10 @@ class Dissection:
 
     @classmethod
     def of(cls, first: Indices, second: Indices, places: Array, *, leaf: int = LEAF) -> Dissection:
-        """Of a graph as ``stages`` takes it."""
+        """Of a graph: halves before what separates them.
+
+        first, second: (m,) nodes that an edge joins, in any order and as often as they like. places: (n, d) of nodes.
+        """
         count = len(places)
         ones = np.ones(len(first), np.int8)
         half = csr_array((ones, (first, second)), shape=(count, count))

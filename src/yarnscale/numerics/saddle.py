@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import qdldl
 from numpy.typing import NDArray
-from scipy.sparse import bmat, csc_array, csr_array, diags_array
+from scipy.sparse import bmat, csc_array, csr_array, diags_array, tril
 
 from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
 from yarnscale.numerics.kkt import QuadraticModel
@@ -44,7 +44,10 @@ class SparseConstraints:
 
 def _normal_factor(matrix: csr_array) -> Factorisation:
     product = csc_array(matrix @ matrix.T)
-    pattern, entries = _lower(product)
+    lower = csc_array(tril(product))  # the diagonal is present
+    lower.sort_indices()
+    starts, rows = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
+    pattern, entries = SymmetricPattern(len(starts) - 1, starts, rows), np.asarray(lower.data, np.float64)
     factor = factorisation(pattern)
     values = entries.copy()
     while not factor.factor(values):  # dependent rows
@@ -52,16 +55,6 @@ def _normal_factor(matrix: csr_array) -> Factorisation:
         if values[pattern.diagonal].max() > 2.0 * float(np.abs(entries).max()):
             raise ArithmeticError("constraints that cannot be told apart")
     return factor
-
-
-def _lower(matrix: csc_array) -> tuple[SymmetricPattern, Array]:
-    """Lower triangle of a symmetric matrix whose diagonal is present."""
-    entries = matrix.tocoo()
-    below = entries.row >= entries.col
-    size = int(matrix.indptr.size - 1)
-    keys = entries.col[below].astype(np.int64) * size + entries.row[below]
-    order = np.argsort(keys)
-    return SymmetricPattern.from_keys(size, keys[order]), np.asarray(entries.data[below][order], np.float64)
 
 
 @dataclass

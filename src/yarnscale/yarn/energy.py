@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.dissection import stages
+from yarnscale.numerics.dissection import Dissection
 from yarnscale.yarn.contact_list import SKIN, ContactList, Contacts, PlacedPairs
 from yarnscale.yarn.rod import BEND_TWIST
 from yarnscale.yarn.stiffness import PatternStiffness
@@ -162,7 +162,7 @@ class RodEnergy:
             return pattern
         # An edge's twist goes along with its first vertex.
         first, second = (met % self.count for met in pattern.meetings())
-        return pattern.staged(np.tile(stages(first, second, positions), 2))
+        return pattern.staged(np.tile(Dissection.of(first, second, positions).stage, 2))
 
     # --- read-outs ------------------------------------------------------------------------------------
 
