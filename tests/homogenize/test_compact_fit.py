@@ -48,13 +48,13 @@ def fitted(material: CompactMaterial, **options: object) -> CompactMaterial:
     z = states(200, 0)
     return fit_compact_material(
         z, material.energy_density(z), material.stress(z), material.moduli(z), density=0.2, radius=RADIUS,
-        options=CompactOptions(steps=2, springs=14, rounds=15, starts=1, iterations=20, **options),  # type: ignore[arg-type]
+        options=CompactOptions(steps=2, springs=14, rounds=15, iterations=20, **options),  # type: ignore[arg-type]
     )  # fmt: skip
 
 
 def test_a_fabric_without_any_stress_has_no_springs():
     """Least squares may leave no spring in a round; the next one draws all of them at random."""
-    z, options = states(60, 0), CompactOptions(steps=1, springs=4, rounds=3, starts=1, iterations=2)
+    z, options = states(60, 0), CompactOptions(steps=1, springs=4, rounds=3, iterations=2)
     none = np.zeros(60), np.zeros((60, 6)), np.zeros((60, 6, 6))
     found = fit_compact_material(z, *none, density=0.2, radius=RADIUS, options=options)
     assert np.abs(found.stress(z) * SCALE).max() < 1e-4
@@ -124,7 +124,7 @@ def test_a_buckled_state_of_rest_does_not_make_a_fabric_skewed():
     material, z = known(), states(200, 0)
     moduli = material.moduli(z)
     moduli[0, 0, 1] = moduli[0, 1, 0] = 0.5 * np.sqrt(moduli[0, 0, 0] * moduli[0, 1, 1])
-    few = CompactOptions(steps=1, springs=5, rounds=2, starts=1, iterations=0)
+    few = CompactOptions(steps=1, springs=5, rounds=2, iterations=0)
     found = fit_compact_material(
         z, material.energy_density(z), material.stress(z), moduli, density=0.2, radius=RADIUS, options=few
     )

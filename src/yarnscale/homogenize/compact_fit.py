@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,17 +21,15 @@ from yarnscale.homogenize.compact_problem import (
     Samples,
     StressErrors,
 )
-from yarnscale.homogenize.compact_start import renewed, start_of
+from yarnscale.homogenize.compact_start import start_of
 from yarnscale.kinematics import strain_units
-from yarnscale.numerics.threads import on_one_thread, run_parts
+from yarnscale.numerics.threads import on_one_thread
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
 
 __all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
 Array = NDArray[np.float64]
 
-_RACE = 12
-"""Iterations after which the better of several starts goes on: some are caught early."""
 _LAST = 5
 """Iterations with all states, those that were held back among them."""
 
@@ -64,11 +61,8 @@ def fit_compact_material(
     held = rng.permutation(len(data.energies)) < min(100, len(data.energies) // 10)
     held[data.rest] = False
     train, test = Problem(data.chosen(~held), mirrored, options), data.chosen(held)
-    race = min(_RACE, options.iterations) if options.starts > 1 else 0
-    starts = run_parts(lambda own: start_of(train, own), rng.spawn(options.starts))
-    raced = [train.search(start, race, partial(renewed, train, rng)) for start in starts]
-    start = min(raced, key=train.loss)
-    unknowns = train.search(start, options.iterations - race, partial(renewed, train, rng))
+    start = start_of(train, rng)
+    unknowns = train.search(start, options.iterations)
     unseen = train.errors(unknowns, test)
     everything = Problem(data, mirrored, options)
     springs, constant = everything.network(everything.search(unknowns, _LAST))

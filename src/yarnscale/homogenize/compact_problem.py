@@ -7,7 +7,6 @@ stiff and soft directions of a state.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -19,7 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
 from yarnscale.errors import InputError
-from yarnscale.homogenize.spring_jacobian import Directional, springs_of, unknowns_of
+from yarnscale.homogenize.spring_jacobian import Directional, springs_of
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.materials.compact import Springs
 
@@ -36,31 +35,25 @@ _LEAST_ALLOWED, _LEAST_USUAL = 0.1, 0.02
 FEWEST_STATES = 10
 _HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 100, 2.0
 _SINGLE: Any = np.float32
-_LATEST, _LEAST_GAIN = 6, 1e-3
-"""The search ends where the last iterations lower the loss by less than this part each."""
-_RENEWED = 4
-"""Iterations after which springs that do little are replaced."""
 _LARGEST_DAMPING = 1e4
-Renewal = Callable[[Springs, Array], tuple[Springs, float]]
 
 
 @dataclass(frozen=True)
 class CompactOptions:
     """How to fit.
 
-    steps, springs: their number, of springs the largest. rounds: of the choice of springs. starts: choices that
-    compete. iterations: of the refinement. tolerance: relative error of stress and energy that counts as one.
-    strain_tolerance: error of the strain, in units, that counts as one along soft directions. modulus_weight: of a
-    relative error of a modulus beside one of stress. importance: of states under tension, its fourth root of those
-    at rest and bent ones. symmetric: whether the fabric is its own mirror image, None to tell from the samples.
-    seed: of the choice. Raises InputError for values out of range.
+    steps, springs: their number, of springs the largest. rounds: of the choice of springs. iterations: of the
+    refinement. tolerance: relative error of stress and energy that counts as one. strain_tolerance: error of the
+    strain, in units, that counts as one along soft directions. modulus_weight: of a relative error of a modulus
+    beside one of stress. importance: of states under tension, its fourth root of those at rest and bent ones.
+    symmetric: whether the fabric is its own mirror image, None to tell from the samples. seed: of the choice.
+    Raises InputError for values out of range.
     """
 
     steps: int = 16
     springs: int = 40
     rounds: int = 40
-    starts: int = 3
-    iterations: int = 60
+    iterations: int = 120
     tolerance: float = 0.03
     strain_tolerance: float = 0.01
     modulus_weight: float = 0.3
@@ -69,7 +62,7 @@ class CompactOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        least = {"steps": 0, "springs": 1, "rounds": 1, "starts": 1, "iterations": 0, "seed": 0}
+        least = {"steps": 0, "springs": 1, "rounds": 1, "iterations": 0, "seed": 0}
         for name, lowest in least.items():
             if not isinstance(found := getattr(self, name), int | np.integer) or found < lowest:
                 raise InputError(name, expected=f"a whole number from {lowest} on", found=found)
@@ -154,14 +147,6 @@ class Samples:
         return int(np.argmin(np.abs(self.x).max(axis=1)))
 
 
-class Iterate(NamedTuple):
-    """Loss, residuals (13, n) and unknowns of a search."""
-
-    loss: float
-    residuals: Array
-    unknowns: Array
-
-
 class Problem:
     """Weighted residuals of a network at some samples."""
 
@@ -220,49 +205,29 @@ class Problem:
         weights = np.concatenate([1.0 / (added + floor)[None], 1.0 / slopes, modulus])
         return weights * self.importance / options.tolerance
 
-    def search(self, unknowns: Array, iterations: int, renewed: Renewal | None = None) -> Array:
-        """Levenberg–Marquardt, with the best stiffnesses at every trial; from time to time also with other springs.
-
-        renewed: springs in place of some that do little, for a network and weights.
-        """
+    def search(self, unknowns: Array, iterations: int) -> Array:
+        """Levenberg–Marquardt. Long plateaus are no end: what falls by a thousandth a step may fall by a half later."""
         weights, damping = self.weights(FIT_FLOOR, at_rest=_AT_REST), 1e-2
-        here = self._stiffened(unknowns, weights, self._residuals(unknowns, weights))
-        gains = [1.0] * _LATEST
-        for iteration in range(iterations):
-            before = here.loss
-            if renewed is not None and iteration % _RENEWED == 0 and iteration < 0.8 * iterations:
-                other = renewed(self.network(here.unknowns)[0], weights * self._factors(here.residuals))
-                here = min(
-                    here,
-                    self._stiffened(unknowns_of(*other), weights, here.residuals),
-                    key=lambda found: found.loss,
+        residuals = self._residuals(unknowns, weights)
+        value = self._loss(residuals)
+        for _ in range(iterations):
+            matrix, gradient = self._normal(unknowns, weights, residuals)
+            diagonal, trial = np.diag(matrix) + _LEAST_DIAGONAL, np.inf
+            while not trial < value and damping < _LARGEST_DAMPING:
+                damped = cho_factor(
+                    matrix + np.diag(damping * diagonal), overwrite_a=True, check_finite=False
                 )
-            matrix, gradient = self._normal(here.unknowns, weights, here.residuals)
-            diagonal = np.diag(matrix) + _LEAST_DIAGONAL
-            tried = [(here, 0.0)]
-            while damping < _LARGEST_DAMPING and len(tried) == 1:
-                for mine in (0.125 * damping, damping, 8.0 * damping):
-                    factors = cho_factor(
-                        matrix + np.diag(mine * diagonal), overwrite_a=True, check_finite=False
-                    )
-                    step = cho_solve(factors, gradient, check_finite=False)
-                    there = self._stiffened(here.unknowns - step, weights, here.residuals)
-                    if there.loss < here.loss:
-                        tried.append((there, mine))
-                damping *= 64.0
-            here, damping = min(tried, key=lambda trial: trial[0].loss)
-            gains.append(1.0 - here.loss / before)
-            if len(tried) == 1 or sum(gains[-_LATEST:]) < _LATEST * _LEAST_GAIN:
+                there = unknowns - cho_solve(damped, gradient, check_finite=False)
+                found = self._residuals(there, weights)
+                trial, damping = self._loss(found), 4.0 * damping
+            if not trial < value:
                 break
-            damping = max(damping, 1e-6)
-        return here.unknowns
-
-    def loss(self, unknowns: Array) -> float:
-        """What ``search`` lowers."""
-        return self._loss(self._residuals(unknowns, self.weights(FIT_FLOOR, at_rest=_AT_REST)))
+            unknowns, residuals, value, damping = there, found, trial, max(damping / 16.0, 1e-6)
+        return unknowns
 
     def _residuals(self, unknowns: Array, weights: Array) -> Array:
-        return weights * (self.states.values(*self.network(unknowns)) - self.target)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return weights * (self.states.values(*self.network(unknowns)) - self.target)
 
     def _factors(self, residuals: Array) -> Array:
         """Square roots of the weights that make the least squares of residuals (13, n) Huber's."""
@@ -272,23 +237,6 @@ class Problem:
         size = np.abs(residuals)
         near = np.minimum(size, _HUBER)
         return float((near * (2 * size - near)).sum()) if np.all(np.isfinite(size)) else np.inf
-
-    def _stiffened(self, unknowns: Array, weights: Array, residuals: Array) -> Iterate:
-        """Unknowns with the best stiffnesses, background and constant; the squares are weighted by ``residuals``."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            springs, _ = self.network(unknowns)
-            columns = np.concatenate([self.states.by_stiffness(springs), self.states.by_background()])
-            try:
-                squares = NonNegative.of(columns, weights * self._factors(residuals), self.target)
-                found = squares.solved(np.arange(len(columns)))
-            except (RuntimeError, ValueError, np.linalg.LinAlgError):  # numbers beyond all bounds
-                return Iterate(np.inf, residuals, unknowns)
-        count = len(springs.stiffnesses)
-        found[:count] = np.maximum(found[:count], 1e-9 / squares.size[:count])
-        found[count:-1] = np.maximum(found[count:-1], 1e-6)
-        residuals = weights * (np.tensordot(found, columns, 1) - self.target)
-        springs = springs._replace(stiffnesses=found[:count], background=found[count:-1])
-        return Iterate(self._loss(residuals), residuals, unknowns_of(springs, float(found[-1])))
 
     def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> tuple[Array, Array]:
         """Matrix and right side of the Gauss–Newton step, states in parts side by side, in single precision."""

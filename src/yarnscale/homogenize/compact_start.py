@@ -22,8 +22,6 @@ _FIRST_FLOOR, _LOWERED = 0.3, 0.85
 """Floor of the first round [N/m], and what each round leaves of it."""
 _FRESH, _VARIED = 70, 200
 """Springs drawn at random, and near those that stayed, in a round."""
-_RENEWED_SPREAD = 0.2
-"""How far those that are tried during the refinement are from the ones that are there."""
 _LEAST_GAIN, _LARGEST_GAIN = 0.5, 15.0
 """Range of |Q|: a spring tightens within a strain of about one over it."""
 _LEAST_TOP = 0.0
@@ -57,15 +55,6 @@ def start_of(problem: Problem, rng: np.random.Generator) -> Array:
             floor, spread = max(FIT_FLOOR, _LOWERED * floor), 0.95 * spread
         springs, constant = _selected(problem, springs, problem.weights(floor))
     return unknowns_of(springs, constant)
-
-
-def renewed(
-    problem: Problem, rng: np.random.Generator, springs: Springs, weights: Array
-) -> tuple[Springs, float]:
-    """The best of these springs and of others near them, at most as many as asked, and the constant."""
-    x, steps = problem.data.x, problem.options.steps
-    rows = np.concatenate([_varied(x, springs, _RENEWED_SPREAD, rng), _drawn(x, steps, _FRESH, rng)])
-    return _selected(problem, _joined(springs, rows, x), weights)
 
 
 def _inputs(springs: Springs, x: Array) -> Array:
