@@ -1,15 +1,15 @@
 """Pictures of what benchmarks/validation.py has kept: yarns and cloth side by side, and the forces of the stretch test.
 
-python benchmarks/validation_pictures.py DIR --scene stretch|drape PATTERN ... --out PICTURE.png [--forces FORCES.png]
+python benchmarks/validation_pictures.py DIR --scene stretch|drape --size 0.1 --friction 0.1 PATTERN ...
+    --out PICTURE.png [--forces FORCES.png]
 
 One row a pattern; along the courses to the left, along the wales to the right: yarns, cloth, and both outlines from
-above (of the smoothed middle surfaces).
+above (of the smoothed middle surfaces). Forces of all kept frictions are drawn. Cases that are not kept stay empty.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,10 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from PIL import Image
 from validation_shapes import silhouettes
+from validation_table import Kept, kept_runs, pairs
 
+from yarnscale.files.cloth_frames import read_cloth_frames
+from yarnscale.files.curve_frames import read_curve_frames
 from yarnscale.show import theme
 from yarnscale.show.canvas import aim, light, screen
 from yarnscale.show.curves import Curve
@@ -38,34 +41,40 @@ WIDTH, COLOURS = 8.6, 160
 """Of a picture [inches], and how many it is written with."""
 
 
-def kept(
-    folder: Path, name: str, scene: str, direction: str
-) -> tuple[dict, dict[str, Array], dict[str, Array]]:
-    stem = f"{folder}/{name}-{scene}-{direction}"
-    row = json.loads(Path(f"{stem}.json").read_text())
-    return row, dict(np.load(f"{stem}-yarns.npz")), dict(np.load(f"{stem}-cloth.npz"))
+def chosen_pairs(options: argparse.Namespace) -> dict[tuple[str, str], list[tuple[Kept, Kept]]]:
+    """Pairs of the size that both have finished, by pattern and direction; that of the friction asked for first."""
+    found: dict[tuple[str, str], list[tuple[Kept, Kept]]] = {}
+    for yarns, cloth in pairs(kept_runs(options.folder)):
+        case = yarns.case
+        asked = case["scene"] == options.scene and case["size"] == options.size
+        if asked and cloth is not None and yarns.outcome and cloth.outcome:
+            found.setdefault((case["pattern"], case["direction"]), []).append((yarns, cloth))
+    for runs in found.values():
+        runs.sort(key=lambda pair: abs(pair[0].case["friction"] - options.friction))
+    return found
 
 
-def rendered(row: dict, yarns: dict[str, Array], cloth: dict[str, Array]) -> list[NDArray[np.uint8]]:
+def rendered(yarns: Kept, cloth: Kept) -> list[NDArray[np.uint8]]:
     """Both fabrics as pictures on one scale."""
-    whole = np.concatenate([yarns["places"], cloth["places"]])
+    places = [run.end["positions"] for run in (yarns, cloth)]
+    whole, ball = np.concatenate(places), yarns.case["ball"]
     found = []
     for woven in (True, False):
         with screen((PIXELS, PIXELS)) as plotter:
             light(plotter)
             if woven:
-                lines = np.split(yarns["places"], yarns["pieces"][1:-1].astype(int))
+                lines = np.split(places[0], read_curve_frames(yarns.folder).curves.offsets[1:-1])
                 curves = [Curve(line, k) for k, line in enumerate(lines)]
-                plotter.add_mesh(
-                    tube_mesh(curves, row["radius"]), scalars="colour", rgb=True, smooth_shading=True
-                )
+                mesh = tube_mesh(curves, yarns.case["radius"])
+                plotter.add_mesh(mesh, scalars="colour", rgb=True, smooth_shading=True)
             else:
-                surface = pyvista.PolyData.from_regular_faces(cloth["places"], cloth["pieces"].astype(int))
+                triangles = read_cloth_frames(cloth.folder).triangles
+                surface = pyvista.PolyData.from_regular_faces(places[1], triangles)
                 back = {"color": theme.CLOTH_BACK}
                 plotter.add_mesh(surface, color=theme.CLOTH_FRONT, backface_params=back, smooth_shading=True)
-            if row["ball"]:
-                plotter.add_mesh(pyvista.Sphere(*reversed(row["ball"])), color=theme.OBSTACLE)
-            aim(plotter, whole, camera=EYES[row["scene"]])
+            if ball:
+                plotter.add_mesh(pyvista.Sphere(*reversed(ball)), color=theme.OBSTACLE)
+            aim(plotter, whole, camera=EYES[yarns.case["scene"]])
             found.append(plotter.screenshot(return_img=True))
     return found
 
@@ -78,23 +87,24 @@ def outlines(axes: Axes, yarns: Array, cloth: Array) -> None:
     axes.set_box_aspect(1)
 
 
-def side_by_side(folder: Path, names: list[str], scene: str, path: Path) -> None:
+def side_by_side(options: argparse.Namespace, path: Path) -> None:
     """The picture of a scene."""
-    with written_figure(path, WIDTH, 1.42 * len(names) + 0.3) as figure:
-        panels = figure.subplots(len(names), 6, squeeze=False)
-        for line, name in zip(panels, names, strict=True):
+    found = chosen_pairs(options)
+    with written_figure(path, WIDTH, 1.42 * len(options.patterns) + 0.3) as figure:
+        panels = figure.subplots(len(options.patterns), 6, squeeze=False)
+        for line, name in zip(panels, options.patterns, strict=True):
             for k, direction in enumerate(DIRECTIONS):
-                row, yarns, cloth = kept(folder, name, scene, direction)
-                for axes, image in zip(line[3 * k :], rendered(row, yarns, cloth), strict=False):
-                    axes.imshow(image, interpolation="antialiased")
-                outlines(line[3 * k + 2], yarns["surfaces"][-1], cloth["surfaces"][-1])
+                for yarns, cloth in found.get((name, direction), [])[:1]:
+                    for axes, image in zip(line[3 * k :], rendered(yarns, cloth), strict=False):
+                        axes.imshow(image, interpolation="antialiased")
+                    outlines(line[3 * k + 2], yarns.end["surface"], cloth.end["surface"])
             line[0].set_ylabel(name)
         for axes in panels.ravel():
             axes.set(xticks=[], yticks=[])
             axes.grid(False)
             for spine in axes.spines.values():
                 spine.set_visible(False)
-        for k, heading in enumerate(HEADINGS[scene]):
+        for k, heading in enumerate(HEADINGS[options.scene]):
             for axes, column in zip(
                 panels[0, 3 * k :], ("yarns", f"{heading}\ncloth", "outlines"), strict=False
             ):
@@ -108,16 +118,24 @@ def side_by_side(folder: Path, names: list[str], scene: str, path: Path) -> None
     Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
-def forces(folder: Path, names: list[str], path: Path) -> None:
-    """Force of the bars over their way, while they move and when they stand still."""
+def forces(options: argparse.Namespace, path: Path) -> None:
+    """Force of the bars over time, in all kept frictions."""
+    found = chosen_pairs(options)
     with written_figure(path, WIDTH, 2.0) as figure:
-        for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
+        panels = figure.subplots(1, len(options.patterns), squeeze=False)[0]
+        for axes, name in zip(panels, options.patterns, strict=True):
             for direction, dashes in zip(DIRECTIONS, ("-", "--"), strict=True):
-                row, yarns, cloth = kept(folder, name, "stretch", direction)
-                for run, colour, label in ((yarns, theme.SAMPLE, "yarns"), (cloth, theme.FIT, "cloth")):
-                    way = 1e3 * row["way"] * np.minimum(1.0, run["times"] / row["moving"])
-                    axes.plot(way, run["pulls"], dashes, color=colour, label=f"{label}, {direction}")
-            axes.set(title=name, xlabel="bars apart by [mm]")
+                for k, (yarns, cloth) in enumerate(found.get((name, direction), [])):
+                    drawn = [(yarns, theme.SAMPLE, f"yarns, {direction}")]
+                    for run, colour, label in [
+                        *drawn,
+                        *([(cloth, theme.FIT, f"cloth, {direction}")] * (k == 0)),
+                    ]:
+                        axes.plot(
+                            run.values("time"), run.values("pull"), dashes, color=colour, lw=1.5 / (1 + k),
+                            label=label if k == 0 else None,
+                        )  # fmt: skip
+            axes.set(title=name, xlabel="time [s]")
         figure.axes[0].set_ylabel("force [N]")
         lines, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(lines, labels, fontsize=7, loc="outside upper center", ncols=4)
@@ -130,9 +148,11 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path)
     parser.add_argument("patterns", nargs="+")
     parser.add_argument("--scene", choices=tuple(EYES), default="stretch")
+    parser.add_argument("--size", type=float, default=0.15)
+    parser.add_argument("--friction", type=float, default=0.1)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--forces", type=Path)
     chosen = parser.parse_args()
-    side_by_side(chosen.folder, chosen.patterns, chosen.scene, chosen.out)
+    side_by_side(chosen, chosen.out)
     if chosen.forces is not None:
-        forces(chosen.folder, chosen.patterns, chosen.forces)
+        forces(chosen, chosen.forces)
