@@ -18,20 +18,20 @@ from scipy.stats import qmc
 from swarm import published_search
 
 from yarnscale.drawing.library import build
-from yarnscale.estimate.evaluations import Evaluations
-from yarnscale.estimate.fabric_shell import fit_shell
-from yarnscale.estimate.gauss_newton import jacobian
-from yarnscale.estimate.measurements import Direction
-from yarnscale.estimate.objective import YarnObjective, coarser
-from yarnscale.estimate.scattered import race, sobol_starts
-from yarnscale.estimate.uniform_data import UniformCurve, UniformData
-from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, fit_fabric
-from yarnscale.estimate.yarn_fit import FitOptions, ParameterSpread, fit_yarn
-from yarnscale.estimate.yarn_model import YarnModel, yarn_model
-from yarnscale.estimate.yarn_rest import RestRule
 from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.homogenize.executors import local_workers
+from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.swatches.fabric_shell import fit_shell
+from yarnscale.swatches.gauss_newton import jacobian
+from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.objective import YarnObjective, coarser
+from yarnscale.swatches.scattered import race, sobol_starts
+from yarnscale.swatches.uniform_data import UniformCurve, UniformData
+from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, fit_fabric
+from yarnscale.swatches.yarn_fit import FitOptions, ParameterSpread, fit_yarn
+from yarnscale.swatches.yarn_model import YarnModel, yarn_model
+from yarnscale.swatches.yarn_rest import RestRule
 
 KNITS = {
     "Stockinette": ("stockinette", 11.28e-3),

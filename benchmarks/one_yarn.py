@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.evaluations import Evaluations, Residuals
-from yarnscale.estimate.yarn_model import PARAMETERS, SHAPE, YarnModel
+from yarnscale.swatches.evaluations import Evaluations, Residuals
+from yarnscale.swatches.yarn_model import PARAMETERS, SHAPE, YarnModel
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.estimate.evaluations import Evaluations
-from yarnscale.estimate.yarn_fit import FitOptions
+from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.swatches.yarn_fit import FitOptions
 
 Array = NDArray[np.float64]
 

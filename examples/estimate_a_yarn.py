@@ -10,11 +10,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import yarnscale as ys
-from yarnscale.estimate.measurements import Direction, StretchRun, StretchTest
-from yarnscale.estimate.yarn_fit import FitOptions
-from yarnscale.estimate.yarn_model import yarn_model
-from yarnscale.estimate.yarn_rest import RestRule, at_rest
-from yarnscale.estimate.yarn_states import pulled
+from yarnscale.swatches.measurements import Direction, StretchRun, StretchTest
+from yarnscale.swatches.yarn_fit import FitOptions
+from yarnscale.swatches.yarn_model import yarn_model
+from yarnscale.swatches.yarn_rest import RestRule, at_rest
+from yarnscale.swatches.yarn_states import pulled
 
 STIFFEST = 20.0  # stretch stiffness k_s2 [N], which is measured on the yarn
 KNOWN = {"k_s1": 5.0, "knee": 0.1, "k_b": 2e-8, "R_1": 0.36e-3, "k_c1": 30.0}
@@ -35,7 +35,7 @@ measurements = ys.SwatchMeasurements("known yarn", tuple(tests))
 
 with TemporaryDirectory() as folder:  # evaluations are kept here; resume=True continues with them
     options = FitOptions("local", iterations=12, samples=6)
-    found = ys.estimate_yarn(measurements, model, folder, options=options)
+    found = ys.estimate(measurements, model, folder, options=options)
 
 for name, value in zip(found.fit.model.names, found.fit.values, strict=True):
     print(f"{name:5} {value:10.3g} estimated, {KNOWN[name]:8.3g} known")

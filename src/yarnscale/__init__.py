@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from yarnscale.drawing.knit import knit
     from yarnscale.drawing.weave import weave
     from yarnscale.errors import InputError
-    from yarnscale.estimate.fabric_shell import FabricShell, fit_shell
-    from yarnscale.estimate.measurements import SwatchMeasurements
-    from yarnscale.estimate.yarn_estimate import FabricEstimate
     from yarnscale.fabric import sheet_scene as sheet_scenes
     from yarnscale.fabric.fabric_scene import FabricResult
     from yarnscale.fabric.rod_fabric import RodFabric
@@ -32,7 +29,7 @@ if TYPE_CHECKING:
     from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
     from yarnscale.fabric.spline_scene import SplineScene
     from yarnscale.fabric.volume import BoundingVolume
-    from yarnscale.files.estimate_run import estimate_yarn, fabric_model
+    from yarnscale.files.estimate_run import estimate, fabric_model
     from yarnscale.files.fabric_run import run
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
@@ -61,6 +58,9 @@ if TYPE_CHECKING:
     from yarnscale.shell.materials.stiffening import StiffeningMaterial
     from yarnscale.shell.mesh import TriangleMesh
     from yarnscale.shell.scenes.scene import Scene, run_scene
+    from yarnscale.swatches.fabric_shell import FabricShell, fit_shell
+    from yarnscale.swatches.measurements import SwatchMeasurements
+    from yarnscale.swatches.yarn_estimate import FabricEstimate
     from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
     from yarnscale.yarn.pattern import YarnPattern
 
@@ -71,9 +71,9 @@ _HOME = {
     "CompactMaterial": "shell.materials.compact",
     "ContactRule": "yarn.material",
     "Equilibrium": "cell.equilibrium",
-    "FabricEstimate": "estimate.yarn_estimate",
+    "FabricEstimate": "swatches.yarn_estimate",
     "FabricResult": "fabric.fabric_scene",
-    "FabricShell": "estimate.fabric_shell",
+    "FabricShell": "swatches.fabric_shell",
     "FabricTests": "laboratory.programme",
     "FluctuationTable": "detail.fluctuations",
     "Homogenization": "homogenize.homogenize",
@@ -97,7 +97,7 @@ _HOME = {
     "StrainGrid": "homogenize.plan",
     "StrainRange": "homogenize.plan",
     "StretchRule": "yarn.material",
-    "SwatchMeasurements": "estimate.measurements",
+    "SwatchMeasurements": "swatches.measurements",
     "TriangleMesh": "shell.mesh",
     "YarnDetail": "detail.yarns",
     "YarnMaterial": "yarn.material",
@@ -105,12 +105,12 @@ _HOME = {
     "YarnSheet": "fabric.sheet",
     "axes_and_planes": "homogenize.plan",
     "create_store": "homogenize.sample",
-    "estimate_yarn": "files.estimate_run",
+    "estimate": "files.estimate_run",
     "fabric_model": "files.estimate_run",
     "fit": "homogenize.homogenize",
     "fit_compact_material": "homogenize.compact_fit",
     "fit_published": "homogenize.homogenize",
-    "fit_shell": "estimate.fabric_shell",
+    "fit_shell": "swatches.fabric_shell",
     "fit_spline_material": "homogenize.published_fit",
     "homogenize_cell": "homogenize.homogenize:homogenize",
     "jersey": "fabric.spline_knit",
@@ -148,7 +148,7 @@ __all__ = [  # noqa: RUF022
     "StiffeningMaterial", "StrainGrid", "StrainRange", "StretchRule", "SwatchMeasurements",
     "TriangleMesh", "YarnDetail",
     "YarnMaterial",
-    "YarnPattern", "YarnSheet", "__version__", "axes_and_planes", "create_store", "estimate_yarn", "fabric_model",
+    "YarnPattern", "YarnSheet", "__version__", "axes_and_planes", "create_store", "estimate", "fabric_model",
     "fit", "fit_compact_material", "fit_published", "fit_shell", "fit_spline_material", "homogenize_cell", "jersey",
     "knit", "patterns", "read_grid", "read_material", "read_measurements", "read_pattern", "read_yarn_material",
     "read_yarns", "run", "run_scene", "run_tests", "sample", "scenes", "settled", "sheet_scenes", "simulate",

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from yarnscale.drawing.library import build
-from yarnscale.estimate.evaluations import Residuals
-from yarnscale.estimate.measurements import Direction
-from yarnscale.estimate.objective import ErrorWeights, YarnObjective
-from yarnscale.estimate.uniform_data import UniformCurve, UniformData
-from yarnscale.estimate.yarn_model import yarn_model
 from yarnscale.files import estimate_folder
 from yarnscale.files.estimate_folder import EVALUATING, EstimateFolder
 from yarnscale.files.fingerprint import code_fingerprint
+from yarnscale.swatches.evaluations import Residuals
+from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.objective import ErrorWeights, YarnObjective
+from yarnscale.swatches.uniform_data import UniformCurve, UniformData
+from yarnscale.swatches.yarn_model import yarn_model
 
 
 def objective(**weights: float) -> YarnObjective:

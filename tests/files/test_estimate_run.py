@@ -9,11 +9,11 @@ import pytest
 
 from yarnscale.drawing.library import build
 from yarnscale.errors import InputError, InputNotice
-from yarnscale.estimate.measurements import Direction, StretchRun, StretchTest, SwatchMeasurements
-from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS
-from yarnscale.estimate.yarn_model import drawn_length
-from yarnscale.files.estimate_run import DRAWN_RADIUS, estimate_yarn, fabric_model
+from yarnscale.files.estimate_run import DRAWN_RADIUS, estimate, fabric_model
 from yarnscale.files.patterns import write_pattern
+from yarnscale.swatches.measurements import Direction, StretchRun, StretchTest, SwatchMeasurements
+from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS
+from yarnscale.swatches.yarn_model import drawn_length
 
 RUN = StretchRun("1", np.array([0.0, 1.0, 2.0]), np.array([0.1, 0.11, 0.12]))
 MEASURED = SwatchMeasurements("fabric", (StretchTest(Direction.WEFT, 0.05, (RUN,)),))
@@ -47,5 +47,5 @@ def test_what_is_known_is_taken(tmp_path: Path, recwarn: pytest.WarningsRecorder
 
 def test_there_must_be_something_to_resume(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nothing to resume"):
-        estimate_yarn(MEASURED, fabric_model(MEASURED, build("plain"), stiffness=30.0), tmp_path, resume=True)
+        estimate(MEASURED, fabric_model(MEASURED, build("plain"), stiffness=30.0), tmp_path, resume=True)
     assert list(tmp_path.iterdir()) == []

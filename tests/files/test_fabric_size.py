@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.construction import KnownConstruction
-from yarnscale.estimate.measurements import Direction, StretchRun, StretchTest, SwatchMeasurements
-from yarnscale.estimate.yarn_model import drawn_length
 from yarnscale.files.estimate_run import fabric_model
+from yarnscale.swatches.construction import KnownConstruction
+from yarnscale.swatches.measurements import Direction, StretchRun, StretchTest, SwatchMeasurements
+from yarnscale.swatches.yarn_model import drawn_length
 
 
 def fabric(known: KnownConstruction | None = None, *, force: float = 5.0) -> SwatchMeasurements:

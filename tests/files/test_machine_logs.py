@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.measurements import Direction
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.measurements_swatches import LogSettings
+from yarnscale.swatches.measurements import Direction
 
 SWATCH = LogSettings(swatch_width=0.05, swatch_length=0.1)
 STRETCH = np.linspace(0.0, 0.4, 81)

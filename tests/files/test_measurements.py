@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, Direction
 from yarnscale.files.measurements import read_measurements
+from yarnscale.swatches.measurements import COMFORT_LOAD, POWER_LOAD, Direction
 
 HEADER = "direction,run,force_N,clamp_distance_mm,mid_width_mm,swatch_width_mm"
 ROWS = [

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.measurements import Direction
 from yarnscale.files import measurements_u3m
 from yarnscale.files.measurements import read_measurements
+from yarnscale.swatches.measurements import Direction
 
 
 def cycles(stiffness: float) -> list[list[float]]:

@@ -13,16 +13,10 @@ from pathlib import Path
 from yarnscale.cli.console import ProgressLine, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
-from yarnscale.estimate.cloth_check import ClothCheck, homogenized_swatches
-from yarnscale.estimate.construction import KnownConstruction
-from yarnscale.estimate.evaluations import Evaluations
-from yarnscale.estimate.measurements import Direction
-from yarnscale.estimate.objective import ErrorWeights
-from yarnscale.estimate.yarn_estimate import FabricEstimate, check_bending, fitted_directions
-from yarnscale.estimate.yarn_fit import FitOptions, work_ahead
 from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_folder import check_resumable
-from yarnscale.files.estimate_run import EVALUATIONS, estimate_yarn, fabric_model
+from yarnscale.files.estimate_run import EVALUATIONS, fabric_model
+from yarnscale.files.estimate_run import estimate as estimate_yarn
 from yarnscale.files.material_json import write_material
 from yarnscale.files.material_toml import write_material as write_yarn
 from yarnscale.files.measurements import read_measurements
@@ -31,6 +25,13 @@ from yarnscale.files.patterns import write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.executors import dask_workers, local_workers
 from yarnscale.homogenize.rays import FEWEST
+from yarnscale.swatches.cloth_check import ClothCheck, homogenized_swatches
+from yarnscale.swatches.construction import KnownConstruction
+from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.objective import ErrorWeights
+from yarnscale.swatches.yarn_estimate import FabricEstimate, check_bending, fitted_directions
+from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
 
 HOMOGENIZED = "homogenized"
 """Folder of the homogenized yarn within that of the report."""
@@ -80,19 +81,20 @@ def estimate(options: argparse.Namespace) -> int:
         options.out, "estimate", MAKES, overwrite=options.overwrite, resume=options.resume,
         goes_on_from=(f"{EVALUATIONS}/*.json", f"{HOMOGENIZED}/"),
     )  # fmt: skip
-    with results as folder:
-        with ExitStack() as stack:
-            executor = None
-            if options.dask is not None:
-                executor = stack.enter_context(dask_workers(options.dask, on_notice=_say))
-            elif worker_count(options) > 1:
-                executor = stack.enter_context(local_workers(worker_count(options)))
-            found = estimate_yarn(
-                measurements, model, folder, resume=options.resume, directions=chosen, holdout=holdout,
-                follow=options.follow, shell_model=options.shell_model, options=search, weights=weights,
-                executor=executor,
-                progress=_progress(measurements.name, work_ahead(search, len(model.names))),
-            )  # fmt: skip
+    with ExitStack() as stack:
+        # Before the folder, which stays untouched where there are no workers.
+        executor = None
+        if options.dask is not None:
+            executor = stack.enter_context(dask_workers(options.dask, on_notice=_say))
+        elif worker_count(options) > 1:
+            executor = stack.enter_context(local_workers(worker_count(options)))
+        folder = stack.enter_context(results)
+        found = estimate_yarn(
+            measurements, model, folder, resume=options.resume, directions=chosen, holdout=holdout,
+            follow=options.follow, shell_model=options.shell_model, options=search, weights=weights,
+            executor=executor,
+            progress=_progress(measurements.name, work_ahead(search, len(model.names))),
+        )  # fmt: skip
         write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
         write_yarn(found.cell.materials[0], folder / YARN)
         if options.homogenize is not None:

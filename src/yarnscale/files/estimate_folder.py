@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.evaluations import Residuals
-from yarnscale.estimate.objective import YarnObjective
 from yarnscale.files.atomic import write_text
 from yarnscale.files.fingerprint import code_fingerprint, fingerprint
+from yarnscale.swatches.evaluations import Residuals
+from yarnscale.swatches.objective import YarnObjective
 
 Array = NDArray[np.float64]
 
-EVALUATING = ("numerics", "yarn", "cell", "estimate", "kinematics.py")
+EVALUATING = ("numerics", "yarn", "cell", "swatches", "kinematics.py")
 """Code that an evaluation depends on."""
 
 

@@ -13,16 +13,16 @@ import numpy as np
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError, notify
-from yarnscale.estimate.evaluations import Evaluations
-from yarnscale.estimate.measurements import POWER_LOAD, Direction, SwatchMeasurements
-from yarnscale.estimate.membrane_constants import ShellModel
-from yarnscale.estimate.objective import ErrorWeights
-from yarnscale.estimate.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, Follow, fit_fabric
-from yarnscale.estimate.yarn_fit import FitOptions
-from yarnscale.estimate.yarn_model import YarnModel, yarn_model
 from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.patterns import is_drawing, read_pattern, stitches_of
+from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasurements
+from yarnscale.swatches.membrane_constants import ShellModel
+from yarnscale.swatches.objective import ErrorWeights
+from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, Follow, fit_fabric
+from yarnscale.swatches.yarn_fit import FitOptions
+from yarnscale.swatches.yarn_model import YarnModel, yarn_model
 from yarnscale.yarn.pattern import YarnPattern
 
 EVALUATIONS = "evaluations"
@@ -37,7 +37,7 @@ Source = str | os.PathLike[str]
 
 
 @checked
-def estimate_yarn(
+def estimate(
     measurements: SwatchMeasurements | Source,
     pattern: YarnModel | YarnPattern | Source,
     folder: Source | None = None,

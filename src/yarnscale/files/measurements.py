@@ -9,14 +9,14 @@ from typing import Any
 
 from yarnscale.checked import checked
 from yarnscale.errors import quoted
-from yarnscale.estimate.construction import KnownConstruction
-from yarnscale.estimate.loading import CYCLES
-from yarnscale.estimate.measurements import SwatchMeasurements, YarnComposition
 from yarnscale.files.fields import Fields, toml_file
 from yarnscale.files.measurements_csv import read_bend, read_logs
 from yarnscale.files.measurements_swatches import LogSettings, direction_named
 from yarnscale.files.measurements_u3m import SUFFIXES as U3M_SUFFIXES
 from yarnscale.files.measurements_u3m import read_u3m
+from yarnscale.swatches.construction import KnownConstruction
+from yarnscale.swatches.loading import CYCLES
+from yarnscale.swatches.measurements import SwatchMeasurements, YarnComposition
 
 _FIELDS = (
     "name", "fabric", "stretch", "bend", "single_run", "area_density", "pattern", "photographs", "yarn",

@@ -15,9 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.construction import KnownConstruction
-from yarnscale.estimate.loading import stretch_run
-from yarnscale.estimate.measurements import BendTest, Direction, StretchRun, StretchTest
 from yarnscale.files.measurements_names import CONSTRUCTION
 from yarnscale.files.measurements_reader import read_tables
 from yarnscale.files.measurements_swatches import (
@@ -31,6 +28,9 @@ from yarnscale.files.measurements_swatches import (
 from yarnscale.files.measurements_table import Column, MeasuredTable, Row
 from yarnscale.files.source_text import read_source
 from yarnscale.files.workbook import WORKBOOKS, sheets
+from yarnscale.swatches.construction import KnownConstruction
+from yarnscale.swatches.loading import stretch_run
+from yarnscale.swatches.measurements import BendTest, Direction, StretchRun, StretchTest
 
 Array = NDArray[np.float64]
 

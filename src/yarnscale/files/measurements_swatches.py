@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.loading import Cycle
-from yarnscale.estimate.measurements import Direction
 from yarnscale.files.measurements_table import Column, MeasuredTable, Row
+from yarnscale.swatches.loading import Cycle
+from yarnscale.swatches.measurements import Direction
 
 DIRECTIONS = {
     **dict.fromkeys(

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.errors import InputError, quoted
-from yarnscale.estimate.loading import Cycle, stretch_run
-from yarnscale.estimate.measurements import Direction, StretchTest, SwatchMeasurements
 from yarnscale.files.fields import Fields, json_file, json_text
+from yarnscale.swatches.loading import Cycle, stretch_run
+from yarnscale.swatches.measurements import Direction, StretchTest, SwatchMeasurements
 
 Array = NDArray[np.float64]
 

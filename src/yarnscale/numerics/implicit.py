@@ -53,11 +53,11 @@ class ConstrainedInverse:
             return image
 
         matrix = LinearOperator(shape, matvec=times, dtype=np.float64)  # type: ignore[call-arg]
-        inverse = LinearOperator(
-            shape,
-            matvec=lambda residual: self._solver.step(residual, None),
-            dtype=np.float64,  # type: ignore[call-arg]
-        )
+
+        def precondition(residual: Array) -> Array:
+            return self._solver.step(residual, None)
+
+        inverse = LinearOperator(shape, matvec=precondition, dtype=np.float64)  # type: ignore[call-arg]
         x, short = cg(matrix, right, rtol=tolerance, atol=0.0, maxiter=max_iterations, M=inverse)
         if short and np.linalg.norm(right - times(x)) > 1e3 * tolerance * np.linalg.norm(right):
             raise ArithmeticError(

@@ -11,11 +11,6 @@ from numpy.typing import NDArray
 
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.estimate.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
-from yarnscale.estimate.uniform_data import UniformCurve
-from yarnscale.estimate.yarn_estimate import FabricEstimate
-from yarnscale.estimate.yarn_model import UNITS
-from yarnscale.estimate.yarn_states import YarnCurve
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera
@@ -23,6 +18,11 @@ from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.plots import written_figure
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 from yarnscale.show.tubes import room_of, yarn_picture
+from yarnscale.swatches.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
+from yarnscale.swatches.uniform_data import UniformCurve
+from yarnscale.swatches.yarn_estimate import FabricEstimate
+from yarnscale.swatches.yarn_model import UNITS
+from yarnscale.swatches.yarn_states import YarnCurve
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.estimate.uniaxial import uniaxial
 from yarnscale.shell.materials.stiffening import StiffeningMaterial
+from yarnscale.swatches.uniaxial import uniaxial
 
 FABRIC = StiffeningMaterial(
     5.0, 30.0, 10.0, 20.0, 4.0, 9.0, 3.0, 1.0, 60.0, 20.0, coupling=40.0, shear=10.0, shear_rate=1.0, bend_weft=2e-6,

@@ -1,0 +1,76 @@
+"""The measured swatches simulated as cloth of the homogenized yarn: swatch → yarn → cloth → swatch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.homogenize.homogenize import homogenize
+from yarnscale.homogenize.rays import SOLVES, doubling_load
+from yarnscale.homogenize.sample import Progress
+from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.swatches.measurements import POWER_LOAD, SwatchMeasurements
+from yarnscale.swatches.swatch import StretchResponse, StretchSwatch
+from yarnscale.swatches.uniform_data import UniformData, UniformErrors, swatch_data
+
+_BEYOND = 1.25
+"""Largest load of the samples over that of the swatches: corners at clamps bear more than the mean."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClothCheck:
+    """Measured swatches, and the same swatches of a shell material.
+
+    measured: loads and contractions as read between the clamps, nothing taken out. responses: of the simulated
+    swatches at the same stretches, in the same order.
+    """
+
+    material: ShellMaterial
+    measured: UniformData
+    responses: tuple[StretchResponse, ...]
+
+    @property
+    def loads(self) -> list[np.ndarray]:
+        """Force over width of every swatch [N/m], NaN where it has no equilibrium, (n,) each."""
+        return [np.where(r.converged, r.force / r.width, np.nan) for r in self.responses]
+
+    @property
+    def contractions(self) -> list[np.ndarray]:
+        """Contraction of every swatch, NaN where it has no equilibrium, (n,) each."""
+        return [np.where(r.converged, r.contraction, np.nan) for r in self.responses]
+
+    @property
+    def errors(self) -> UniformErrors:
+        """Of the cloth against what was measured."""
+        return self.measured.errors(self.loads, self.contractions)
+
+
+def check_cloth(material: ShellMaterial, measurements: SwatchMeasurements) -> ClothCheck:
+    """Simulate every measured swatch as cloth of a material."""
+    measured, responses = swatch_data(measurements), []
+    for test, curve in zip(measurements.stretch, measured.curves, strict=True):
+        swatch = StretchSwatch(
+            test.direction, test.swatch_length, test.swatch_width, gauge_width=test.gauge_width
+        )
+        responses.append(swatch.respond(material, curve.stretch))
+    return ClothCheck(material, measured, tuple(responses))
+
+
+def homogenized_swatches(
+    cell: PeriodicCell, measurements: SwatchMeasurements, folder: Path, *, solves: int = SOLVES, workers: int = 2,
+    dask: str | None = None, resume: bool = False, progress: Callable[[Progress], None] | None = None,
+) -> ClothCheck:  # fmt: skip
+    """Homogenize an estimated cell for the measured loads, and simulate the swatches with the material.
+
+    folder: gets the samples. The other arguments are those of ``homogenize``.
+    """
+    largest = _BEYOND * max(float(test.curve.up_to(POWER_LOAD).load[-1]) for test in measurements.stretch)
+    outcome = homogenize(
+        cell, folder, solves=solves, limit=min(largest, doubling_load(cell)), workers=workers, dask=dask,
+        resume=resume, progress=progress,
+    )  # fmt: skip
+    return check_cloth(outcome.material, measurements)

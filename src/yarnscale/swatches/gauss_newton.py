@@ -1,0 +1,135 @@
+"""Bounded Gauss–Newton over the whole chain of rest shape and states.
+
+The rest shape answers to the parameters as strongly as the states do, so sensitivities with the rest shape held point
+elsewhere. Columns of the Jacobian are therefore differences over the whole chain, from states next to the converged
+ones; they are independent of each other and run side by side. One Jacobian costs as much as eight yarns that are tried,
+so a step adds to it what it has shown itself (Broyden), and it is taken anew where that is not enough.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.swatches.evaluations import Evaluations
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-3
+"""Step of differences, of the unknowns' ranges."""
+_SHORTEST = 2e-4
+"""A step below this is none."""
+_SMALLEST_GAIN = 1e-3
+"""Relative decrease of the objective at which the search ends, where two fresh Jacobians running gain no more."""
+_SOLVED = 1e-14
+"""Objective that needs no further step."""
+_LASTING = 5
+"""Steps for which a Jacobian that is kept up serves."""
+_TRUSTED = 0.25
+"""Decrease over that of the linear model below which the Jacobian is taken anew."""
+_SIDE_BY_SIDE = (1.0, 30.0)
+"""Factors of the damping that are tried together."""
+
+
+def jacobian(evaluations: Evaluations, unknowns: Array) -> Array:
+    """d(residuals)/d(unknowns) (m, n), by differences that turn inwards where a bound is near."""
+    steps = np.where(unknowns + DIFFERENCE > 1.0, -DIFFERENCE, DIFFERENCE)
+    base = evaluations.residuals(unknowns)
+    found = evaluations.many(list(unknowns + np.diag(steps)), near=unknowns)
+    return np.column_stack([(f.residuals - base) / step for f, step in zip(found, steps, strict=True)])
+
+
+class Descent:
+    """Gauss–Newton steps from one start, unknowns within [0, 1]; it may be left off and taken up again.
+
+    Levenberg's damping: the step is that of a linear least-squares problem with bounds; several dampings are tried
+    side by side, and the best counts. here, value: the best point (n,) so far and its objective. ended: whether no
+    further step gains anything.
+    """
+
+    def __init__(self, evaluations: Evaluations, start: Array) -> None:
+        self.here = np.clip(np.asarray(start, np.float64), 0.0, 1.0)
+        self.value = evaluations.many([self.here])[0].objective
+        self.ended = False
+        self._evaluations = evaluations
+        self._damping, self._slow = 1e-2, 0
+        self._slopes, self._age = np.empty((0, 0)), _LASTING
+
+    def advance(self, steps: int) -> None:
+        """Up to so many steps."""
+        for _ in range(steps):
+            if self.ended:
+                return
+            self._step()
+
+    def _step(self) -> None:
+        if self._age >= _LASTING:
+            self._renew()
+        found = self._lower()
+        if found is None and self._age > 0:
+            self._renew()
+            found = self._lower()
+        if found is None:
+            self.ended = True
+            return
+        point, value, foreseen = found
+        gain, length = 1.0 - value / self.value, float(np.abs(point - self.here).max())
+        trusted = self.value - value > _TRUSTED * (self.value - foreseen)
+        little, fresh = gain < _SMALLEST_GAIN or length < _SHORTEST, self._age == 0
+        self._keep_up(point)
+        self.here, self.value = point, value
+        if not trusted or (little and not fresh):
+            # Only a new Jacobian shows that nothing more can be gained.
+            self._age = _LASTING
+        if gain >= _SMALLEST_GAIN:
+            self._slow = 0
+        elif fresh:
+            self._slow += 1
+        self.ended = self._slow == 2 or (length < _SHORTEST and fresh) or value < _SOLVED
+        self._damping = min(self._damping, 1.0)
+
+    def _renew(self) -> None:
+        self._slopes, self._age = jacobian(self._evaluations, self.here), 0
+
+    def _keep_up(self, point: Array) -> None:
+        """Broyden's update: the slopes then say of the step what it did."""
+        step = point - self.here
+        change = self._evaluations.residuals(point) - self._evaluations.residuals(self.here)
+        self._slopes = self._slopes + np.outer(change - self._slopes @ step, step) / (step @ step)
+        self._age += 1
+
+    def _lower(self) -> tuple[Array, float, float] | None:
+        """A point with a lower objective, that objective and the one foreseen; None where there is none.
+
+        Slopes that were kept up get one try before they are taken anew.
+        """
+        residuals = self._evaluations.residuals(self.here)
+        for _ in range(4 if self._age == 0 else 1):
+            points = [self._damped(residuals, factor * self._damping) for factor in _SIDE_BY_SIDE]
+            values = [found.objective for found in self._evaluations.many(points)]
+            k = int(np.argmin(values))
+            if values[k] < self.value:
+                self._damping = max(1e-6, self._damping * (0.2 if k == 0 else 6.0))
+                foreseen = residuals + self._slopes @ (points[k] - self.here)
+                return points[k], values[k], float(foreseen @ foreseen)
+            if self._age > 0 or max(np.abs(point - self.here).max() for point in points) < _SHORTEST:
+                break
+            self._damping *= 900.0
+        return None
+
+    def _damped(self, residuals: Array, damping: float) -> Array:
+        """The point of the linear least-squares problem within the bounds."""
+        from scipy.optimize import lsq_linear
+
+        count, scale = len(self.here), max(float(np.linalg.norm(self._slopes, ord=2)), 1e-12)
+        matrix = np.vstack([self._slopes, np.sqrt(damping) * scale * np.eye(count)])
+        target = np.concatenate([-residuals, np.zeros(count)])
+        bounds = (-self.here - 1e-12, 1.0 - self.here + 1e-12)
+        return np.clip(self.here + lsq_linear(matrix, target, bounds=bounds).x, 0.0, 1.0)
+
+
+def gauss_newton(evaluations: Evaluations, start: Array, *, iterations: int = 20) -> Array:
+    """A local minimum of the mean square from a start, unknowns within [0, 1]."""
+    descent = Descent(evaluations, start)
+    descent.advance(iterations)
+    return descent.here

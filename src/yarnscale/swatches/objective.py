@@ -1,0 +1,181 @@
+"""How far a yarn model is from uniform data: rest shape, pulled states, residuals (EST22 eq. 11).
+
+Residuals are the roots of the weighted terms of eq. 11: errors of σ/(1 + s) and of c over the largest target of the
+comfort range, times the decaying weights, over the root of the number of samples; so the objective is a mean square.
+Bending, which EST22 leaves out, may be added: logarithms of the ratios of the stiffness to that of the pear loops.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.errors import InputError
+from yarnscale.swatches.uniform_data import UniformCurve, UniformData, UniformErrors
+from yarnscale.swatches.yarn_bending import bending_stiffness
+from yarnscale.swatches.yarn_model import YarnModel
+from yarnscale.swatches.yarn_rest import RestedCell, RestRule, at_rest
+from yarnscale.swatches.yarn_states import YarnCurve, pulled
+
+Array = NDArray[np.float64]
+
+FAILED = 3.0
+"""Error that counts for a state that did not converge."""
+
+
+@dataclass(frozen=True)
+class ErrorWeights:
+    """How much errors of stress, of contraction and of bending weigh; zero leaves them out."""
+
+    stress: float = 1.0
+    contraction: float = 1.0
+    bending: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What a yarn with some parameters does.
+
+    unknowns: (n,) in [0, 1]. residuals: (m,). curves: in the order of the data. periods: of the cell at rest [m].
+    bending: stiffness along the directions of the data's loops (k,) [J], none where it has no weight.
+    errors: of EST22 §8. solves: equilibria it took; seconds: of the processor. failed: states that are not at rest.
+    """
+
+    unknowns: Array
+    residuals: Array
+    curves: tuple[YarnCurve, ...]
+    rested: RestedCell
+    errors: UniformErrors
+    solves: int
+    seconds: float
+    bending: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def objective(self) -> float:
+        """Value of eq. 11."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def failed(self) -> int:
+        """States that are not at rest."""
+        return sum(int((~curve.converged).sum()) for curve in self.curves)
+
+
+@dataclass(frozen=True, eq=False)
+class YarnObjective:
+    """Uniform data that a yarn model is compared with."""
+
+    model: YarnModel
+    data: UniformData
+    rule: RestRule = field(default_factory=RestRule)
+    weights: ErrorWeights = field(default_factory=ErrorWeights)
+
+    def __post_init__(self) -> None:
+        if self.weights.bending > 0 and not self.data.bending:
+            raise InputError(f"bending of '{self.data.name}'", expected="pear loops", found="none measured")
+
+    def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
+        """Rest shape and states of a yarn; ``near``: of a similar yarn, whose states are started from."""
+        began, unknowns = time.process_time(), np.array(unknowns, np.float64)
+        values = self.model.values(unknowns)
+        rested = at_rest(
+            self.model.cell(values), self.rule, draw_in=self.model.draw_in(values),
+            near=None if near is None else near.rested,
+        )  # fmt: skip
+        curves = []
+        for k, target in enumerate(self.data.curves):
+            start = None if near is None else near.curves[k]
+            if rested.relaxed:
+                curves.append(pulled(rested.cell, target.direction, target.stretch, near=start))
+            else:
+                curves.append(_none(target))
+        bending = self._bending(rested)
+        solves = rested.solves + sum(curve.solves for curve in curves)
+        solves += int(rested.relaxed and len(bending) > 0)
+        pairs = zip(self.data.curves, curves, strict=True)
+        residuals = np.concatenate([*(self._residuals(*pair) for pair in pairs), self._bent(bending)])
+        errors = errors_of(curves, self.data)
+        return Evaluation(
+            unknowns, residuals, tuple(curves), rested, errors, solves, time.process_time() - began, bending
+        )
+
+    def _bending(self, rested: RestedCell) -> Array:
+        if self.weights.bending <= 0:
+            return np.empty(0)
+        directions = [bend.direction for bend in self.data.bending]
+        return (
+            bending_stiffness(rested.cell, directions) if rested.relaxed else np.full(len(directions), np.nan)
+        )
+
+    def _bent(self, stiffness: Array) -> Array:
+        """ln(k/k̂): k_b ranges over decades, and by ratios stiff yarns count no more than soft ones, (k,)."""
+        if not len(stiffness):
+            return stiffness
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.log(stiffness / [bend.stiffness for bend in self.data.bending])
+        ratio = np.clip(np.nan_to_num(ratio, nan=FAILED, neginf=FAILED), -FAILED, FAILED)
+        return np.sqrt(self.weights.bending / len(ratio)) * ratio
+
+    def _residuals(self, target: UniformCurve, curve: YarnCurve) -> Array:
+        stress = curve.stress / (1.0 + target.stretch) - target.second_stress
+        residuals = self._scaled(target, stress[:, None], (curve.contraction - target.contraction)[:, None])[
+            :, 0
+        ]
+        good = np.tile(curve.converged, len(residuals) // len(curve.converged))
+        failed = FAILED / np.sqrt(self._samples)
+        return np.where(good, np.clip(np.nan_to_num(residuals), -failed, failed), failed)
+
+    def _scaled(self, target: UniformCurve, stress: Array, contraction: Array) -> Array:
+        """Differences (n, k) of stress and contraction as weighted residuals (2n, k)."""
+        weight = np.sqrt(self.weights.stress * target.stress_decay / self._samples)
+        rows = [weight[:, None] * stress / self.data.stress_scale]
+        if self.weights.contraction > 0 and target.contraction_measured:
+            weight = np.sqrt(self.weights.contraction * target.contraction_decay / self._samples)
+            rows.append(weight[:, None] * contraction / self.data.contraction_scale)
+        return np.concatenate(rows)
+
+    @property
+    def _samples(self) -> int:
+        return sum(len(curve.stretch) for curve in self.data.curves)
+
+
+def errors_of(curves: Sequence[YarnCurve], data: UniformData) -> UniformErrors:
+    """Errors of a yarn's curves against data at the same stretches, without states that are not at rest."""
+    return data.errors(
+        [np.where(curve.converged, curve.stress, np.nan) for curve in curves],
+        [np.where(curve.converged, curve.contraction, np.nan) for curve in curves],
+    )
+
+
+def _none(target: UniformCurve) -> YarnCurve:
+    """A curve of no states, of a yarn that has no rest shape."""
+    n = len(target.stretch)
+    none = np.zeros(n)
+    return YarnCurve(target.direction, target.stretch, none, none, np.zeros(n, bool), (), np.zeros((n, 2)), 0)
+
+
+def coarser(data: UniformData, samples: int) -> UniformData:
+    """The same curves at fewer stretches, evenly spaced to the largest; one at the end of the comfort range stays."""
+    if samples < 2:
+        raise InputError("samples per direction", expected="2 or more", found=samples)
+    curves = []
+    for curve in data.curves:
+        stretch = curve.stretch[-1] * np.arange(1, samples + 1) / samples
+        at = np.argmin(np.abs(stretch - curve.comfort_stretch))
+        stretch[at] = min(curve.comfort_stretch, stretch[at]) if at == samples - 1 else curve.comfort_stretch
+
+        def between(values: Array, stretch: Array = stretch, old: Array = curve.stretch) -> Array:
+            from scipy.interpolate import PchipInterpolator
+
+            return PchipInterpolator(np.append(0.0, old), np.append(0.0, values))(stretch)
+
+        curves.append(
+            replace(
+                curve, stretch=stretch, stress=between(curve.stress), contraction=between(curve.contraction)
+            )
+        )
+    return replace(data, curves=tuple(curves))

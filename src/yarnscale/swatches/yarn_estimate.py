@@ -1,0 +1,340 @@
+"""From the measurements of a fabric and its pattern to an estimated yarn, in one call (EST22 as a whole)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import InputError
+from yarnscale.swatches.cloth_check import ClothCheck
+from yarnscale.swatches.construction import FabricConstruction, sized, weighed
+from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
+from yarnscale.swatches.fabric_shell import FabricShell, fit_shell
+from yarnscale.swatches.measurements import Direction, SwatchMeasurements
+from yarnscale.swatches.membrane_constants import ShellModel
+from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective, errors_of
+from yarnscale.swatches.uniform_data import UniformBend, UniformData, UniformErrors
+from yarnscale.swatches.yarn_bending import bending_stiffness
+from yarnscale.swatches.yarn_fit import FitOptions, YarnFit, fit_yarn
+from yarnscale.swatches.yarn_model import YarnModel
+
+Array = NDArray[np.float64]
+
+UNKNOWN_STIFFNESS = 60.0
+"""k_s2 where the yarn's stiffness at 5 cN was not measured [N]: a spun hand-knitting yarn, to a factor of three.
+Fabrics stretch by bending and sliding of their loops long before such a yarn stretches, so little depends on it."""
+
+
+_OFF = 0.1
+"""Error of the shell, and effect of the clamps computed with such a shell, from which there is a warning."""
+
+_FREE = 0.5
+"""Share of its range through which a parameter can move that counts as unknown."""
+_LARGE_EFFECT = 0.3
+"""Effect of clamps that needs a warning however good the shell is."""
+
+Follow = Literal["measured", "shell"]
+
+
+@dataclass(frozen=True, eq=False)
+class FabricEstimate:
+    """The estimated yarn of a fabric, and how far it is from the measurement.
+
+    follow: what the yarn was fitted to. shell: fitted to the directions that the yarn was fitted to. measured: the
+    measured curves of these directions without the effect of the clamps, which the errors refer to. held_out: the
+    measured curves of the other directions, likewise, and what the yarn does there; None where there are none.
+    bending: errors of the bending stiffness by direction, as fractions. cloth: the swatches simulated as cloth of the
+    homogenized yarn, if any.
+    """
+
+    measurements: SwatchMeasurements
+    follow: Follow
+    shell: FabricShell
+    fit: YarnFit
+    measured: UniformData
+    held_out: UniformData | None
+    prediction: Evaluation | None
+    bending: dict[Direction, float]
+    cloth: ClothCheck | None = None
+
+    @cached_property
+    def cell(self) -> PeriodicCell:
+        """The fabric at rest with the estimated yarn, as heavy as it was measured."""
+        measured = self.measurements
+        return weighed(
+            sized(self.fit.evaluation.rested.cell, self.scale),
+            area_density=measured.area_density, yarn_count=measured.yarn_count,
+        )  # fmt: skip
+
+    @property
+    def scale(self) -> float:
+        """Size of the fabric over that of the fit: where the stitch density is known, it decides in the end."""
+        model, period = self.fit.model, self.fit.evaluation.rested.cell.pattern.period
+        if model.stitch_area is None or model.stitches is None:
+            return 1.0
+        return math.sqrt(model.stitch_area * math.prod(model.stitches) / float(np.prod(period)))
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Estimated parameters by name, in SI, with k_s2 and R_est."""
+        fit, powers = self.fit, {"k_s1": 1, "k_b": 3, "R_1": 1}
+        found = dict(zip(fit.model.names, fit.values.tolist(), strict=True))
+        found = {name: value * self.scale ** powers.get(name, 0) for name, value in found.items()}
+        return found | {
+            "k_s2": self.scale * fit.model.stiffness, "R_est": self.scale * fit.model.pattern.radius,
+        }  # fmt: skip
+
+    @property
+    def construction(self) -> FabricConstruction:
+        """Stitch density, yarn count and the like of the fabric at rest."""
+        return FabricConstruction.of(self.cell, self.fit.model.stitches)
+
+    @property
+    def error(self) -> UniformErrors:
+        """Of the yarn against the measurement: the error of the estimate."""
+        return errors_of(self.fit.evaluation.curves, self.measured)
+
+    @property
+    def shell_error(self) -> UniformErrors:
+        """Of the fitted shell against the measurement, both in uniform stretch."""
+        curves = self.shell.uniform_data(follow="shell").curves
+        return self.measured.errors([c.stress for c in curves], [c.contraction for c in curves])
+
+    @property
+    def yarn_error(self) -> UniformErrors:
+        """Of the yarn against what it was fitted to: the shell, or the measurement."""
+        return self.fit.evaluation.errors
+
+    @property
+    def held_out_error(self) -> UniformErrors | None:
+        """Of the yarn against the measurement in the directions that it was not fitted to."""
+        if self.prediction is None or self.held_out is None:
+            return None
+        return errors_of(self.prediction.curves, self.held_out)
+
+    def error_rows(self) -> Iterator[tuple[str, UniformErrors, int | None]]:
+        """Every error, its name, and the number of states without equilibrium."""
+        yield "yarn against the measurement", self.error, self.fit.evaluation.failed
+        for along, errors in self.error.directions.items():
+            yield f"{along.value} alone", errors, None
+        if self.held_out_error is not None and self.prediction is not None:
+            yield "held out, predicted", self.held_out_error, self.prediction.failed
+        yield "stage 1: shell against the measurement", self.shell_error, None
+        yield (
+            f"stage 2: yarn against the {'shell' if self.follow == 'shell' else 'measurement'}",
+            self.yarn_error,
+            None,
+        )
+
+        if self.cloth is not None:
+            lost = sum(int((~response.converged).sum()) for response in self.cloth.responses)
+            yield "stage 3: simulated cloth against the measured swatches", self.cloth.errors, lost
+
+    @property
+    def deviation(self) -> str | None:
+        """``largest_deviation`` in words."""
+        if self.largest_deviation is None:
+            return None
+        along, stretch, own, measured = self.largest_deviation
+        place = f"{along.value} at a stretch of {100 * stretch:.0f} %"
+        return (
+            f"largest deviation in the comfort range: {place}, where the yarn has {own:.3g} N/m and the fabric "
+            f"{measured:.3g} N/m"
+        )
+
+    @property
+    def largest_deviation(self) -> tuple[Direction, float, float, float] | None:
+        """Direction, stretch, stress of the yarn and measured stress [N/m] where they differ most in the comfort range.
+
+        None where no state is at rest.
+        """
+        found = [
+            (abs(own - target), curve.direction, stretch, own, target)
+            for curve, yarn in zip(self.measured.curves, self.fit.evaluation.curves, strict=True)
+            for stretch, own, target, used in zip(
+                curve.stretch.tolist(), yarn.stress.tolist(), curve.stress.tolist(),
+                (curve.comfort & yarn.converged).tolist(), strict=True,
+            )
+            if used
+        ]  # fmt: skip
+        return max(found, key=lambda entry: entry[0])[1:] if found else None
+
+    @property
+    def clamp_effect(self) -> float:
+        """Largest effect of the clamps by the shell, as a share of the measured force of the comfort range."""
+        tests = {test.direction: test.curve for test in self.measurements.stretch}
+        shares = [
+            np.abs(curve.stress / tests[curve.direction].load_at(curve.stretch) - 1.0)[curve.comfort].max()
+            for curve in self.measured.curves
+        ]
+        return float(max(shares))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on results that are not to be trusted."""
+        shell, yarn = self.shell_error.comfort, self.yarn_error.comfort
+        found = []
+        if self.follow == "shell" and shell > _OFF and shell > yarn:
+            found.append(
+                f"the shell is {100 * shell:.0f} % off the measurement in the comfort range, the yarn only "
+                f"{100 * yarn:.0f} % off the shell: what the yarn misses is the shell's error; try --follow measured"
+            )
+        effect = self.clamp_effect
+        if effect > _LARGE_EFFECT or (effect > _OFF and shell > _OFF):
+            found.append(
+                f"clamps change the force by up to {100 * effect:.0f} %, as a shell says that is itself "
+                f"{100 * shell:.0f} % off the measurement in the comfort range: longer swatches depend less on clamps"
+            )
+        if self.shell.membrane.assumed_contraction:
+            found.append(
+                "contraction was not measured: the usual one of knits is assumed to take out the effect of the clamps"
+            )
+        return tuple(found)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """What the measurement says nothing of, in sentences."""
+        fit, tests, found = self.fit, self.measurements.stretch, []
+        free = [name for name, shift in zip(fit.spread.names, fit.spread.shift, strict=True) if shift > _FREE]
+        if free:
+            found.append(
+                f"{', '.join(free)}: other values, together with others of the rest, give the same curves within 1 %"
+            )
+        if Direction.BIAS not in [test.direction for test in tests]:
+            found.append("resistance to shear: no swatch was pulled along the bias")
+        if missing := [t.direction.value for t in tests if t.curve.contraction is None]:
+            found.append(f"contraction along {', '.join(missing)}: no width was measured")
+        if not self.measurements.bend:
+            found.append(
+                "bending: no loops were measured, so it follows from the yarn that the tensile curves suggest"
+            )
+        if self.measurements.area_density is None and self.measurements.yarn_count is None:
+            found.append(
+                "mass of the yarn: neither the fabric nor its yarn was weighed, so its density is assumed"
+            )
+        if self.measurements.known.stitch_area is None and self.measurements.known.yarn_in_stitch is None:
+            found.append("size of the stitches: neither stitch density nor loop length was measured")
+        return tuple(found)
+
+    def summary(self) -> dict[str, object]:
+        """The numbers that the command prints."""
+        fit, largest = self.fit, self.largest_deviation
+        names = ("direction", "stretch", "stress", "measured_stress")
+        error = self.error.summary()
+        error["largest"] = largest and dict(zip(names, (largest[0].value, *largest[1:]), strict=True))
+        found: dict[str, object] = {
+            "error": error,
+            "stages": {
+                "shell": self.shell_error.summary()
+                | {
+                    "swatch_load": self.shell.membrane.load_error,
+                    "swatch_contraction": self.shell.membrane.contraction_error,
+                    "clamp_effect": self.clamp_effect,
+                },
+                "yarn": {"follows": self.follow, **self.yarn_error.summary()},
+            },
+            "warnings": [*self.warnings],
+            "unknown": [*self.unknown],
+            "lost_work": {t.direction.value: t.lost_work for t in self.measurements.stretch},
+            "notes": [*self.measurements.notes],
+            "parameters": self.parameters,
+            "bending_error": float(np.mean(list(self.bending.values()))) if self.bending else None,
+            "solves": fit.solves,
+            "seconds": fit.seconds + self.shell.membrane.seconds,
+            "evaluations": fit.evaluations,
+            "cpu_seconds": fit.cpu_seconds,
+            "failed_states": fit.evaluation.failed,
+            "at_bounds": list(fit.at_bounds),
+            "period": self.cell.pattern.period.tolist(),
+            "fabric": self.construction.summary(),
+            "cloth_error": None if self.cloth is None else self.cloth.errors.summary(),
+        }
+        if (ahead := self.held_out_error) is not None:
+            found["held_out"] = ahead.summary()
+        return found
+
+
+def fit_fabric(
+    measurements: SwatchMeasurements,
+    model: YarnModel,
+    *,
+    directions: Sequence[Direction] | None = None,
+    holdout: Direction | None = None,
+    follow: Follow = "measured",
+    shell_model: ShellModel = "stiffening",
+    options: FitOptions | None = None,
+    weights: ErrorWeights | None = None,
+    executor: Executor | None = None,
+    store: Callable[[YarnObjective], Store] | None = None,
+    progress: Callable[[Evaluations], None] | None = None,
+) -> FabricEstimate:
+    """Fit the shell, translate to uniform data, fit the yarn, and predict the direction that was held out.
+
+    directions: those to fit, all measured ones by default, but for ``holdout``. follow: what the yarn follows, see
+    ``FabricShell.uniform_data``; shell_model: see ``fit_shell``.
+
+    Raises InputError for directions that were not measured, and for a weight of bending
+    where no loops were.
+    """
+    fitted = fitted_directions(measurements, directions, holdout)
+    check_bending(measurements, weights)
+    shell = fit_shell(measurements.only(*fitted), model=shell_model)
+    data = shell.uniform_data(follow=follow)
+    fit = fit_yarn(
+        model, data, options=options, weights=weights, executor=executor, store=store, progress=progress
+    )
+    measured = shell.uniform_data(follow="measured")
+    held_out, prediction = None, None
+    if holdout is not None:
+        held_out = fit_shell(measurements, model=shell_model).uniform_data(follow="measured").only(holdout)
+        unknowns = fit.evaluation.unknowns
+        prediction = evaluate(YarnObjective(model, held_out), unknowns, None)
+    bending = _bending(fit, data.bending)
+    return FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, bending)
+
+
+def fitted_directions(
+    measurements: SwatchMeasurements, directions: Sequence[Direction] | None, holdout: Direction | None
+) -> list[Direction]:
+    """The directions that ``fit_fabric`` would fit. InputError where one was not measured or none is left."""
+    measured = [test.direction for test in measurements.stretch]
+    wanted = list(measured if directions is None else directions)
+    for direction in wanted + ([] if holdout is None else [holdout]):
+        if direction not in measured:
+            raise InputError(
+                "direction",
+                expected="measured: " + ", ".join(d.value for d in measured),
+                found=direction.value,
+            )
+    left = [direction for direction in wanted if direction is not holdout]
+    if not left:
+        raise InputError("directions to fit", expected="one that is not held out", found="none")
+    return left
+
+
+def check_bending(measurements: SwatchMeasurements, weights: ErrorWeights | None) -> None:
+    """InputError where bending is to weigh but no pear loops were measured."""
+    if weights is not None and weights.bending > 0 and not measurements.bend:
+        raise InputError(
+            "weight of bending", where=measurements.name, expected="measured pear loops", found="none"
+        )
+
+
+def _bending(fit: YarnFit, measured: Sequence[UniformBend]) -> dict[Direction, float]:
+    """|stiffness of the cell / measured − 1| by direction."""
+    if not measured or not fit.evaluation.rested.relaxed:
+        return {}
+    stiffness = bending_stiffness(fit.evaluation.rested.cell, [bend.direction for bend in measured])
+    return {
+        bend.direction: abs(float(k) / bend.stiffness - 1.0)
+        for bend, k in zip(measured, stiffness, strict=True)
+        if np.isfinite(k)
+    }

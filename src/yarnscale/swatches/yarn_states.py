@@ -1,0 +1,189 @@
+"""A cell of yarn pulled along one direction and free across: stress and contraction.
+
+F = U diag(1 + s, 1 − c) Uᵀ as for the shell (EST22 eq. 3 and §7.1). The contraction c is where the stress across
+vanishes: Newton's method on that stress, each state starting from where the one before points to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.kinematics import ShellStrain
+from yarnscale.swatches.measurements import Direction
+
+Array = NDArray[np.float64]
+
+_STEPS = 12
+TOLERANCE = 1e-3
+"""Largest stress across over the stress along from which the last step is not solved for; after it a few millionths
+of the residuals are left."""
+_LOOSEST = 5.0
+"""How many times that still counts."""
+_LARGEST_STEP = 0.1
+_NEAR = 1e-4
+"""Difference of the contraction from which the stiffness across is first taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class YarnCurve:
+    """Uniaxial response of a cell; arrays (n,) at its stretches.
+
+    stress: first Piola–Kirchhoff [N/m]. states: the equilibria, next to the contraction at which the stress across
+    vanishes. converged: which states are at rest, also across. slopes: (n, 2) of the stress across and of the stress
+    along by the contraction. solves: equilibria it took.
+    """
+
+    direction: Direction
+    stretch: Array
+    stress: Array
+    contraction: Array
+    converged: NDArray[np.bool_]
+    states: tuple[Equilibrium, ...]
+    slopes: Array
+    solves: int
+
+
+def strain_of(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array]:
+    """Strain z (6,) at a stretch s along an angle from the course [rad] and a contraction c across; ∂z/∂s and ∂z/∂c."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    length, width = 1.0 + stretch, 1.0 - contraction
+    along, across = np.array([cos**2, cos * sin, sin**2]), np.array([sin**2, -cos * sin, cos**2])
+    xx, xy, yy = length**2 * along + width**2 * across
+    side, area = np.sqrt([xx, yy]), math.sqrt(xx * yy)
+
+    def slope(change: Array) -> Array:
+        shear = (change[1] - 0.5 * xy * (change[0] / xx + change[2] / yy)) / area
+        return np.array([0.5 * change[0] / side[0], shear, 0.5 * change[2] / side[1], 0.0, 0.0, 0.0])
+
+    strain = np.array([side[0] - 1.0, xy / area, side[1] - 1.0, 0.0, 0.0, 0.0])
+    return strain, slope(2.0 * length * along), slope(-2.0 * width * across)
+
+
+def pulled(
+    cell: PeriodicCell,
+    direction: Direction,
+    stretches: Array,
+    *,
+    near: YarnCurve | None = None,
+    tolerance: float = TOLERANCE,
+) -> YarnCurve:
+    """Stretch a cell that is at rest, state by state in rising order.
+
+    near: the curve of a similar cell at the same stretches, whose states are started from. tolerance: of the stress
+    across, relative to the stress along; what is left of it goes by a last step that is not solved for.
+    """
+    path = _Path(cell, direction.angle, tolerance)
+    states: list[_State] = []
+    for k, stretch in enumerate(stretches):
+        if len(states) > 1 and not (states[-2].good or states[-1].good):
+            # Beyond two states that nothing brings to rest, looking for more is a waste.
+            states.append(replace(states[-1], good=False))
+        elif near is None or not near.converged[k]:
+            states.append(path.advance(float(stretch)))
+        else:
+            states.append(path.beside(near, k))
+    return YarnCurve(
+        direction,
+        np.array(stretches, np.float64),
+        np.array([state.along for state in states]),
+        np.array([state.width for state in states]),
+        np.array([state.good for state in states]),
+        tuple(state.equilibrium for state in states),
+        np.array([state.slopes for state in states]),
+        path.solves,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """An equilibrium at a contraction (width): its stress across and along, their slopes by it, whether it counts."""
+
+    equilibrium: Equilibrium
+    width: float
+    across: float
+    along: float
+    slopes: Array
+    good: bool = True
+
+    def small(self, tolerance: float) -> bool:
+        """Whether the stress across is, beside the stress along."""
+        return abs(self.across) <= tolerance * max(abs(self.along), 1e-3)
+
+    def freed(self) -> _State:
+        """What is left of the stress across taken away along the slopes."""
+        if not self.slopes[0] > 0:
+            return self
+        step = -self.across / self.slopes[0]
+        return replace(self, width=self.width + step, across=0.0, along=self.along + self.slopes[1] * step)
+
+
+class _Path:
+    """Follows the states at zero stress across from rest."""
+
+    def __init__(self, cell: PeriodicCell, angle: float, tolerance: float) -> None:
+        self.tolerance = tolerance
+        self.cell, self.angle = cell, angle
+        self.last: Equilibrium | None = None
+        self.slopes = np.full(2, np.nan)
+        self.history: list[tuple[float, float]] = [(0.0, 0.0)]
+        self.solves = 0
+
+    def advance(self, stretch: float) -> _State:
+        """The state at the next stretch."""
+        return self._found(stretch, self._ahead(stretch), self.last)
+
+    def beside(self, near: YarnCurve, k: int) -> _State:
+        """The state next to the k-th one of another curve."""
+        self.slopes = near.slopes[k]
+        return self._found(float(near.stretch[k]), float(near.contraction[k]), near.states[k])
+
+    def _found(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
+        state = self._solve(stretch, width, start)
+        lower, upper = -np.inf, np.inf
+        for _ in range(_STEPS):
+            if not state.good or state.small(self.tolerance):
+                break
+            # The stress across, ∂ψ/∂c, rises with c at a minimum.
+            lower, upper = (state.width, upper) if state.across < 0 else (lower, state.width)
+            if np.isnan(self.slopes[0]):
+                self._keep_up(state, self._solve(stretch, state.width + _NEAR, state.equilibrium))
+            soft = self.slopes[0] > 0
+            step = -state.across / self.slopes[0] if soft else -0.03 * float(np.sign(state.across))
+            step = float(np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
+            if not lower < state.width + step < upper:
+                step = 0.5 * (lower + upper) - state.width if np.isfinite(lower + upper) else step
+            further = self._solve(stretch, state.width + step, state.equilibrium)
+            self._keep_up(state, further)
+            state = further
+        state = replace(state, slopes=self.slopes, good=state.good and state.small(_LOOSEST * self.tolerance))
+        if state.good:
+            self.last = state.equilibrium
+            state = state.freed()
+            self.history.append((stretch, state.width))
+        return state
+
+    def _keep_up(self, before: _State, after: _State) -> None:
+        """Slopes from two states at one stretch."""
+        if after.good:
+            change = np.array([after.across - before.across, after.along - before.along])
+            self.slopes = change / (after.width - before.width)
+
+    def _ahead(self, stretch: float) -> float:
+        """Contraction on the parabola through the last three states."""
+        points = np.array(self.history[-3:])
+        if len(points) == 1:
+            return 0.0
+        return float(np.polyval(np.polyfit(points[:, 0], points[:, 1], len(points) - 1), stretch))
+
+    def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
+        self.solves += 1
+        strain, by_stretch, by_width = strain_of(self.angle, stretch, width)
+        found = self.cell.relax(ShellStrain.from_vector(strain), start=start)
+        across, along = float(found.stress @ by_width), float(found.stress @ by_stretch)
+        return _State(found, width, across, along, self.slopes, found.usable)

@@ -1,0 +1,39 @@
+"""Uniform data: weights and errors as EST22 §7.3.1 defines them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.uniform_data import UniformCurve, UniformData
+
+STRETCH = np.linspace(0.1, 1.0, 10)
+SOFT = UniformCurve(Direction.WEFT, STRETCH, 0.3 * STRETCH, 20 * STRETCH * (1 + STRETCH), 0.5)
+STIFF = UniformCurve(Direction.WARP, STRETCH, 0.2 * STRETCH, 40 * STRETCH * (1 + STRETCH), 0.3, False)
+DATA = UniformData("fabric", (SOFT, STIFF))
+
+
+def test_weights_are_one_in_comfort_and_fall_beyond():
+    np.testing.assert_allclose(SOFT.second_stress, 20 * STRETCH)
+    np.testing.assert_allclose(SOFT.stress_decay, np.minimum(1.0, 0.5 / STRETCH))
+    np.testing.assert_allclose(SOFT.contraction_decay, np.minimum(1.0, 0.5 / STRETCH))
+    assert not STIFF.contraction_decay.any()  # not measured
+
+
+def test_errors_are_over_the_largest_target_in_comfort():
+    assert DATA.stress_scale == pytest.approx(12.0)  # 40 · 0.3 against 20 · 0.5
+    assert DATA.contraction_scale == pytest.approx(0.15)
+    errors = DATA.errors(
+        [SOFT.stress + 1.2 * (1 + STRETCH), STIFF.stress], [SOFT.contraction + 0.015, STIFF.contraction + 9.0]
+    )
+    assert errors.full == pytest.approx(0.1 / 2)
+    assert errors.comfort == pytest.approx(0.1 * 5 / 8)
+    assert errors.compression == pytest.approx(0.1)
+
+
+def test_directions_can_be_held_out():
+    assert DATA.only(Direction.WARP).curves == (STIFF,)
+    with pytest.raises(InputError, match="directions"):
+        DATA.only(Direction.BIAS)
