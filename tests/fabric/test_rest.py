@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, MotionSettings
+from yarnscale.fabric.direct_static import relaxed_sheet
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.fabric.spline_knit import jersey
@@ -59,3 +62,30 @@ def test_a_volume_of_splines_comes_to_rest_and_stays_there() -> None:
     assert gone < 0.02 * 9.81 / 60**2
     with pytest.raises(InputError, match="in a volume"):
         (full := SplineMotion(fabric, held=fabric.top)).step(full.start, 1 / 60, inertia=False)
+
+
+def test_the_energy_of_a_motion_depends_on_it_alone() -> None:
+    """Not on where the frames of the energy were before; nor that of a relaxed sheet."""
+    energy, settings = glued()
+    dynamics = FabricDynamics(energy, settings)
+    start, rng = dynamics.start(), np.random.default_rng(1)
+    before, at_start = dynamics.energies(start), energy.parts(start.x)
+    for _ in range(6):
+        energy.anchor(start.x + rng.normal(0.0, 0.4, len(start.x)))
+    assert dynamics.energies(start) == pytest.approx(before, rel=1e-12)
+    dynamics.take_up(start)
+    assert energy.parts(start.x) == pytest.approx(at_start, rel=1e-12)
+
+    sheet = relaxed_sheet(energy, max_iterations=4)
+    anew = FabricEnergy(sheet, WOOL, springs=energy.springs)
+    x = energy.vector(sheet.vertices, sheet.twist)
+    assert anew.value(anew.start()) == pytest.approx(energy.value(x), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: YarnFriction(-0.1), lambda: YarnFriction(np.nan), lambda: MotionSettings(method="explict")],  # type: ignore[arg-type]
+)
+def test_settings_that_no_yarn_can_have_are_refused(make: Callable[[], object]) -> None:
+    with pytest.raises(InputError, match=r"friction of yarns|method"):
+        make()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -373,3 +374,22 @@ def test_rows_of_results_are_remarked_on(tmp_path, results):
     check(fabric)
     row = text.count("\n")
     assert any(f"row {row}," in note and "not read" in note and "Max load" in note for note in fabric.notes)
+
+
+def test_a_workbook_that_claims_to_be_huge_is_refused_at_once(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active["A1"] = "Load [N]"
+    book.active["A1048576"] = 1.0
+    book.save(path := tmp_path / "far.xlsx")
+    with pytest.raises(InputError):
+        read_measurements(path)
+    with zipfile.ZipFile(path) as archive:
+        texts = {name: archive.read(name) for name in archive.namelist()}
+    sheet = "xl/worksheets/sheet1.xml"
+    texts[sheet] = texts[sheet].replace(b"A1:A1048576", b"A1:XFD1048576")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in texts.items():
+            archive.writestr(name, text)
+    with pytest.raises(InputError):
+        read_measurements(path)

@@ -118,3 +118,23 @@ def test_the_published_example(shared):
     assert reached[Direction.WEFT] == pytest.approx(0.47, abs=0.02)
     assert reached[Direction.WARP] == pytest.approx(0.28, abs=0.02)
     assert all(test.lost_work is not None and 0.1 < test.lost_work < 0.4 for test in found.stretch)
+
+
+def test_damaged_and_blown_up_archives_are_refused_at_once(tmp_path: Path) -> None:
+    bomb, cut, empty = tmp_path / "bomb.u3m", tmp_path / "cut.u3m", tmp_path / "empty.u3m"
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        for k in range(3):
+            archive.writestr(f"{k}.json", b" " * 40_000_000)
+    with zipfile.ZipFile(cut, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.json", json.dumps({"raw_data": list(range(1000))}))
+    content = bytearray(cut.read_bytes())
+    content[60:90] = b"\xff" * 30
+    cut.write_bytes(content)
+    empty.write_bytes(b"PK\x05\x06" + b"\xff" * 18)
+    for path, fault in (
+        (bomb, "too large"),
+        (cut, "cannot be unpacked"),
+        (empty, "cannot be unpacked|no measurements"),
+    ):
+        with pytest.raises(InputError, match=fault):
+            read_measurements(path)

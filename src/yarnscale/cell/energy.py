@@ -75,7 +75,7 @@ class CellEnergy:
         large = n > LARGE
         # Yarns of a weave slide across each other on long curved ways; knits, whose contacts change, need new factors.
         self.reuse = Reuse() if large and pattern.woven else None
-        self.strands = self._copies_within(SLACK)
+        self.strands = Strands.around(pattern, self._reach(SLACK))
         self.reference = self.placed(self.strands)
         offset, rotation = self.surface.at(self.reference)
         self.turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
@@ -94,18 +94,24 @@ class CellEnergy:
 
     # --- set-up ---------------------------------------------------------------------------------------
 
-    def copies_within(self, slack: float) -> Strands:
-        """Copies that can touch the primary tile after moves of ``slack`` [r] against each other; its own or more."""
-        found = self.strands if slack <= SLACK else self._copies_within(slack)
+    def copies_within(self, slack: float, *others: ShellStrain) -> Strands:
+        """Copies that can touch the primary tile after moves of ``slack`` [r] against each other; its own or more.
+
+        others: strains between which the cell moves, besides its own.
+        """
+        reach = self._reach(slack, *others)
+        if reach <= self._reach(SLACK):
+            return self.strands
+        found = Strands.around(self.pattern, reach)
         return found if len(found.tiles) > len(self.strands.tiles) else self.strands
 
-    def _copies_within(self, slack: float) -> Strands:
-        pattern, first = self.pattern, self.strain.first_form
+    def _reach(self, slack: float, *others: ShellStrain) -> float:
+        """How far apart in the drawing [m] copies may be that touch after such moves."""
+        pattern, strains = self.pattern, (self.strain, *others)
         edge = np.linalg.norm(pattern.edge_vectors(), axis=1).max()
-        smallest = math.sqrt(np.linalg.eigvalsh(first)[0])
-        arc = 1.0 if self.strain.is_flat else math.pi / 2
-        reach = ((contact_reach(self.stiffness.rule) + slack) * pattern.radius + edge) / smallest * arc
-        return Strands.around(pattern, reach)
+        smallest = math.sqrt(min(np.linalg.eigvalsh(strain.first_form)[0] for strain in strains))
+        arc = 1.0 if all(strain.is_flat for strain in strains) else math.pi / 2
+        return ((contact_reach(self.stiffness.rule) + slack) * pattern.radius + edge) / smallest * arc
 
     def placed(self, strands: Strands) -> Array:
         """Reference coordinates of copies (T·n, 3) [r]."""

@@ -26,7 +26,8 @@ def passages_between(energy: CellEnergy, before: Shape, after: Shape) -> Passage
     Pairs that the contact list of a bent cell leaves out are left out.
     """
     moved = after[1] - before[1]
-    strands = energy.copies_within(2.0 * float(np.sqrt((moved * moved).sum(axis=1).max())))
+    slack = 2.0 * float(np.sqrt((moved * moved).sum(axis=1).max()))
+    strands = energy.copies_within(slack, before[0], after[0])
     ends = (_nodes(energy, strands, *shape) for shape in (before, after))
     found = Passages(strands, energy.stiffness).along(*ends)
     bent = next((strain for strain, _ in (after, before) if not strain.is_flat), None)

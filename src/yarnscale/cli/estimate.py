@@ -97,15 +97,21 @@ def estimate(options: argparse.Namespace) -> int:
         )  # fmt: skip
         write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
         write_yarn(found.cell.materials[0], folder / YARN)
+        _write(folder, found)  # before what takes long and may fail
         if options.homogenize is not None:
             found = replace(found, cloth=_homogenized(options, folder / HOMOGENIZED, found))
-        _report(options, folder, found)
+            _write(folder, found)
+        report(options, found.summary(), *_lines(folder, found))
+        if not options.json:
+            for warning in found.warnings:
+                _say(f"warning: {warning}")
     return 0 if found.fit.evaluation.failed == 0 else 1
 
 
 def _homogenized(options: argparse.Namespace, folder: Path, found: FabricEstimate) -> ClothCheck | None:
     """The swatches as cloth of the estimated yarn; None where that has no rest shape."""
     if not found.fit.evaluation.rested.relaxed:
+        _say("the estimated yarn has no fabric at rest: it is not homogenized")
         return None
     folder.mkdir(exist_ok=True)
     check = homogenized_swatches(
@@ -127,8 +133,8 @@ def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:
     return show
 
 
-def _report(options: argparse.Namespace, folder: Path, found: FabricEstimate) -> None:
-    summary = found.summary()
+def _write(folder: Path, found: FabricEstimate) -> None:
+    """Page and numbers."""
     try:
         from yarnscale.show.canvas import PicturesUnavailable
         from yarnscale.show.estimate import write_estimate_report
@@ -139,11 +145,7 @@ def _report(options: argparse.Namespace, folder: Path, found: FabricEstimate) ->
             _say(f"no pictures of the cell: {error}")
             write_estimate_report(folder, found, pictures=False)
     finally:
-        write_text(folder / "estimate.json", json.dumps(summary, indent=1) + "\n")
-    report(options, summary, *_lines(folder, found))
-    if not options.json:
-        for warning in found.warnings:
-            _say(f"warning: {warning}")
+        write_text(folder / "estimate.json", json.dumps(found.summary(), indent=1) + "\n")
 
 
 def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:

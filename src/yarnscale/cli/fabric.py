@@ -32,6 +32,7 @@ from yarnscale.files.material_toml import read_material
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
 from yarnscale.files.run_folder import PAGE, RunFolder
+from yarnscale.files.source_text import read_source
 from yarnscale.motion.unfulfilled import sentences
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
@@ -152,7 +153,7 @@ def _rods(options: argparse.Namespace) -> int:
         friction = USUAL_FRICTION if options.friction is None else options.friction
         return RodScene(fabric, loads, friction=friction, volume=_volume(options, fabric.sheet), **method)
 
-    mesh = None if options.on is None else options.on.read_text(errors="replace")
+    mesh = None if options.on is None else read_source(options.on, any_encoding=True)
     parts = {"pattern": pattern, "yarn": yarn.materials, "mesh": mesh, "file": plan}
     return _simulated(options, FabricMotion, scene, **parts)
 

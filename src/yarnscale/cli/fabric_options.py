@@ -95,8 +95,8 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     stepping.add_argument("--explicit", action="store_true", help=explicit)
     stepping.add_argument(
         "--integrator", choices=("euler", "bdf2"), default="euler",
-        help="of implicit steps: euler, of first order, damps much; bdf2, of second order without --damping, damps "
-        "little (euler)",
+        help="of implicit steps: euler, of first order, damps much; bdf2, of second order with --damping 0 and "
+        "--friction 0, damps little (euler)",
     )  # fmt: skip
     option("--damping", type=not_negative, default=1.0, metavar="RATE", help="of free motion [1/s] (1)")
     allowed = "grips that miss their prescribed places do not count as a failure"

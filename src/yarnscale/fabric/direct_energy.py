@@ -46,7 +46,7 @@ def _tied_edge(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
 
 TIED_PAIR = StencilEnergy("tied_pair", {"a0": 3, "a1": 3, "b0": 3, "b1": 3}, {"stiffness": 1}, _tied_pair)  # type: ignore[arg-type]
 TIED_EDGE = StencilEnergy("tied_edge", {"x0": 3, "x1": 3}, {"stiffness": 1}, _tied_edge)  # type: ignore[arg-type]
-"""Springs of no length between segments that may touch and along edges: they resist no common motion."""
+"""Springs of rest length zero between segments that may touch and along edges: common motion stretches none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.kinematics import GRAVITY
-from yarnscale.motion.body import Body, Method, Step
+from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
     Earlier,
     Integrator,
@@ -84,6 +84,7 @@ class MotionSettings:
     integrator: Integrator = "euler"
 
     def __post_init__(self) -> None:
+        checked_method(self.method)
         checked_integrator(self.integrator)
         if not (math.isfinite(self.damping) and self.damping >= 0):
             raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
@@ -119,8 +120,9 @@ class FabricDynamics(Body[FabricMotion]):
 
     def start(self) -> FabricMotion:
         """At rest in the sheet's own shape."""
-        x = self.energy.start()
-        return FabricMotion(x, np.zeros(len(x)))
+        x, sheet = self.energy.start(), self.energy.sheet
+        frames = EdgeFrames(sheet.reference_director, sheet.reference_twist)
+        return FabricMotion(x, np.zeros(len(x)), frames=frames)
 
     # --- steps ----------------------------------------------------------------------------------------
 
@@ -276,6 +278,8 @@ class FabricDynamics(Body[FabricMotion]):
 
     def energies(self, motion: FabricMotion) -> dict[str, float]:
         """Elastic, gravity (zero at the origin) and kinetic energy [J]."""
+        self.take_up(motion)
+        self.energy.rub(motion.x, None)
         unit = self.energy.unit
         return {
             "elastic": self.energy.value(motion.x) * unit,

@@ -96,7 +96,7 @@ class FabricObjective(SumOfEnergies):
 
     load: (4n,) force on every unknown. force_floor: gradient norm that counts as 1 where nothing pulls.
     pull_share: how much the terms' pulling against each other counts, on top of that. tied: regularise what yarns do
-    against each other rather than every motion, so that a step cut short is no step through honey.
+    against each other rather than every motion, so that a step that ends early does not slow the common motion.
     """
 
     def __init__(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,5 +145,6 @@ def relaxed_sheet(
     rest = equilibrium(
         energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations, count=count
     )
-    twist = rest.x[3 * energy.count :]
-    return energy.sheet.moved(energy.positions(rest.x) * energy.radius, twist=twist)
+    sheet = energy.sheet.moved(energy.positions(rest.x) * energy.radius, twist=rest.x[3 * energy.count :])
+    # Twists are those against the frames of the solve, carried step by step, not in one.
+    return replace(sheet, reference_director=energy.frames.director, reference_twist=energy.frames.twist)

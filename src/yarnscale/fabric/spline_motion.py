@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.kinematics import GRAVITY
-from yarnscale.motion.body import Body, Method, Step
+from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
     Earlier,
     Integrator,
@@ -88,11 +87,9 @@ class SplineMotion(Body[YarnMotion]):
     ) -> None:
         if not (math.isfinite(damping) and damping >= 0):
             raise InputError("damping", expected="zero or more [1/s]", found=damping)
-        if method not in get_args(Method):
-            raise InputError("method", expected="explicit or implicit", found=method)
         self.fabric, self.volume, self.damping = fabric, volume, damping
         self.tolerance, self.iterations = tolerance, iterations
-        self.method: Method = method
+        self.method = checked_method(method)
         self.integrator: Integrator = checked_integrator(integrator)
         self.halvings, self.off_place = 4 if method == "implicit" else 0, fabric.radius
         self.held = held

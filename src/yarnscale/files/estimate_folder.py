@@ -58,5 +58,8 @@ def evaluation_folder(folder: Path, *, resume: bool) -> Path:
     """The folder for evaluations. InputError where there is nothing to resume."""
     if resume:
         check_resumable(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("cannot write", where=folder, expected="a folder", found=error.strerror) from None
     return folder

@@ -95,7 +95,7 @@ def fabric_model(
         measurements.known, area_density=measurements.area_density, yarn_count=measurements.yarn_count
     )
     if (known.wales is None) != (known.courses is None):
-        raise InputError("--wales and --courses", expected="both, which fix the size", found="one")
+        raise InputError("wales and courses per length", expected="both, which fix the size", found="one")
     yarn, area, decides = known.yarn_in_stitch, known.stitch_area, False
     if radius is not None:
         if yarn_length is not None:
@@ -114,7 +114,7 @@ def fabric_model(
         notify(
             f"size of the fabric unknown: {shape.name} is drawn with a yarn of {1e3 * DRAWN_RADIUS:g} mm radius"
         )
-    stiffness = stiffness or measurements.stiffest_yarn
+    stiffness = measurements.stiffest_yarn if stiffness is None else stiffness
     if stiffness is None:
         stiffness = UNKNOWN_STIFFNESS
         notify(f"stiffness of the yarn unknown: k_s2 is taken as {stiffness:g} N")

@@ -76,6 +76,8 @@ def _from_toml(path: Path, sample: str | None, single_run: bool, settings: LogSe
         }
         yarns = tuple(_yarn(entry) for entry in table.items("yarn", optional=True))
         density = table.number_or("area_density", known.area_density)
+        if density is not None and not 0.005 <= density <= 5.0:
+            raise table.fault("area_density", expected="0.005 to 5 kg/m²: 210 g/m² are 0.21", found=density)
         measured = SwatchMeasurements(
             table.text_or("name", path.stem), tests, bend, yarns, density, table.text_or("pattern", None),
             tuple(photographs), notes,

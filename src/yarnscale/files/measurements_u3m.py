@@ -7,7 +7,9 @@ and force [g]. Strips of 8 cm are read; of 2 cm, clamps cause most of the force.
 
 from __future__ import annotations
 
+import lzma
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -77,6 +79,8 @@ def _test(direction: Fields, along: Direction, cycle: Cycle) -> tuple[StretchTes
         if (branch[::2] <= 0).any():
             raise part.fault(key, expected="distances above zero [cm]", found=float(branch[::2].min()))
         pairs.append(branch.reshape(-1, 2))
+    if not any(len(branch) for branch in pairs):
+        raise part.fault("samplesTree", expected="three readings or more", found="none")
     length, force = np.concatenate(pairs).T * [[_CENTIMETRE], [_GRAM]]
     try:
         run, remarks = stretch_run("1", force, length, None, swatch_width=width, cycle=cycle)
@@ -92,32 +96,45 @@ def _physics(path: Path) -> Iterator[Fields]:
         with json_file(path) as table:
             yield _holding_raw_data(table)
         return
-    with zipfile.ZipFile(path) as archive:
-        entries = [e for e in archive.infolist() if Path(e.filename).suffix.lower() in (".json", ".u3m")]
-        if len(archive.infolist()) > _MOST or not entries:
-            expected = f"an archive of at most {_MOST} files with a JSON file"
-            raise InputError("no measurements", where=path, expected=expected, found=len(archive.infolist()))
-        texts = {entry.filename: _unpacked(path, archive, entry) for entry in entries}
-    chosen = next((name for name in texts if '"raw_data"' in texts[name]), None)
-    if chosen is None:
-        raise InputError("no measurements", where=path, expected="raw_data in a JSON file", found="none")
-    with json_text(f"{path}[{chosen}]", texts[chosen]) as table:
+    name, text = _unpacked(path)
+    with json_text(f"{path}[{name}]", text) as table:
         yield _holding_raw_data(table)
 
 
-def _unpacked(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> str:
-    """The text of a file of an archive, never more than the largest size."""
-    where = f"{path}[{entry.filename}]"
+def _unpacked(path: Path) -> tuple[str, str]:
+    """Name and text of the first JSON file with raw data; of all files together never more than the largest size."""
+    left = _LARGEST
     try:
-        with archive.open(entry) as file:
-            content = file.read(_LARGEST + 1)
-        if len(content) > _LARGEST:
-            raise InputError("file is too large", where=where, expected=f"≤ {_LARGEST} bytes", found="more")
-        return content.decode("utf-8-sig")
-    except (OSError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError("file cannot be unpacked", where=where, expected="UTF-8 text", found=error) from None
+        with zipfile.ZipFile(path) as archive:
+            entries = [e for e in archive.infolist() if Path(e.filename).suffix.lower() in (".json", ".u3m")]
+            if len(archive.infolist()) > _MOST or not entries:
+                expected = f"an archive of at most {_MOST} files with a JSON file"
+                raise InputError(
+                    "no measurements", where=path, expected=expected, found=len(archive.infolist())
+                )
+            for entry in entries:
+                with archive.open(entry) as file:
+                    content = file.read(left + 1)
+                left -= len(content)
+                if left < 0:
+                    raise InputError(
+                        "file is too large", where=path, expected=f"≤ {_LARGEST} bytes", found="more"
+                    )
+                if b'"raw_data"' in content:
+                    return entry.filename, content.decode("utf-8-sig")
+    except InputError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        RuntimeError,
+        EOFError,
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+    ) as error:
+        raise InputError("file cannot be unpacked", where=path, expected="UTF-8 text", found=error) from None
+    raise InputError("no measurements", where=path, expected="raw_data in a JSON file", found="none")
 
 
 def _holding_raw_data(table: Fields) -> Fields:

@@ -6,12 +6,19 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, Protocol, TypeVar, get_args
 
 from yarnscale.errors import InputError
 from yarnscale.numerics.newton import Solution, Status
 
 Method = Literal["explicit", "implicit"]
+
+
+def checked_method(method: Method) -> Method:
+    """The method of steps. Raises InputError for another name."""
+    if method not in get_args(Method):
+        raise InputError("method", expected="explicit or implicit", found=method)
+    return method
 
 
 class Timed(Protocol):

@@ -7,6 +7,7 @@ do), which takes energy away whatever the step.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,6 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.errors import InputError
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import run_columns
@@ -91,6 +93,14 @@ class YarnFriction:
 
     coefficient: float
     slip: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.coefficient) and self.coefficient >= 0):
+            raise InputError("friction of yarns", expected="zero or more", found=self.coefficient)
+        if not (math.isfinite(self.slip) and self.slip > 0):
+            raise InputError(
+                "slip within which yarns stick [radii]", expected="a positive number", found=self.slip
+            )
 
     def stencils(self, positions: Array, contacts: StencilSet, x: Array) -> StencilSet:
         """Friction of the pairs that press on each other at a state; positions (n, 3), contact stencils."""

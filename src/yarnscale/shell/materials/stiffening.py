@@ -62,7 +62,7 @@ class StiffeningMaterial(DirectionalMaterial):
         super().__post_init__()
         for name in ("rate_weft", "rate_warp", "shear_rate", *self.SIGNED):
             if not abs(getattr(self, name)) >= 1e-3:
-                raise InputError(name, expected="0.001 or more", found=getattr(self, name))
+                raise InputError(name, expected="at least 0.001 in size", found=getattr(self, name))
 
     @staticmethod
     def membrane_energy(forms: ca.SX, constants: ca.SX) -> ca.SX:
