@@ -102,8 +102,10 @@ def load_rays(
     radius, sizes = cell.pattern.radius, np.geomspace(least, limit, LEVELS)
     rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
     close = np.concatenate([np.geomspace(least, 0.1 * limit, 10), np.linspace(0.1, 1.1, 9)[1:] * limit])
-    axes = _along_axes(radius, sizes, close) if fixed else ()
-    for ray in chain(axes, _random_rays(radius, sizes, seed)):
+    drawn = _random_rays(radius, sizes, seed)
+    # Few solves have some of all kinds too.
+    axes = chain.from_iterable(zip(_along_axes(radius, sizes, close), drawn, strict=False)) if fixed else ()
+    for ray in chain(axes, drawn):
         if spent >= solves and (not fixed or len(rays) > _FEWEST_RAYS):
             break
         rays.append(ray)
