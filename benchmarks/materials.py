@@ -5,7 +5,8 @@ python benchmarks/materials.py [PATTERN ...] --out DIR [--unseen] [--form hylc20
 PATTERN: names or files, default all built-in ones. What is done is kept in DIR and not repeated: ``PATTERN/FORM`` is
 the folder of ``yarnscale homogenize``, ``PATTERN/FORM.json`` how long it took, ``PATTERN/FORM-tests.json`` the tests of
 the shell, ``cells/PATTERN/tests.json`` those of the cell (``yarnscale test PATTERN --out DIR/cells/PATTERN``), and
-``unseen/PATTERN`` a store of states that no fit sees. --table: print what is there, start nothing.
+``unseen/PATTERN`` a store of states that no fit sees. --table: rows of patterns whose tests are there,
+others are left out.
 
 Columns: tension is the share of loads (0°, 45°, 90°, 0.02 to 50 N/m) at which stretch is within 0.01 + 3 % and
 contraction within 0.02 + 3 % of the cell's, and how often the shell's stretch falls where the cell's rises; moments
@@ -184,9 +185,7 @@ def row(name: str, options: argparse.Namespace) -> list[str]:
     shell = tests_of_shell(material, cell, folder / f"{options.form}-tests.json")
     (share, falls), spent = tension(shell, cell), json.loads((folder / f"{options.form}.json").read_text())
     store = options.out / "unseen" / Path(name).stem
-    found = (
-        errors(material, unseen(material_folder, store)) if options.unseen or store.exists() else ["–", "–"]
-    )
+    found = errors(material, unseen(material_folder, store)) if options.unseen else ["–", "–"]
     compact = options.form == "compact"
     rest = (
         f"{at_rest(material, FabricStates.of(SampleStore(material_folder / 'samples'))):.2f}"

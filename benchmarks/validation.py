@@ -191,10 +191,11 @@ class KeptRun(Generic[State]):
         self._file = CheckpointFile(folder / CHECKPOINT, kind, settings, interval=math.inf)
         self.place = self._file.read() if (folder / CHECKPOINT).exists() else None
         self.kept = self.place.frames if self.place else 0
-        self.steps, self.seconds = 0, 0.0
+        self.steps, self.seconds, self.faults = 0, 0.0, 0
         if self.kept:
             with np.load(folder / f"frame_{self.kept - 1:04d}.npz") as frame:
                 self.steps, self.seconds = int(frame["steps"]), float(frame["seconds"])
+                self.faults = int(frame["faults"])
 
     @property
     def finished(self) -> bool:
@@ -328,7 +329,7 @@ def by_cloth(case: Case, asked: Scenario, folder: Path, options: argparse.Namesp
     solver, start = ClothSolver(cloth), ClothState.flat(cloth.mesh)
     simulate(solver, start, Schedule(1e-4, 1e-4, to_rest=False))  # compiles
     surface = MiddleSurface.of(cloth.mesh.panel, asked.size)
-    crossed = 0
+    crossed = run.faults
 
     def seen(state: ClothState) -> dict[str, object]:
         nonlocal crossed

@@ -13,8 +13,8 @@ from yarnscale.swatches.measurements import (
     StretchTest,
     SwatchMeasurements,
     YarnComposition,
-    at_zero_force,
 )
+from yarnscale.swatches.zero_force import at_zero_force
 
 FORCE = np.arange(0.5, 6.0, 0.5)
 

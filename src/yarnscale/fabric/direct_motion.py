@@ -231,10 +231,12 @@ class FabricDynamics(Body[FabricMotion]):
         self._rub(velocity, held, motion.x, duration)
         velocity[held] = led
         step = duration * velocity
-        x = motion.x + min(1.0, energy.bound(motion.x, step)) * step
+        share = min(1.0, energy.bound(motion.x, step))
+        x = motion.x + share * step
         arrive(energy, x, self.count)
         moved = self._moved(motion, x, velocity, motion.time + duration, motion.shift)
-        return Step(moved, Status.CONVERGED, duration)
+        # Yarns that would pass through each other stop before; such a step counts as loose.
+        return Step(moved, Status.CONVERGED if share == 1.0 else Status.STALLED, duration)
 
     def _rub(self, velocity: Array, held: NDArray[np.bool_], x: Array, duration: float) -> None:
         """Take from velocities what friction does in an explicit step."""

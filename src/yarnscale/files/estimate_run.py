@@ -56,8 +56,9 @@ def estimate(
     clamps, fit the yarn.
 
     pattern: see ``fabric_model``, which is called with its defaults unless a model is given. folder: for evaluations;
-    resume: continue with those in it. executor: runs evaluations side by side. progress: called after every evaluation.
-    Other arguments: see ``fit_fabric``. Raises InputError. Source: EST22.
+    those of the same problem that are there are used. resume: refuse a folder without any. executor: runs evaluations
+    side by side. progress: called after every evaluation. Other arguments: see ``fit_fabric``. Raises InputError.
+    Source: EST22.
     """
     if not isinstance(measurements, SwatchMeasurements):
         measurements = read_measurements(measurements)

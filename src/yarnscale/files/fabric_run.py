@@ -38,7 +38,8 @@ def run(
 ) -> FabricResult[State]:
     """Simulate a finite fabric, a ``RodScene`` or a ``SplineScene``.
 
-    folder: for frames of curves and a checkpoint. resume: continue from the checkpoint in the folder. settings: all
+    folder: for frames of curves and a checkpoint; those of an earlier run are replaced. resume: continue from the
+    checkpoint in the folder instead. settings: all
     that shapes the run, by name, for which a checkpoint is refused if they differ; by default the fields of the scene.
     Callbacks: as of ``simulate``. Raises InputError.
     """

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from yarnscale.checked import checked
-from yarnscale.errors import quoted
+from yarnscale.errors import InputError, quoted
 from yarnscale.files.fields import Fields, toml_file
 from yarnscale.files.measurements_csv import read_bend, read_logs
 from yarnscale.files.measurements_swatches import LogSettings, direction_named
@@ -44,8 +44,16 @@ def read_measurements(
     """
     path = Path(path)
     if path.suffix.lower() in U3M_SUFFIXES:
-        cycle = "first" if settings is None else settings.cycle
-        return read_u3m(path, cycle=cycle, single_run=single_run)
+        settings = settings or LogSettings()
+        unused = {
+            "sample": sample,
+            "width of the swatch": settings.swatch_width,
+            "length": settings.swatch_length,
+        }
+        for name, value in unused.items():
+            if value is not None:
+                raise InputError(name, where=path, expected="none: U3M files say it themselves", found=value)
+        return read_u3m(path, cycle=settings.cycle, single_run=single_run)
     if path.suffix.lower() == ".toml":
         return _from_toml(path, sample, single_run, settings or LogSettings())
     readings = read_logs([(path, settings or LogSettings())], fabric=sample, single_run=single_run)

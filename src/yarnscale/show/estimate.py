@@ -277,7 +277,7 @@ def _words(estimate: FabricEstimate) -> list[str]:
     if fit.at_bounds:
         text.append("At the ends of their ranges: " + ", ".join(fit.at_bounds) + ".")
     for direction, error in estimate.bending.items():
-        text.append(f"Bending along {direction.value}, which was not fitted: off by {100 * error:.0f} %.")
+        text.append(f"Bending along {direction.value}: off by {100 * error:.0f} %.")
     return text + list(estimate.measurements.notes)
 
 

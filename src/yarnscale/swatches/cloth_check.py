@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import notify
 from yarnscale.homogenize.homogenize import homogenize
 from yarnscale.homogenize.rays import SOLVES, doubling_load
 from yarnscale.homogenize.sample import Progress
@@ -69,8 +70,12 @@ def homogenized_swatches(
     folder: gets the samples. The other arguments are those of ``homogenize``.
     """
     largest = _BEYOND * max(float(test.curve.up_to(POWER_LOAD).load[-1]) for test in measurements.stretch)
+    if largest > (most := doubling_load(cell)):
+        notify(
+            f"the yarn is twice as long at {most:.3g} N/m: cloth is sampled up to there, not to {largest:.3g} N/m"
+        )
     outcome = homogenize(
-        cell, folder, solves=solves, limit=min(largest, doubling_load(cell)), workers=workers, dask=dask,
+        cell, folder, solves=solves, limit=min(largest, most), workers=workers, dask=dask,
         resume=resume, progress=progress,
     )  # fmt: skip
     return check_cloth(outcome.material, measurements)

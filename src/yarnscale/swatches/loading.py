@@ -19,8 +19,9 @@ from scipy.integrate import trapezoid
 from scipy.optimize import isotonic_regression
 
 from yarnscale.errors import InputError
-from yarnscale.swatches.measurements import POWER_LOAD, StretchRun, Unloading, at_zero_force
+from yarnscale.swatches.measurements import POWER_LOAD, StretchRun, Unloading
 from yarnscale.swatches.slack import slack_and_offset
+from yarnscale.swatches.zero_force import at_zero_force
 
 Array = NDArray[np.float64]
 Cycle = Literal["first", "last"]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from yarnscale.errors import InputError, positive
 from yarnscale.swatches.construction import KnownConstruction
+from yarnscale.swatches.zero_force import at_zero_force
 
 Array = NDArray[np.float64]
 
@@ -30,9 +31,6 @@ COMFORT_LOAD = 2.0 / 0.06
 """Line load up to which clothes are worn in comfort [N/m] (EST22 §4.3)."""
 POWER_LOAD = 5.0 / 0.06
 """Largest line load of sportswear [N/m] (EST22 §4.3)."""
-
-_STEP, _FIRST_STEPS = 0.01, 5
-"""Steps of force that the extrapolation to zero force uses: size as a share of the largest force, and number."""
 
 
 class Direction(Enum):
@@ -125,28 +123,6 @@ class StretchRun:
     def contraction(self) -> Array | None:
         """Orthogonal compression c, one less width over rest width, (n,)."""
         return None if self.width is None or self.rest_width is None else 1.0 - self.width / self.rest_width
-
-
-def at_zero_force(force: Array, value: Array) -> float:
-    """Value at zero force of readings whose force does not fall, (n,) both.
-
-    The last reading at zero force is taken as it is: those before are slack. Without one, readings are averaged in
-    steps of a hundredth of the largest force, and a parabola through the first five steps is extrapolated; a line where
-    the parabola bends the wrong way, since fabric stiffens and a length grows less and less with force.
-    """
-    if (at_rest := np.flatnonzero(force == 0)).size:
-        return float(value[at_rest[-1]])
-    step = ((force - force[0]) / (_STEP * force[-1])).astype(int)
-    _, place, counts = np.unique(step, return_inverse=True, return_counts=True)
-    force = (np.bincount(place, force) / counts)[:_FIRST_STEPS]
-    value = (np.bincount(place, value) / counts)[:_FIRST_STEPS]
-    scaled = force / force[-1]
-    if len(force) > 3:
-        bend, slope, start = np.polyfit(scaled, value, 2)
-        # The slope must keep its sign from zero force to the last of these steps while it shrinks.
-        if bend * slope < 0 and abs(slope) >= 2 * abs(bend):
-            return float(start)
-    return float(np.polyfit(scaled, value, 1)[-1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -311,3 +311,22 @@ def test_the_check_of_frames_sees_crossings() -> None:
     assert solver.intersects(crossing)
     with pytest.raises(InputError, match="start of the cloth; expected surfaces that do not cross"):
         simulate(solver, crossing, Schedule(0.1))
+
+
+def test_friction_of_a_turning_ball_knows_where_the_load_step_ends() -> None:
+    """An equilibrium takes no time and a viscous step has a time of its own: the ball turns as far as is prescribed."""
+    mesh = rectangle(0.04, 0.04, 0.01)
+    settings = ContactSettings(thickness=2e-3, friction=0.3, self_contact=False)
+    turn = Motion((0.0, 0.0, 0.0), 0.0, 1.0, (0.0, 0.3, 0.0))
+    ball = (0.0, 0.0, -0.03), 0.03
+
+    def force(motion: Motion | None, until: float) -> np.ndarray:
+        sphere = Sphere(*ball) if motion is None else Sphere(*ball, motion)
+        contact = ClothContact(mesh, settings, (sphere,))
+        places = np.concatenate([mesh.assembled + [0, 0, 1e-3], contact.places(0.0)])
+        contact.start_step(places, 1.0, 0.0, until)
+        return contact.gradient(places)[1][: mesh.vertex_count]
+
+    still = force(None, 0.5)
+    np.testing.assert_allclose(force(turn, 0.0), still, atol=1e-12 * np.abs(still).max())
+    assert np.abs(force(turn, 0.5) - still).max() > 1e-3 * np.abs(still).max()

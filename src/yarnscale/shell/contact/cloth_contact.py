@@ -71,14 +71,17 @@ class ClothContact:
         return Attachment(vertices, self.places(time), stiffness, self.settings.holding_force)
 
     def start_step(
-        self, positions: Floats, duration: float, time: float = 0.0, slips: Slips | None = None
-    ) -> None:
+        self, positions: Floats, duration: float, time: float = 0.0, until: float | None = None,
+        slips: Slips | None = None,
+    ) -> None:  # fmt: skip
         """Set normal forces and origin of slip for friction at the start of a step of ``duration`` [s].
 
-        slips: elastic slips at the end of the step before.
+        until: time up to which obstacles move [s], by default the end of the step. slips: elastic slips at the end of
+        the step before.
         """
+        until = time + duration if until is None else until
         for number, part in enumerate(self.parts):
-            part.start_step(positions, duration, time, number, slips)
+            part.start_step(positions, duration, (time, until), number, slips)
 
     def slips(self, positions: Floats) -> Slips | None:
         """Elastic slips at the end of a step; None without friction."""

@@ -81,8 +81,10 @@ class PairContact:
         self._grip: _Grip | None = None
 
     def start_step(
-        self, positions: Floats, duration: float, time: float, number: int = 0, slips: Slips | None = None
-    ) -> None:
+        self, positions: Floats, duration: float, times: tuple[float, float], number: int = 0,
+        slips: Slips | None = None,
+    ) -> None:  # fmt: skip
+        """See ``ClothContact.start_step``; times: between which obstacles move [s]."""
         if self.settings.friction == 0.0:
             return
         everything = self.everything(positions)
@@ -100,14 +102,12 @@ class PairContact:
             -self.settings.friction * close.weights * close.fade[0] * slope,
             everything,
             reach,
-            self._carried(close, everything, begun, time, duration),
+            self._carried(close, everything, begun, times),
             between,
             signs,
         )
 
-    def _carried(
-        self, close: Close, everything: Floats, begun: Floats, time: float, duration: float
-    ) -> Floats:
+    def _carried(self, close: Close, everything: Floats, begun: Floats, times: tuple[float, float]) -> Floats:
         """Slips (k, 3) with which a step begins, less the motion of surfaces that vertices do not show."""
         return begun
 

@@ -88,12 +88,10 @@ class ShapeContact(PairContact):
         search = _ShapeSearch(shape, figures, areas * settings.stiffness, point, settings.thickness)
         super().__init__(search, settings, rows, fixed)
 
-    def _carried(
-        self, close: Close, everything: Floats, begun: Floats, time: float, duration: float
-    ) -> Floats:
+    def _carried(self, close: Close, everything: Floats, begun: Floats, times: tuple[float, float]) -> Floats:
         """A sphere that turns carries its surface along."""
         motion = self.shape.motion
-        share = motion.share(time + duration) - motion.share(time)
+        share = motion.share(times[1]) - motion.share(times[0])
         apart = np.einsum("nk,nki->ni", close.coefficients, everything[close.vertices])
         turned = (apart - begun) @ rotation_matrix(share * np.asarray(motion.rotation)).T
         along = apart - turned

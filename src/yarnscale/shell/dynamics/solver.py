@@ -112,7 +112,7 @@ class ClothSolver(Body[ClothState]):
     ) -> Step[ClothState]:
         self._take_up(state)
         begin = self._with_obstacles(state)
-        self.contact.start_step(begin, min(duration, 1.0), state.time, state.slips)
+        self.contact.start_step(begin, min(duration, 1.0), state.time, until, state.slips)
         static = math.isinf(duration)
         integrator = self.options.integrator
         rule = step_rule(
