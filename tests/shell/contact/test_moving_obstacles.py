@@ -323,7 +323,7 @@ def test_friction_of_a_turning_ball_knows_where_the_load_step_ends() -> None:
     def force(motion: Motion | None, until: float) -> np.ndarray:
         sphere = Sphere(*ball) if motion is None else Sphere(*ball, motion)
         contact = ClothContact(mesh, settings, (sphere,))
-        places = np.concatenate([mesh.assembled + [0, 0, 1e-3], contact.places(0.0)])
+        places = np.concatenate([mesh.assembled + np.array([0.0, 0.0, 1e-3]), contact.places(0.0)])
         contact.start_step(places, 1.0, 0.0, until)
         return contact.gradient(places)[1][: mesh.vertex_count]
 
