@@ -6,8 +6,8 @@ import math
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 
@@ -19,7 +19,7 @@ GRAVITY = 9.81
 """Acceleration of free fall [m/s²]."""
 
 
-def strain_units(radius: float) -> NDArray[np.float64]:
+def strain_units(radius: float) -> Array:
     """Strains of like importance for fabric of a yarn radius [m], (6,): a half; a tenth of its curvature."""
     return np.array([0.5] * 3 + [0.1 / radius] * 3)
 
@@ -60,12 +60,12 @@ class ShellStrain:
             raise InputError("strain s_a", expected="|s_a| < 1 (det I > 0)", found=self.s_a)
 
     @classmethod
-    def from_vector(cls, values: NDArray[np.float64] | list[float]) -> ShellStrain:
+    def from_vector(cls, values: Array | list[float]) -> ShellStrain:
         """State from its six components in the order of ``COMPONENTS``."""
         return cls(*(float(v) for v in values))
 
     @classmethod
-    def from_forms(cls, first: NDArray[np.float64], second: NDArray[np.float64]) -> ShellStrain:
+    def from_forms(cls, first: Array, second: Array) -> ShellStrain:
         """State from the fundamental forms I [-] and II [1/m], both (2, 2) and symmetric."""
         determinant = first[0, 0] * first[1, 1] - first[0, 1] ** 2
         if not (first[0, 0] > 0 and first[1, 1] > 0 and determinant > 0):
@@ -74,18 +74,18 @@ class ShellStrain:
         return cls(a - 1, first[0, 1] / (a * b), b - 1, second[0, 0], second[0, 1], second[1, 1])
 
     @property
-    def vector(self) -> NDArray[np.float64]:
+    def vector(self) -> Array:
         """The six components, shape (6,)."""
         return np.array(astuple(self))
 
     @property
-    def first_form(self) -> NDArray[np.float64]:
+    def first_form(self) -> Array:
         """First fundamental form I [-], shape (2, 2)."""
         a, b = 1 + self.s_x, 1 + self.s_y
         return np.array([[a * a, self.s_a * a * b], [self.s_a * a * b, b * b]])
 
     @property
-    def second_form(self) -> NDArray[np.float64]:
+    def second_form(self) -> Array:
         """Second fundamental form II [1/m], shape (2, 2)."""
         return np.array([[self.II11, self.II12], [self.II12, self.II22]])
 
@@ -95,9 +95,7 @@ class ShellStrain:
         return self.II11 == 0.0 and self.II12 == 0.0 and self.II22 == 0.0
 
 
-def line_stretch(
-    strain: NDArray[np.float64], angle: float
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+def line_stretch(strain: Array, angle: float) -> tuple[float, Array, Array]:
     """Stretch λ = |F u| of the material line that lies along an angle φ [rad] from the course at rest.
 
     λ² = uᵀ I u = a² c² + 2 s_a a b c s + b² s² with a = 1 + s_x, b = 1 + s_y, c = cos φ, s = sin φ. Returns λ, its

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.null_space import Chain, ChainConstraints
 from yarnscale.yarn.frames import unit
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 
 def independent(rows: Array) -> Array:

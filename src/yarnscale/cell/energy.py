@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.cell.constraints import constraint_chains, constraint_rows, independent
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
@@ -29,8 +29,7 @@ from yarnscale.yarn.rod import ANCHORS, carried_frames
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 LARGE = 400
 """Vertices beyond which factors decide what an iteration costs."""

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from yarnscale.arrays import Array
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.numerics.newton import Status
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

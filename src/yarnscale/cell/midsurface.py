@@ -10,12 +10,11 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
 
-Array = NDArray[np.float64]
 _SERIES_BELOW = 0.25  # of the squared angle: seven terms are then exact to round-off
 
 

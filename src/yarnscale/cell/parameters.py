@@ -10,12 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.yarn.material import YarnMaterial
-
-Array = NDArray[np.float64]
 
 PARAMETERS = ("young_modulus", "shear_modulus", "bending_scale", "contact_stiffness")
 """Numbers of a ``YarnMaterial`` that an equilibrium depends on."""
@@ -76,7 +74,7 @@ def _of_material(
     return {name: float(value) for name, value in found.items()}
 
 
-def _summed(energy: CellEnergy, columns: Array, kind: NDArray[np.int64] | None = None) -> Array:
+def _summed(energy: CellEnergy, columns: Array, kind: Integers | None = None) -> Array:
     """Sums of (N, k) over the stencils of each material, (materials, k)."""
     kind = energy.stiffness.kind if kind is None else kind
     total = np.zeros((len(energy.stiffness.materials), columns.shape[1]))

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
@@ -15,7 +15,6 @@ from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.passages import Passages
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
 Shape = tuple[ShellStrain, Array]
 """A strain and a fluctuation (n, 3) [r]."""
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.passages import has_passages, jump_is_safe, linked_differently, safe_move
@@ -25,8 +25,6 @@ from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, PatternStiffness, materials_of
-
-Array = NDArray[np.float64]
 
 LARGEST_HALVING = 4
 """How often the load path from rest to a state is halved when the direct solve does not converge."""
@@ -288,13 +286,13 @@ class PeriodicCell:
             passages=passages,
         )
 
-    def placement(self, state: Equilibrium | None) -> Callable[[NDArray[np.int64], NDArray[np.int64]], Array]:
+    def placement(self, state: Equilibrium | None) -> Callable[[Integers, Integers], Array]:
         """Positions of copies: a function of vertices (k,) and tiles (k, 2) to (k, 3) [m]; None: as drawn."""
         radius, n = self.pattern.radius, len(self.pattern.edges)
         surface = cell_midsurface(self.pattern, ShellStrain() if state is None else state.strain)
         fluctuation = np.zeros((n, 3)) if state is None else state.fluctuation
 
-        def place(vertices: NDArray[np.int64], tiles: NDArray[np.int64]) -> Array:
+        def place(vertices: Integers, tiles: Integers) -> Array:
             reference = self.pattern.vertices[vertices].copy()
             reference[:, :2] += tiles * self.pattern.period
             points, rotations = surface.at(reference / radius)

@@ -31,16 +31,15 @@ from functools import cache, cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import dct, idct
 from scipy.interpolate import NdBSpline, make_interp_spline
 
+from yarnscale.arrays import Array
 from yarnscale.cell.midsurface import Midsurface, midsurface_frames, midsurface_point
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 CELLS = 16
 """Grid cells over one period."""

@@ -12,8 +12,8 @@ import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_estimate import estimated_rest
 from yarnscale.cell.rest_outcome import (
@@ -50,7 +50,6 @@ __all__ = [
     "shrunk_to_rest",
 ]
 
-Array = NDArray[np.float64]
 
 SETTING = 0.8
 """Default share of the drawn curvature and twist that yarns have at rest."""

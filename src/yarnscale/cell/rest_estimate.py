@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_outcome import (
@@ -24,8 +24,6 @@ from yarnscale.cell.rest_outcome import (
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 LARGEST_MOMENTUM = 0.85
 """Share of the last reset that is repeated with the next where contact decays slowly."""

@@ -8,15 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 RATIO_STRAIN = 0.05
 """Strain whose stress the stress at rest is compared with."""

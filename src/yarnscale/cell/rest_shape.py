@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
@@ -19,8 +19,6 @@ from yarnscale.yarn.frames import (
     upright,
 )
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 
 def rebased(pattern: YarnPattern, state: Equilibrium) -> YarnPattern:

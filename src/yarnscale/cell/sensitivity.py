@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from yarnscale.arrays import Array
 from yarnscale.cell.constraints import constraint_rows, vertex_tangents
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
@@ -21,8 +21,6 @@ from yarnscale.cell.parameters import ExplicitPart, explicit_part
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.threads import on_one_thread
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-5  # of central differences in the six components, times 1/r for curvature
 _SMALL_STEP = 2e-8  # of one-sided ones: contacts that begin between the two ends of a longer one spoil it

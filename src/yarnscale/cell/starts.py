@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.passages import safe_move
-
-Array = NDArray[np.float64]
 
 NOISE = 0.1
 """Standard deviation of the noise of every coordinate [r]."""

@@ -11,13 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.detail.tiling import Tilings
 from yarnscale.shell.mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 LARGEST_STRETCH = 0.03
 """Largest stretch of a pattern to fit around a ring of panels; if more is needed it is not stretched."""
@@ -32,11 +29,11 @@ class _Shift:
     """A stretch of seam whose sides are shifted: panels, mean place of either side [m], length [m]."""
 
     panels: tuple[int, int]
-    places: tuple[Floats, Floats]
+    places: tuple[Array, Array]
     length: float
 
 
-def aligned_tilings(period: Floats, mesh: TriangleMesh) -> Tilings:
+def aligned_tilings(period: Array, mesh: TriangleMesh) -> Tilings:
     """Tilings of the panels of a mesh by a pattern of period (2,) [m], continuous across seams where possible."""
     numbers = mesh.panel_numbers
     count = int(numbers.max()) + 1
@@ -59,8 +56,8 @@ def aligned_tilings(period: Floats, mesh: TriangleMesh) -> Tilings:
 
 
 def _equations(
-    shifts: list[_Shift], middle: Floats, period: Floats, axis: int, count: int
-) -> tuple[Floats, Floats]:
+    shifts: list[_Shift], middle: Array, period: Array, axis: int, count: int
+) -> tuple[Array, Array]:
     """Linear equations for the offsets and strains e of all panels (2·count): sides agree, strains are small."""
     unstretched = np.zeros((count, 2 * count))
     unstretched[:, count:] = np.eye(count)

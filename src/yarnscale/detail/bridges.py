@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from yarnscale.arrays import Array, Flags, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +19,9 @@ class Bridges:
 
     vertices: Integers
     anchors: Integers
-    share: Floats
+    share: Array
 
-    def place(self, points: Floats) -> None:
+    def place(self, points: Array) -> None:
         """Set the bridges among the points (n, 3) [m] from their anchors."""
         before, start, end, after = (points[self.anchors[:, k]] for k in range(4))
         gap = np.linalg.norm(end - start, axis=1)[:, None]
@@ -36,7 +34,7 @@ class Bridges:
             - t * t * (1 - t) * last
         )
 
-    def among(self, kept: NDArray[np.bool_]) -> Bridges:
+    def among(self, kept: Flags) -> Bridges:
         """The remaining bridges, renumbered, if whole curves of the vertices (n,) are left out."""
         number = np.cumsum(kept) - 1
         own = kept[self.vertices]
@@ -46,6 +44,6 @@ class Bridges:
 NO_BRIDGES = Bridges(np.zeros(0, np.int64), np.zeros((0, 4), np.int64), np.zeros(0))
 
 
-def _direction(vectors: Floats) -> Floats:
+def _direction(vectors: Array) -> Array:
     """Unit vectors; zero for zero vectors."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogenize.plan import StrainGrid
@@ -28,8 +29,6 @@ from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, STRAINS
 from yarnscale.yarn.pattern import YarnPattern
-
-Floats = NDArray[np.float64]
 
 STRETCHES = (-0.16, -0.08, 0.0, 0.12, 0.27, 0.46, 0.7)
 SHEARS = (-0.5, -0.25, 0.0, 0.25, 0.5)
@@ -60,8 +59,8 @@ class FluctuationTable:
     """
 
     pattern: YarnPattern
-    axes: tuple[Floats, Floats, Floats, Floats, Floats]
-    values: Floats | NDArray[np.float32]
+    axes: tuple[Array, Array, Array, Array, Array]
+    values: Array | NDArray[np.float32]
     replaced: int = 0
 
     @classmethod
@@ -116,9 +115,9 @@ class ScatteredFluctuations:
     Components in the order of ``kinematics.COMPONENTS``. size: (6,) units of the distance of states.
     """
 
-    states: Floats
-    values: Floats
-    size: Floats
+    states: Array
+    values: Array
+    size: Array
 
     @classmethod
     def of(cls, store: SampleStore, radius: float) -> ScatteredFluctuations:
@@ -132,7 +131,7 @@ class ScatteredFluctuations:
         values = np.stack([store.read(int(i), "fluctuation").ravel() for i in good[first]])
         return cls(states, values, np.array([1.0] * 3 + [_BEND_SIZE / radius] * 3))
 
-    def axes(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    def axes(self) -> tuple[Array, Array, Array, Array, Array]:
         """Axes of a table: the default values in the range of the states, its ends, and midpoints.
 
         Midpoints as long as the table stays below ``LARGEST_TABLE``.
@@ -141,7 +140,7 @@ class ScatteredFluctuations:
         usual = (STRETCHES, SHEARS, STRETCHES, (-bend, 0.0, bend), (-bend, 0.0, bend))
         low, high = (limit[_TABLED] for limit in (self.states.min(axis=0), self.states.max(axis=0)))
 
-        def within(axes: Sequence[Sequence[float] | Floats]) -> list[Floats]:
+        def within(axes: Sequence[Sequence[float] | Array]) -> list[Array]:
             clipped = (np.clip(u, lo, hi) for u, lo, hi in zip(axes, low, high, strict=True))
             return [np.unique([*u, lo, hi]) for u, lo, hi in zip(clipped, low, high, strict=True)]
 
@@ -153,7 +152,7 @@ class ScatteredFluctuations:
         return x, a, y, p, q
 
     @cached_property
-    def _varying(self) -> NDArray[np.bool_]:
+    def _varying(self) -> Flags:
         """Which components vary among the states."""
         return np.ptp(self.states, axis=0) > 0.0
 
@@ -166,7 +165,7 @@ class ScatteredFluctuations:
             # Too few states for a plane through them; they have a mean.
             return RBFInterpolator(known, self.values, kernel="linear", degree=0)
 
-    def at(self, states: Floats) -> Floats:
+    def at(self, states: Array) -> Array:
         """û at states (k, 6), or (k, 5) without twist II12; (k, 3n) [m]."""
         if states.shape[1] == len(_TABLED):
             states = np.insert(states, 4, 0.0, axis=1)
@@ -174,7 +173,7 @@ class ScatteredFluctuations:
             return np.repeat(self.values[:1], len(states), axis=0)
         return self._interpolant((states / self.size)[:, self._varying])
 
-    def error_on(self, store: SampleStore) -> Floats:
+    def error_on(self, store: SampleStore) -> Array:
         """‖Δû‖ [m] of every vertex in converged states of another store, (k, n).
 
         Only states within the range of these ones and different from them.
@@ -189,7 +188,7 @@ class ScatteredFluctuations:
 
 def _sorted_grid(
     store: SampleStore,
-) -> tuple[tuple[Floats, Floats, Floats, Floats, Floats], NDArray[np.int64]]:
+) -> tuple[tuple[Array, Array, Array, Array, Array], Integers]:
     """Increasing axes of a grid store, and the number of every state in that order."""
     states = store.states.reshape((*store.shape, 5))
     index = np.arange(store.count).reshape(store.shape)
@@ -204,9 +203,9 @@ def _sorted_grid(
 
 def _values(
     store: SampleStore,
-    axes: tuple[Floats, Floats, Floats, Floats, Floats],
-    slots: list[NDArray[np.int64]],
-) -> tuple[Floats, int]:
+    axes: tuple[Array, Array, Array, Array, Array],
+    slots: list[Integers],
+) -> tuple[Array, int]:
     """``values`` and ``replaced`` of a table; slots: numbers of the states over (s_x, s_a, s_y), flat ones first."""
     good = store.status() == CODE_OF["converged"]
     if not good[slots[0]].any():

@@ -13,16 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.detail.alignment import aligned_tilings
 from yarnscale.detail.bridges import Bridges
 from yarnscale.detail.tiling import Tilings, YarnLayout
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.yarn.pattern import YarnPattern
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _EXACT = 0.5
 """Distance of two ends, in steps of the yarn, below which they are joined without a bridge."""
@@ -53,12 +50,12 @@ class YarnEnds:
     """
 
     end: Integers
-    place: Floats
-    step: Floats
+    place: Array
+    step: Array
     panel: Integers
     kind: Integers
-    seen_place: Floats
-    seen_step: Floats
+    seen_place: Array
+    seen_step: Array
     seen_panel: Integers
 
     @classmethod
@@ -82,7 +79,7 @@ class YarnEnds:
         return cls(end, place, step, panel, kind, seen_place, seen_step, mesh.panel_numbers[numbers[:, 2]])
 
 
-def _steps(pattern: YarnPattern, vertex: Integers, *, forward: NDArray[np.bool_]) -> Floats:
+def _steps(pattern: YarnPattern, vertex: Integers, *, forward: Flags) -> Array:
     """From vertices (k,) to the next one along the yarn, or to the one before, (k, 3) [m]."""
     edges = pattern.edges
     along = pattern.vertices[edges[:, 1]] - pattern.vertices[edges[:, 0]]
@@ -91,14 +88,14 @@ def _steps(pattern: YarnPattern, vertex: Integers, *, forward: NDArray[np.bool_]
     return np.where(forward[:, None], along[vertex], -along[pattern.previous_vertex[vertex]])
 
 
-def _across(points: Floats, places: Floats, steps: Floats) -> tuple[Floats, Floats]:
+def _across(points: Array, places: Array, steps: Array) -> tuple[Array, Array]:
     """Places and steps (k, 2) beside one side of sewn edges as the other side has them; points as ``sewn_edges``."""
     start, other = points[:, 0], points[:, 2]
     along, onward = points[:, 1] - start, points[:, 3] - other
     size = np.linalg.norm(along, axis=1)
     unit, turned = along / size[:, None], onward / np.linalg.norm(onward, axis=1)[:, None]
 
-    def seen(vectors: Floats, scale: Floats) -> Floats:
+    def seen(vectors: Array, scale: Array) -> Array:
         ahead = np.einsum("kc,kc->k", vectors, unit) * scale
         aside = unit[:, 0] * vectors[:, 1] - unit[:, 1] * vectors[:, 0]
         return ahead[:, None] * turned + aside[:, None] * np.column_stack([-turned[:, 1], turned[:, 0]])
@@ -107,7 +104,7 @@ def _across(points: Floats, places: Floats, steps: Floats) -> tuple[Floats, Floa
     return other + seen(places - start, scale), seen(steps, np.ones_like(scale))
 
 
-def _nearest_seam(mesh: TriangleMesh, places: Floats, panel: Integers, spacing: float) -> Integers:
+def _nearest_seam(mesh: TriangleMesh, places: Array, panel: Integers, spacing: float) -> Integers:
     """Row of ``sewn_edges`` that is the nearest border to places (k, 2) on panels (k,); −1: a free edge is."""
     from scipy.spatial import KDTree
 
@@ -125,7 +122,7 @@ def _nearest_seam(mesh: TriangleMesh, places: Floats, panel: Integers, spacing: 
     return numbers[row[tree.query(np.column_stack([places, _far_apart(panel, mesh)]))[1]]]
 
 
-def _far_apart(panel: Integers, mesh: TriangleMesh) -> Floats:
+def _far_apart(panel: Integers, mesh: TriangleMesh) -> Array:
     """A coordinate that keeps panels apart which lie on each other in the fabric."""
     return 10.0 * float(np.ptp(mesh.material, axis=0).max()) * panel.astype(np.float64)
 
@@ -135,8 +132,8 @@ class _Pairs:
     """Ends that are joined: rows (p, 2), by how much they miss each other and how far they are apart (p,) [m]."""
 
     rows: Integers
-    miss: Floats
-    gap: Floats
+    miss: Array
+    gap: Array
 
 
 def _partners(ends: YarnEnds, mesh: TriangleMesh, reach: float) -> _Pairs:
@@ -153,7 +150,7 @@ def _partners(ends: YarnEnds, mesh: TriangleMesh, reach: float) -> _Pairs:
     )
 
 
-def _nearest_pairs(ends: YarnEnds, mesh: TriangleMesh, reach: float, free: NDArray[np.bool_]) -> _Pairs:
+def _nearest_pairs(ends: YarnEnds, mesh: TriangleMesh, reach: float, free: Flags) -> _Pairs:
     """Pairs of free ends that miss each other by less than ``reach`` [m], the best first, each end once."""
     from scipy.spatial import KDTree
 
@@ -228,7 +225,7 @@ class _Joints:
         return cls(partner, given, put_in)
 
 
-def _chains(partner: Integers, closed: NDArray[np.bool_]) -> list[tuple[list[int], bool]]:
+def _chains(partner: Integers, closed: Flags) -> list[tuple[list[int], bool]]:
     """Pieces in the order of each joined yarn, as the end that each is entered by, and whether it is a ring."""
     chains, used = [], closed.copy()
     starts = np.flatnonzero(partner < 0)
@@ -244,7 +241,7 @@ def _chains(partner: Integers, closed: NDArray[np.bool_]) -> list[tuple[list[int
     return chains + [([2 * int(c)], True) for c in np.flatnonzero(closed)]
 
 
-def _rows(layout: YarnLayout, joints: _Joints, chain: list[int], *, ring: bool) -> tuple[Integers, Floats]:
+def _rows(layout: YarnLayout, joints: _Joints, chain: list[int], *, ring: bool) -> tuple[Integers, Array]:
     """Vertices of the layout in the order of a joined yarn, and the share of each along its bridge, else 0.
 
     Vertices of bridges repeat the one before them.
@@ -273,7 +270,7 @@ def _trimmed(layout: YarnLayout, joints: _Joints, end: int) -> tuple[Integers, i
     return rows[front : len(rows) - back], front, back
 
 
-def _bridges(shares: Floats, offsets: Integers, closed: NDArray[np.bool_]) -> Bridges:
+def _bridges(shares: Array, offsets: Integers, closed: Flags) -> Bridges:
     """Bridges among vertices with these shares (n,), 0 for those that the pattern has; curves begin with such."""
     own, bridge = np.flatnonzero(shares == 0), np.flatnonzero(shares > 0)
     curve = np.repeat(np.arange(len(closed)), np.diff(offsets))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.strands import Strands
-
-Floats = NDArray[np.float64]
 
 NEIGHBOURS = 3
 """Segments at most so many edges apart along a yarn are no pair, as in the contact of the cell."""
@@ -26,11 +24,11 @@ class Overlap:
     fabric: to yarns of the same stitches, (m,). layers: to yarns of other layers of the cloth or other panels, (m,).
     """
 
-    fabric: Floats
-    layers: Floats
+    fabric: Array
+    layers: Array
 
     @classmethod
-    def of(cls, detail: YarnDetail, curves: Floats) -> Overlap:
+    def of(cls, detail: YarnDetail, curves: Array) -> Overlap:
         """Of yarns placed at ``curves`` (n, 3) [m] by ``detail.curves``."""
         layout, diameter = detail.layout, 2.0 * detail.radius
         # Where a yarn closes, its ends are no neighbours.

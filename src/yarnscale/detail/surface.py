@@ -17,13 +17,10 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.shell.mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _REGULAR = 1e-4
 """Least eigenvalue of a fit's normal matrix, over its largest, that counts as determined (lengths in edge lengths)."""
@@ -41,7 +38,7 @@ class SurfaceFit:
     mesh: TriangleMesh
     start: Integers
     neighbour: Integers
-    weights: Floats
+    weights: Array
 
     @classmethod
     def of(cls, mesh: TriangleMesh) -> SurfaceFit:
@@ -69,7 +66,7 @@ class SurfaceFit:
         vertex = mesh.point_vertices
         return cls(mesh, start, vertex[neighbour[order]], np.ascontiguousarray(weights[order]))
 
-    def forms(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
+    def forms(self, positions: Array) -> tuple[Array, Array, Array]:
         """∂φ/∂ξ (nm, 2, 3), I11 I12 I22 (nm, 3) [-] and II11 II12 II22 (nm, 3) [1/m] at every material point.
 
         positions: vertices of the deformed mesh, (nv, 3) [m].
@@ -82,8 +79,8 @@ class SurfaceFit:
 
 
 def _fits(
-    material: Floats, reach: sparse.csr_matrix, edge: Floats, nodes: Integers, *, last: bool
-) -> tuple[Integers, Integers, Floats, NDArray[np.bool_]]:
+    material: Array, reach: sparse.csr_matrix, edge: Array, nodes: Integers, *, last: bool
+) -> tuple[Integers, Integers, Array, Flags]:
     """Fits of ``nodes`` over the neighbours in ``reach``: node, neighbour, weights; which were determined."""
     table = reach[nodes].tocoo()
     row, other = table.row.astype(np.int64), table.col.astype(np.int64)

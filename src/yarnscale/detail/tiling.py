@@ -7,15 +7,12 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.detail.bridges import NO_BRIDGES, Bridges
 from yarnscale.errors import InputError
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.yarn.pattern import YarnPattern
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SHORTEST = 12.0
 """Pieces of yarn shorter than so many radii, less than a stitch cut off at a free border, are left out."""
@@ -31,8 +28,8 @@ class Tilings:
     origin: (panels, 2) [m]; stretch: (panels, 2) [-], near one.
     """
 
-    origin: Floats
-    stretch: Floats
+    origin: Array
+    stretch: Array
 
     @classmethod
     def plain(cls, panels: int) -> Tilings:
@@ -53,13 +50,13 @@ class YarnLayout:
 
     vertex: Integers
     triangle: Integers
-    place: Floats
-    material: Floats
+    place: Array
+    material: Array
     panel: Integers
-    stretch: Floats
+    stretch: Array
     offsets: Integers
     yarn: Integers
-    closed: NDArray[np.bool_]
+    closed: Flags
     bridges: Bridges = NO_BRIDGES
 
     @classmethod
@@ -126,15 +123,15 @@ class YarnLayout:
             bridges=self.bridges.among(rows),
         )
 
-    def among(self, rows: Integers | NDArray[np.bool_], **changes: Any) -> YarnLayout:
+    def among(self, rows: Integers | Flags, **changes: Any) -> YarnLayout:
         """The layout of some of its vertices, with other curves."""
         kept = ("vertex", "triangle", "place", "material", "panel", "stretch")
         return replace(self, **{name: getattr(self, name)[rows] for name in kept}, **changes)
 
 
 def _panel_pieces(
-    rest: Floats, period: Floats, pattern: YarnPattern, mesh: TriangleMesh, own: Integers
-) -> tuple[Integers, Integers, Floats, Integers, NDArray[np.bool_]]:
+    rest: Array, period: Array, pattern: YarnPattern, mesh: TriangleMesh, own: Integers
+) -> tuple[Integers, Integers, Array, Integers, Flags]:
     """Vertex, triangle and place of all yarn vertices on triangles ``own``; length of each curve, whether closed.
 
     rest: reference coordinates of the vertices of tile (0, 0), (k, 2); period: of the tiles, (2,) [m].

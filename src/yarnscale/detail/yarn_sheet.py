@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.detail.fluctuations import FluctuationTable
@@ -25,8 +25,6 @@ from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.yarn.frames import unit
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,17 +16,14 @@ from typing import Literal, get_args
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.detail.fluctuations import FluctuationTable, fluctuation
 from yarnscale.detail.joins import sewn_layout
 from yarnscale.detail.surface import SurfaceFit
 from yarnscale.detail.tiling import YarnLayout
 from yarnscale.errors import InputError
 from yarnscale.shell.mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 Seams = Literal["joined", "cut"]
 
@@ -59,18 +56,18 @@ class YarnDetail:
         """Radius of the yarns [m]."""
         return self.table.pattern.radius
 
-    def curves(self, positions: Floats) -> Floats:
+    def curves(self, positions: Array) -> Array:
         """Yarn vertices [m], shape (n, 3) in the order of ``layout``, of the mesh deformed to positions (nv, 3) [m].
 
         Raises InputError for positions of another mesh or that are not finite.
         """
         return self._placed(positions)[0]
 
-    def states(self, positions: Floats) -> Floats:
+    def states(self, positions: Array) -> Array:
         """(s_x, s_a, s_y, II11, II22) [-, 1/m] at every yarn vertex, shape (n, 5); arguments as for ``curves``."""
         return self._placed(positions)[1]
 
-    def _placed(self, positions: Floats) -> tuple[Floats, Floats]:
+    def _placed(self, positions: Array) -> tuple[Array, Array]:
         positions = np.ascontiguousarray(positions, dtype=np.float64)
         if positions.shape != (self.mesh.vertex_count, 3):
             raise InputError(

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.close_pairs import close_pairs, closest_points, safe_fraction
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
 _JIT = {"cache": True, "error_model": "numpy"}
 
 FIRST_DIAMETER = 0.25
@@ -163,16 +162,14 @@ class _Near:
     that begins at a copy (k,). first, second: copies at which the segments of each pair begin (m,).
     """
 
-    source: NDArray[np.int64]
+    source: Integers
     offset: Array
-    end: NDArray[np.int64]
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
+    end: Integers
+    first: Integers
+    second: Integers
 
     @classmethod
-    def of(
-        cls, x: Array, offset: Array, strands: Strands, pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
-    ) -> _Near:
+    def of(cls, x: Array, offset: Array, strands: Strands, pairs: tuple[Integers, Integers]) -> _Near:
         begins = np.unique(np.concatenate(pairs))
         nodes = np.unique(np.concatenate([begins, strands.ends[begins]]))
         end = np.full(len(nodes), -1)

@@ -13,9 +13,9 @@ from functools import reduce
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import DEGREE, BoundingVolume
@@ -159,5 +159,5 @@ def _changed(motion: YarnMotion, change: csr_array) -> YarnMotion:
     )
 
 
-def _table(knots: list[Knot]) -> NDArray[np.float64]:
+def _table(knots: list[Knot]) -> Array:
     return np.array([(knot.axis, knot.place) for knot in knots], np.float64).reshape(-1, 2)

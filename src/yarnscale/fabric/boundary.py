@@ -13,15 +13,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.material import YarnMaterial
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 
 WIDTH = 3.0
@@ -57,7 +56,7 @@ def border_distance(sheet: YarnSheet) -> Array:
     return np.minimum(place - place.min(axis=0), place.max(axis=0) - place).min(axis=1)
 
 
-def looped(sheet: YarnSheet, first: Indices, second: Indices) -> NDArray[np.bool_]:
+def looped(sheet: YarnSheet, first: Indices, second: Indices) -> Flags:
     """Which touching pairs of segments (m,) belong to yarns looped through each other, or to one yarn (m,).
 
     first, second: every pair of the sheet (m,), as all contacts of two yarns count. The length is that along the yarn

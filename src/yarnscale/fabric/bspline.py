@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from yarnscale.arrays import Array, Integers
 
 ORDER = 4
 """Control points that act on one segment."""
@@ -37,7 +37,7 @@ def control_of_periodic(samples: Array) -> Array:
     return np.real(np.fft.ifft(np.fft.fft(samples, axis=0) / spectrum[:, None], axis=0))
 
 
-def located(position: ArrayLike, segments: int) -> tuple[NDArray[np.int64], Array]:
+def located(position: ArrayLike, segments: int) -> tuple[Integers, Array]:
     """Segment and place within it, in [0, 1], of curve parameters in [0, segments]."""
     position = np.asarray(position, dtype=np.float64)
     segment = np.clip(np.floor(position).astype(np.int64), 0, segments - 1)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.fabric.boundary import Springs
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.assembly import StencilSet, position_variables
@@ -24,8 +24,6 @@ from yarnscale.yarn.frames import carried, reference_twist, unit_edges
 from yarnscale.yarn.friction import YarnFriction, no_friction
 from yarnscale.yarn.rod import STRETCH
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
-
-Array = NDArray[np.float64]
 
 STEP_LIMIT = 4.0
 """Largest move of a vertex against the fabric as a whole in one Newton step [r]."""

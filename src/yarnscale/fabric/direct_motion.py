@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, arrive
@@ -34,8 +34,6 @@ from yarnscale.numerics.regularisation import ShiftRule
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.friction import YarnFriction
-
-Array = NDArray[np.float64]
 
 _PATCH = 5.0
 """Side of the patches whose motion is taken for rigid, in stitches of about eight radii."""
@@ -238,7 +236,7 @@ class FabricDynamics(Body[FabricMotion]):
         # Yarns that would pass through each other stop before; such a step counts as loose.
         return Step(moved, Status.CONVERGED if share == 1.0 else Status.STALLED, duration)
 
-    def _rub(self, velocity: Array, held: NDArray[np.bool_], x: Array, duration: float) -> None:
+    def _rub(self, velocity: Array, held: Flags, x: Array, duration: float) -> None:
         """Take from velocities what friction does in an explicit step."""
         n = self.energy.count
         yielding = np.where(held[: 3 * n].reshape(-1, 3).all(axis=1), 0.0, 1.0 / self.mass[: 3 * n : 3])
@@ -290,7 +288,7 @@ class FabricDynamics(Body[FabricMotion]):
         }
 
 
-def _patches(energy: FabricEnergy) -> NDArray[np.int64]:
+def _patches(energy: FabricEnergy) -> Integers:
     """Number of the patch of each vertex (n,): squares of the fabric as it lies, or pieces of lines."""
     reach = _PATCH * 8.0
     place = np.floor((energy.sheet.vertices - energy.sheet.vertices.min(axis=0)) / energy.radius / reach)
@@ -298,7 +296,7 @@ def _patches(energy: FabricEnergy) -> NDArray[np.int64]:
     return patch.reshape(-1).astype(np.int64)
 
 
-def rigid_motion(positions: Array, velocities: Array, mass: Array, patch: NDArray[np.int64]) -> Array:
+def rigid_motion(positions: Array, velocities: Array, mass: Array, patch: Integers) -> Array:
     """Velocity of the rigid motion of each patch with its momentum and angular momentum; all (n, 3), mass (n,)."""
     patches = int(patch.max()) + 1
 

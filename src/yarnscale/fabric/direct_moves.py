@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from yarnscale.arrays import Array
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.yarn.passages import Passages
-
-Array = NDArray[np.float64]
 
 _MOST_PIECES = 400
 

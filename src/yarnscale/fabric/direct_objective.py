@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.regularisation import ShiftedHessian
 from yarnscale.numerics.sums import Load, Springs, SumOfEnergies, add_diagonal_blocks
-
-Array = NDArray[np.float64]
-
 
 _LOOSE = 1e-4
 """Share of the diagonal regularisation that is left where yarns are tied to each other."""

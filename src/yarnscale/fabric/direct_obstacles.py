@@ -10,14 +10,12 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.surfaces import surface_of
-
-Array = NDArray[np.float64]
 
 _REACH = 20.0
 """Depth in a mesh, or distance from it, up to which contact is computed [r]."""
@@ -88,7 +86,7 @@ class Pushes:
         slower[rubbed] -= lost[:, None] * along
         return slower
 
-    def _rub(self, positions: Array, rubbed: NDArray[np.int64], gradient: Array, hessian: Array) -> float:
+    def _rub(self, positions: Array, rubbed: Integers, gradient: Array, hessian: Array) -> float:
         """Add μ N (√(|u|² + h²) − h), u the slip along the surface, of vertices ``rubbed``; its value."""
         slip, normal, grip = positions[rubbed] - self._stuck[rubbed], self._normal[rubbed], self._grip[rubbed]
         slip = slip - np.einsum("ni,ni->n", slip, normal)[:, None] * normal

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
@@ -18,7 +18,6 @@ from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 
-Array = NDArray[np.float64]
 LinearSolver = ConstrainedSolver
 
 HOLD = 1000.0
@@ -33,12 +32,12 @@ class Holds:
     name, as masks (k,) (none: one grip holds all).
     """
 
-    nodes: NDArray[np.int64]
+    nodes: Integers
     targets: Array
     axes: tuple[bool, bool, bool] = (True, True, True)
-    spun: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    spun: Integers = field(default_factory=lambda: np.empty(0, np.int64))
     angles: Array = field(default_factory=lambda: np.empty(0))
-    grips: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    grips: Mapping[str, Flags] = field(default_factory=dict)
 
     @classmethod
     def none(cls) -> Holds:

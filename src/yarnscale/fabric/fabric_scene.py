@@ -8,16 +8,14 @@ from dataclasses import dataclass, field, fields
 from typing import Generic, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.motion.body import Body, Method, State
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.run import Run
 from yarnscale.motion.schedule import Schedule
-
-Array = NDArray[np.float64]
 
 FRAME = 1 / 30
 """Time between frames [s]."""
@@ -34,10 +32,10 @@ class YarnLines(NamedTuple):
     offsets: (c + 1,); radii (c,) [m]; closed: (c,) whether the last point joins the first; colours: (c,) numbers.
     """
 
-    offsets: NDArray[np.int64]
+    offsets: Integers
     radii: Array
-    closed: NDArray[np.bool_]
-    colours: NDArray[np.int64]
+    closed: Flags
+    colours: Integers
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.drawing.loop_paths import line_crossings
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
@@ -24,8 +24,7 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 FEWEST = 9
 """Stitches that a fit of strain and curvature needs."""
@@ -120,7 +119,7 @@ def _stitches(
     return np.array(first), np.array(last), np.array(tile, np.int64).reshape(-1, 2)
 
 
-def _inner(tiles: Indices, share: float) -> NDArray[np.bool_]:
+def _inner(tiles: Indices, share: float) -> Flags:
     """Which of a fabric's tiles (n, 2) lie in its middle share, by width and by height."""
     low, high = tiles.min(axis=0), tiles.max(axis=0)
     return (np.abs(tiles - 0.5 * (low + high)) <= 0.5 * share * (high - low + 1) + 1e-9).all(axis=1)

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array
 from yarnscale.fabric.knitted_course import BorderRow, Strand, smooth
-
-Array = NDArray[np.float64]
 
 TAIL = 8.0
 """Length of yarn left over at either end of a yarn [r]."""

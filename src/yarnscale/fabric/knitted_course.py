@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.drawing.curves import PeriodicCurve
 from yarnscale.drawing.loop_paths import row_paths
 from yarnscale.drawing.stitches import SIGNS, StitchChart
@@ -21,8 +22,7 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.sheet import NO_PATTERN
 from yarnscale.yarn.pattern import YarnPattern
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 HALF_THICKNESS = 1.1
 """Height of drawn yarns from the middle plane at crossings [r]."""

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from yarnscale.arrays import Array
 from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import Springs
@@ -24,8 +24,6 @@ from yarnscale.fabric.knitted_course import KnittedCourses, Strand, not_knitted
 from yarnscale.fabric.sheet import LARGEST_SHEET, NO_PATTERN, YarnSheet
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 _STRAIGHT = 1e-9
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.strands import Strands
-
-Array = NDArray[np.float64]
 
 _SPACING = 0.2
 """Length of the segments sampled on a yarn [radii]: a distance of 2 r is found to 0.1 %."""

@@ -7,8 +7,8 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
@@ -21,8 +21,6 @@ from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.yarn.friction import YarnFriction
-
-Array = NDArray[np.float64]
 
 USUAL_FRICTION = 0.1
 """Coefficient between yarns: without friction the yarns of a cut weave slide out, with 0.3 fabric creeps and hardly

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion
@@ -21,8 +21,6 @@ from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.numerics.affine import FreeUnknowns, MappedObjective, NodeMap
 from yarnscale.numerics.newton import NewtonOptions, Objective, Solution, minimise
 from yarnscale.numerics.regularisation import ShiftRule
-
-Array = NDArray[np.float64]
 
 _MOST_DENSE = 300
 """Control points up to which Γ is multiplied as a dense matrix."""

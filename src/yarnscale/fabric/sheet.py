@@ -8,15 +8,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.yarn.frames import carried, reference_twist, unit, unit_edges, untwisted_frames
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 Shape = Callable[[Array], tuple[Array, Array]]
 """Points (n, 3) and rotations (n, 3, 3) at reference coordinates (n, 3) [m]."""
 
@@ -40,7 +39,7 @@ class YarnSheet:
 
     vertices: Array
     offsets: Indices
-    closed: NDArray[np.bool_]
+    closed: Flags
     twist: Array
     rest_length: Array
     rest_curvature: Array
@@ -152,7 +151,7 @@ class YarnSheet:
 
     @classmethod
     def of_vertices(
-        cls, pattern: YarnPattern, vertex: Indices, tile: Indices, offsets: Indices, closed: NDArray[np.bool_]
+        cls, pattern: YarnPattern, vertex: Indices, tile: Indices, offsets: Indices, closed: Flags
     ) -> YarnSheet:
         """Some vertices (n,) of a pattern in their tiles (n, 2), yarn after yarn, as they are drawn; area: 0."""
         positions = pattern.vertices[vertex].copy()
@@ -293,7 +292,7 @@ class YarnSheet:
 
 def _lines(
     pattern: YarnPattern, columns: int, rows: int, tube: bool
-) -> tuple[Indices, Indices, Indices, NDArray[np.bool_]]:
+) -> tuple[Indices, Indices, Indices, Flags]:
     """Vertices and tiles of all yarns of the sheet in order, lengths of yarns, whether they are closed."""
     size = np.array([columns, rows]) * pattern.period
     count = np.array([columns, rows])

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_obstacles import Pushes
@@ -18,8 +18,6 @@ from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.obstacles import Obstacle, Sphere
 from yarnscale.motion.rigid import STILL, Motion
 from yarnscale.motion.schedule import Schedule
-
-Array = NDArray[np.float64]
 
 _GRIP = 5.0
 """Width of a grip [radii]."""
@@ -32,7 +30,7 @@ SECOND = "second grip"
 class HeldGrip:
     """Vertices (k,) of a sheet that move together, and their places at time 0 (k, 3) [m]."""
 
-    nodes: NDArray[np.int64]
+    nodes: Integers
     places: Array
     motion: Motion = STILL
 
@@ -84,7 +82,7 @@ class Grip:
     bounds: Array
     motion: Motion = STILL
 
-    def nodes(self, sheet: YarnSheet, middle: Array) -> NDArray[np.int64]:
+    def nodes(self, sheet: YarnSheet, middle: Array) -> Integers:
         """The vertices (k,). Raises InputError where there are none."""
         places = sheet.vertices if self.bounds.shape == (2, 3) else (sheet.vertices - middle)[:, :2]
         if self.bounds.ndim == 1:
@@ -139,7 +137,7 @@ class PlannedScene:
         return scene
 
 
-def _grip(sheet: YarnSheet, nodes: NDArray[np.int64], motion: Motion = STILL) -> HeldGrip:
+def _grip(sheet: YarnSheet, nodes: Integers, motion: Motion = STILL) -> HeldGrip:
     return HeldGrip(nodes, sheet.vertices[nodes], motion)
 
 
@@ -167,7 +165,7 @@ def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: f
 
 def pulled_apart(
     sheet: YarnSheet,
-    grips: tuple[NDArray[np.int64], NDArray[np.int64]],
+    grips: tuple[Integers, Integers],
     way: float,
     *,
     axis: int,
@@ -210,7 +208,7 @@ def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:
     return float(place.min()), float(place.max())
 
 
-def _border(sheet: YarnSheet, axis: int, *, last: bool) -> NDArray[np.int64]:
+def _border(sheet: YarnSheet, axis: int, *, last: bool) -> Integers:
     place, (low, high) = sheet.vertices[:, axis], _ends(sheet, axis)
     width = _GRIP * sheet.radius
     return np.flatnonzero(place > high - width if last else place < low + width)

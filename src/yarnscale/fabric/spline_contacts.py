@@ -13,13 +13,11 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from yarnscale.arrays import Array
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
-
-Array = NDArray[np.float64]
 
 
 @cache

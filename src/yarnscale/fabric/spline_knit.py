@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.drawing.curves import PeriodicCurve
 from yarnscale.drawing.knit import knit
 from yarnscale.drawing.loop_paths import line_crossings
@@ -22,8 +22,7 @@ from yarnscale.fabric.bspline import ORDER, blending, control_of_periodic, locat
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 JERSEYS = ("jersey", "single-jersey", "stockinette")
 """Names of built-in patterns that ``jersey`` makes."""

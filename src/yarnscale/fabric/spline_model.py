@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, kron
 
+from yarnscale.arrays import Array
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_yarn import SEGMENT_MASS, SPLINE_SEGMENT, shape_at_rest
@@ -13,8 +13,6 @@ from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.regularisation import ShiftedHessian
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-8
 """Curvature times yarn radius below which |κ| is rounded off."""

@@ -10,9 +10,9 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
@@ -35,8 +35,6 @@ from yarnscale.numerics.newton import NewtonOptions, Objective, Status, minimise
 from yarnscale.numerics.regularisation import ShiftedHessian, ShiftRule
 from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
 from yarnscale.numerics.sums import Load, MatrixSprings, SumOfEnergies
-
-Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = (0.0, -GRAVITY, 0.0)
 """Down the wales [m/s²]: fabric hangs by its last row."""

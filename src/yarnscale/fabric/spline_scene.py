@@ -6,8 +6,8 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveVolume
@@ -15,8 +15,6 @@ from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, SplineMotion, YarnMotion
-
-Array = NDArray[np.float64]
 
 _POINTS_PER_SEGMENT = 3
 

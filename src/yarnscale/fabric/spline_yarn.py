@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, ORDER, blending
 from yarnscale.numerics.energy import LinearTerms, StencilEnergy, Symbol
-
-Array = NDArray[np.float64]
 
 _POINTS = len(GAUSS_POINTS)
 
@@ -60,7 +58,7 @@ Four control points [m]; at the Gauss points ``rest_speed`` |r'| [m] and ``rest_
 """
 
 
-def shape_at_rest(control: Array, segments: NDArray[np.int64]) -> tuple[Array, Array]:
+def shape_at_rest(control: Array, segments: Integers) -> tuple[Array, Array]:
     """Speed |r'| [m] and curvature [1/m] at the Gauss points of segments (s, 4) of points (n, 3): (s, 4)."""
     corners = control[segments]
     first = np.einsum("gk,skc->sgc", blending(GAUSS_POINTS, 1), corners)

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.interpolate import insert as insert_knot
 from scipy.sparse import csr_array, kron
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-
-Array = NDArray[np.float64]
 
 DEGREE = 3
 

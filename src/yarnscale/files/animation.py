@@ -8,14 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.cloth_frames import MESH, ClothFrames, read_cloth_frames
 from yarnscale.files.curve_frames import CURVES, CurveFrames, CurveSet, read_curve_frames
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +23,7 @@ class Surface:
     """
 
     triangles: Integers
-    material: Floats | None = None
+    material: Array | None = None
     corners: Integers | None = None
 
     @property
@@ -43,11 +40,11 @@ class Moment:
     """
 
     time: float
-    cloth: Floats | None = None
-    velocities: Floats | None = None
-    yarns: Floats | None = None
-    radii: Floats | None = None
-    bodies: Floats | None = None
+    cloth: Array | None = None
+    velocities: Array | None = None
+    yarns: Array | None = None
+    radii: Array | None = None
+    bodies: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,7 @@ class Animation:
     frames bear in their folder, default 0, 1, 2, …
     """
 
-    times: Floats
+    times: Array
     moment: Callable[[int], Moment]
     cloth: Surface | None = None
     yarns: CurveSet | None = None
@@ -162,7 +159,7 @@ def _joined(folder: Path, cloth: ClothFrames | None, curves: CurveFrames | None)
     )
 
 
-def vertex_normals(positions: Floats, triangles: Integers) -> Floats:
+def vertex_normals(positions: Array, triangles: Integers) -> Array:
     """Unit normals of a surface's vertices, weighted by area, (nv, 3); +z where a vertex has none."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     faces = np.cross(b - a, c - a)

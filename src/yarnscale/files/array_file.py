@@ -14,6 +14,7 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import ArrayLike, NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
 
@@ -58,9 +59,7 @@ def _opened(path: str | os.PathLike[str], what: str) -> Iterator[NpzFile]:
         raise InputError(f"file is no {what}", where=path, found=str(error)[:80]) from None
 
 
-def checked(
-    array: NDArray, *, name: str, shape: tuple[int | None, ...], where: object = None
-) -> NDArray[np.float64]:
+def checked(array: NDArray, *, name: str, shape: tuple[int | None, ...], where: object = None) -> Array:
     """The array as finite numbers of a shape (None: any length); InputError otherwise."""
     fits = array.ndim == len(shape) and all(
         want is None or want == got for want, got in zip(shape, array.shape, strict=True)
@@ -73,9 +72,7 @@ def checked(
     return array.astype(float)
 
 
-def checked_indices(
-    array: NDArray, *, name: str, width: int, count: int, where: object = None
-) -> NDArray[np.int64]:
+def checked_indices(array: NDArray, *, name: str, width: int, count: int, where: object = None) -> Integers:
     """The array as indices below ``count``, shape (n, width); InputError otherwise."""
     if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in "iu":
         raise InputError(name, where=where, expected=f"integers of shape (n, {width})", found=array.shape)

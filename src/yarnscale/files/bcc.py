@@ -6,13 +6,11 @@ import os
 import struct
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.files.array_file import checked
 from yarnscale.files.atomic import write_bytes
 from yarnscale.files.curve_frames import CurveSet
-
-Floats = NDArray[np.float64]
 
 _HEADER = struct.Struct("<3sB2sBBQQ40s")
 _SIZES = 0x44
@@ -23,7 +21,7 @@ _UP = 2
 """The z-axis."""
 
 
-def write_bcc(path: str | os.PathLike[str], curves: CurveSet, positions: Floats) -> None:
+def write_bcc(path: str | os.PathLike[str], curves: CurveSet, positions: Array) -> None:
     """Write points (n, 3) [m] of curves as single-precision control points of Catmull-Rom curves.
 
     The format has no radii: the first one is written into the comment. InputError where the file cannot be written.

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.motion.obstacles import Obstacle, Sphere, current_points
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class BodySurface:
@@ -38,7 +35,7 @@ class BodySurface:
     def __bool__(self) -> bool:
         return bool(self._shown)
 
-    def vertices(self, time: float, moved: Floats | None = None) -> Floats:
+    def vertices(self, time: float, moved: Array | None = None) -> Array:
         """Vertices at a time [s], (n, 3) [m].
 
         moved: where the points of moving obstacles are, as in ``ClothState``; None: where their motion takes them.
@@ -51,7 +48,7 @@ class BodySurface:
         return np.vstack(places)
 
 
-def ball(*, rings: int = 24, sectors: int = 48) -> tuple[Floats, Integers]:
+def ball(*, rings: int = 24, sectors: int = 48) -> tuple[Array, Integers]:
     """A sphere of radius one about the origin: vertices (n, 3) and triangles (m, 3) that face outwards."""
     polar = np.pi * np.arange(1, rings) / rings
     around = 2 * np.pi * np.arange(sectors) / sectors

@@ -6,12 +6,10 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.files.atomic import write_text
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial
-
-Array = NDArray[np.float64]
 
 
 def write_c_source(path: str | Path, material: CompactMaterial) -> None:

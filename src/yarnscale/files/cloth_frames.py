@@ -9,17 +9,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.array_file import checked, checked_indices, read_arrays, write_arrays
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.state import ClothState
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MESH = "mesh.npz"
 BODIES = "bodies.npz"
@@ -52,9 +50,7 @@ class FrameWriter:
         if self._bodies:
             write_arrays(self.folder / BODIES, triangles=self._bodies.triangles)
 
-    def write_arrays(
-        self, number: int, time: float, moved: Floats | None = None, **arrays: ArrayLike
-    ) -> None:
+    def write_arrays(self, number: int, time: float, moved: Array | None = None, **arrays: ArrayLike) -> None:
         """One frame at a time [s]; moved: where the points of moving obstacles are, as in ``ClothState``."""
         if self._bodies:
             arrays["bodies"] = self._bodies.vertices(time, moved)
@@ -116,10 +112,10 @@ class Frames:
     """Files of frames: paths by number, times of each [s], (nf,), and triangles of the bodies (mb, 3) or None."""
 
     paths: dict[int, Path]
-    times: Floats
+    times: Array
     body_triangles: Integers | None
 
-    def bodies(self, number: int) -> Floats | None:
+    def bodies(self, number: int) -> Array | None:
         """Vertices of the bodies in a frame [m], (nb, 3), or None without any."""
         if self.body_triangles is None:
             return None
@@ -141,7 +137,7 @@ class ClothFrames(Frames):
 
     triangles: Integers
     corners: Integers
-    material: Floats
+    material: Array
 
     def among(self, numbers: Sequence[int]) -> ClothFrames:
         """The frames of these numbers alone."""
@@ -183,7 +179,7 @@ def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
     return ClothFrames(*frame_files(folder), triangles, corners, material)
 
 
-def frame_files(folder: Path) -> tuple[dict[int, Path], Floats, Integers | None]:
+def frame_files(folder: Path) -> tuple[dict[int, Path], Array, Integers | None]:
     """The fields of ``Frames`` of a folder; InputError where there are none."""
     paths, bodies = frame_paths(folder), None
     if (folder / BODIES).is_file():
@@ -194,7 +190,7 @@ def frame_files(folder: Path) -> tuple[dict[int, Path], Floats, Integers | None]
     return paths, frame_times(folder, paths), bodies
 
 
-def frame_times(folder: Path, paths: dict[int, Path]) -> Floats:
+def frame_times(folder: Path, paths: dict[int, Path]) -> Array:
     """Times of frames [s], (nf,); InputError where there are none."""
     if not paths:
         raise InputError("folder holds no frames", where=folder, expected="frame_0000.npz and so on")

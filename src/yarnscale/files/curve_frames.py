@@ -10,13 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.array_file import checked, read_arrays, write_arrays
 from yarnscale.files.cloth_frames import Frames, FrameWriter, frame_files
 from yarnscale.motion.obstacles import Obstacle
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 CURVES = "curves.npz"
 
@@ -33,8 +31,8 @@ class CurveSet:
     """
 
     offsets: Integers
-    radii: Floats
-    closed: NDArray[np.bool_]
+    radii: Array
+    closed: Flags
     yarn: Integers
 
     def __init__(
@@ -73,7 +71,7 @@ class CurveSet:
     def __len__(self) -> int:
         return len(self.closed)
 
-    def chosen(self, which: NDArray[np.bool_]) -> tuple[CurveSet, Integers]:
+    def chosen(self, which: Flags) -> tuple[CurveSet, Integers]:
         """The curves marked in ``which`` (nc,), and the points they take from these (m,)."""
         lengths = np.diff(self.offsets)
         points = np.flatnonzero(np.repeat(which, lengths))
@@ -92,7 +90,7 @@ class CurveSet:
         return np.stack([first, second], axis=1)[keep]
 
 
-def _per_point(radii: NDArray, offsets: Integers) -> Floats:
+def _per_point(radii: NDArray, offsets: Integers) -> Array:
     count, points = len(offsets) - 1, int(offsets[-1])
     if radii.ndim == 0:
         radii = np.full(points, radii)
@@ -129,7 +127,7 @@ class CurveFolder(FrameWriter):
             yarn=curves.yarn,
         )
 
-    def write(self, number: int, positions: Floats, time: float, *, radii: Floats | None = None) -> None:
+    def write(self, number: int, positions: Array, time: float, *, radii: Array | None = None) -> None:
         """Write one frame."""
         count = self.curves.point_count
         arrays = {"positions": checked(np.asarray(positions), name="positions", shape=(count, 3))}
@@ -144,7 +142,7 @@ class CurveFrames(Frames):
 
     curves: CurveSet
 
-    def points(self, number: int) -> tuple[Floats, Floats]:
+    def points(self, number: int) -> tuple[Array, Array]:
         """Positions (n, 3) and radii (n,) of a frame [m]; InputError where it is none of these curves."""
         path, count = self.paths[number], self.curves.point_count
         arrays = read_arrays(path, "positions", optional=("radii",), what="frame of curves")

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.files.curve_frames import CurveSet
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _LONGEST = 24
 """Most points that one segment takes the place of."""
 
 
-def thinned(curves: CurveSet, points: Floats, tolerance: float) -> tuple[CurveSet, Integers]:
+def thinned(curves: CurveSet, points: Array, tolerance: float) -> tuple[CurveSet, Integers]:
     """Curves of some of the points, and which ones (m,), increasing: ends stay, others lie within a tolerance [m].
 
     points: positions (n, 3) [m] in one frame; in others the tolerance holds as far as curves keep their shape.
@@ -30,9 +27,7 @@ def thinned(curves: CurveSet, points: Floats, tolerance: float) -> tuple[CurveSe
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _kept(
-    points: Floats, offsets: Integers, closed: NDArray[np.bool_], tolerance: float
-) -> NDArray[np.bool_]:
+def _kept(points: Array, offsets: Integers, closed: Flags, tolerance: float) -> Flags:
     """From every point kept, the farthest next one to which a straight segment passes all between closely enough."""
     kept = np.zeros(len(points), np.bool_)
     for curve in range(len(closed)):
@@ -54,7 +49,7 @@ def _kept(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _straight(points: Floats, first: int, last: int, tolerance: float) -> bool:
+def _straight(points: Array, first: int, last: int, tolerance: float) -> bool:
     """Whether all points between two lie within a tolerance of the segment that joins them."""
     ax, ay, az = points[first, 0], points[first, 1], points[first, 2]
     ux, uy, uz = points[last, 0] - ax, points[last, 1] - ay, points[last, 2] - az

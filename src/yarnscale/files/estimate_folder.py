@@ -7,15 +7,13 @@ import json
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.fingerprint import code_fingerprint, fingerprint
 from yarnscale.swatches.evaluations import Residuals
 from yarnscale.swatches.objective import YarnObjective
-
-Array = NDArray[np.float64]
 
 EVALUATING = ("numerics", "yarn", "cell", "swatches", "kinematics.py")
 """Code that an evaluation depends on."""

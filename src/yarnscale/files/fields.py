@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any, NoReturn, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.source_text import read_source
 
-Array = NDArray[np.float64]
 Default = TypeVar("Default")
 
 
@@ -116,7 +115,7 @@ class Fields:
         """``number``, or a default where it is missing."""
         return self.number(key) if key in self.content else default
 
-    def integers(self, key: str, *, shape: tuple[int, ...] | None = None) -> NDArray[np.int64]:
+    def integers(self, key: str, *, shape: tuple[int, ...] | None = None) -> Integers:
         """Whole numbers of the given shape, or a flat list of any length."""
         return self._array(key, shape, int).astype(np.int64)
 

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale import __version__
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
 from yarnscale.files.colours import colour_of, yarn_name
 from yarnscale.files.tube_detail import LARGEST_PIECE, TubeDetail, Tubes
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Shape = tuple[Floats, Floats | None]
+Shape = tuple[Array, Array | None]
 """Positions [m] and normals (n, 3) of a mesh in one frame; lines have no normals."""
 
 _FLOAT, _UNSIGNED, _SHORT, _TRIANGLES, _LINES = 5126, 5125, 5123, 4, 1
@@ -86,7 +85,7 @@ class _Mesh:
     parts: list[_Part]
     shape: Callable[[Moment], Shape]
     vertex_count: int
-    material: Floats | None = None
+    material: Array | None = None
     moves: bool = True
     targets: list[list[dict[str, int]]] = field(default_factory=list)
     base: Shape | None = None
@@ -159,12 +158,12 @@ def _cloth(surface: Surface) -> _Mesh:
     return _Mesh("cloth", _TRIANGLES, _whole("cloth", corners), shape, len(vertex), surface.material)
 
 
-def _smooth(moment: Moment, triangles: Integers) -> tuple[Floats, Floats]:
+def _smooth(moment: Moment, triangles: Integers) -> tuple[Array, Array]:
     positions = _there(moment.cloth)
     return positions, vertex_normals(positions, triangles)
 
 
-def _there(values: Floats | None) -> Floats:
+def _there(values: Array | None) -> Array:
     if values is None:
         raise InputError("frame", expected="the same parts in every frame", found="one of them missing")
     return values
@@ -178,7 +177,7 @@ class _Gltf:
         self.views: list[dict[str, int]] = []
         self.accessors: list[dict[str, Any]] = []
 
-    def add_shape(self, mesh: _Mesh, positions: Floats, normals: Floats | None) -> None:
+    def add_shape(self, mesh: _Mesh, positions: Array, normals: Array | None) -> None:
         """The first frame as it is, later ones as differences to it."""
         if mesh.base is None:
             mesh.base = positions, normals
@@ -218,7 +217,7 @@ class _Gltf:
         self.accessors.append(accessor)
         return len(self.accessors) - 1
 
-    def write(self, path: Path, meshes: list[_Mesh], times: Floats) -> None:
+    def write(self, path: Path, meshes: list[_Mesh], times: Array) -> None:
         """The whole file, in one step."""
         content = self._description(meshes, times)
         size = self.data.tell()
@@ -233,7 +232,7 @@ class _Gltf:
             while block := self.data.read(2**24):
                 stream.write(block)
 
-    def _description(self, meshes: list[_Mesh], times: Floats) -> dict[str, Any]:
+    def _description(self, meshes: list[_Mesh], times: Array) -> dict[str, Any]:
         nodes, shapes = [], []
         names = list(dict.fromkeys(name for mesh in meshes for _, _, name in mesh.parts))
         for k, mesh in enumerate(meshes):
@@ -282,7 +281,7 @@ class _Gltf:
             content["animations"] = [self._animation(moving, times)]
         return content | {"accessors": self.accessors, "bufferViews": self.views}
 
-    def _animation(self, nodes: list[int], times: Floats) -> dict[str, Any]:
+    def _animation(self, nodes: list[int], times: Array) -> dict[str, Any]:
         """Weights that are one for the frame of a time and zero for all others."""
         weights = np.eye(len(times))[:, 1:]
         sampler = {

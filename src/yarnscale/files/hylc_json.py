@@ -12,15 +12,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.fields import Fields
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import AXES, PLANES
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
-
-Array = NDArray[np.float64]
 
 STRAIN_SHIFT = (1, 0, 1, 0, 0)
 """The published programs subtract these from (√I11, I12/√(I11 I22), √I22, λ_x, λ_y) to get strains."""

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.errors import InputError, located
 from yarnscale.files.atomic import write_text
@@ -22,8 +22,6 @@ from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial, OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.stiffening import StiffeningMaterial
-
-Array = NDArray[np.float64]
 
 FORMAT = "yarnscale-material"
 VERSION = 3

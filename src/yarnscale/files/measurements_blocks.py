@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.files.measurements_table import MeasuredTable
-
-Array = NDArray[np.float64]
 
 _SPECIMEN = re.compile(
     r"\b(?:specimen|sample|swatch|probe|prüfling|versuch|test|run|replicate|éprouvette|probeta|provino|試験片)"

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.measurements_names import CONSTRUCTION
 from yarnscale.files.measurements_reader import read_tables
@@ -31,8 +31,6 @@ from yarnscale.files.workbook import WORKBOOKS, sheets
 from yarnscale.swatches.construction import KnownConstruction
 from yarnscale.swatches.loading import stretch_run
 from yarnscale.swatches.measurements import BendTest, Direction, StretchRun, StretchTest
-
-Array = NDArray[np.float64]
 
 _READ = ("force", "clamp_distance", "extension")
 """Quantities that a table of stretch readings holds."""

@@ -14,14 +14,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.measurements_blocks import CYCLE_OR_DATE, Block, joined
 from yarnscale.files.measurements_names import CONSTRUCTION, ColumnName, column_name, factor, is_unit
 from yarnscale.files.measurements_table import DECIMALS, SPACES, MeasuredTable, Row
-
-Array = NDArray[np.float64]
 
 _NAMES = {
     "force": "force_N and clamp_distance_mm, or Load (N) and Extension (mm)",

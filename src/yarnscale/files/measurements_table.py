@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.measurements_names import KINDS, USUAL_UNITS, ColumnName, factor
 
-Array = NDArray[np.float64]
 Row = tuple[int, tuple[str, ...]]
 
 SPACES = re.compile("(?<=\\d)[ '\u00a0\u202f\u2019](?=\\d{3}(?!\\d))")

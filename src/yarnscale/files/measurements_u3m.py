@@ -15,14 +15,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.fields import Fields, json_file, json_text
 from yarnscale.swatches.loading import Cycle, stretch_run
 from yarnscale.swatches.measurements import Direction, StretchTest, SwatchMeasurements
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".u3m", ".u3ma", ".json")
 SCHEMA = "1.1"

@@ -5,18 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.files.animation import Animation, Moment
 from yarnscale.files.atomic import write_text
 from yarnscale.files.curve_frames import CurveSet
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 
 def obj_text(
-    positions: Floats, triangles: Integers, material: Floats | None = None, corners: Integers | None = None,
+    positions: Array, triangles: Integers, material: Array | None = None, corners: Integers | None = None,
     *, before: int = 0,
 ) -> str:  # fmt: skip
     """Vertices (n, 3) [m] and triangles (m, 3); material points (k, 2) [m] become ``vt``.
@@ -48,7 +45,7 @@ def write_obj_frame(path: Path, animation: Animation, moment: Moment) -> None:
     write_text(path, "".join(parts))
 
 
-def _rows(keyword: str, values: Floats) -> str:
+def _rows(keyword: str, values: Array) -> str:
     """Lines of numbers, put into a text in one go."""
     line = keyword + " %.9g" * values.shape[1] + "\n"
     return (line * len(values)) % tuple(values.ravel().tolist())

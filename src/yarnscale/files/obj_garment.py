@@ -10,8 +10,8 @@ import os
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError, located, notify
 from yarnscale.files.garment_units import Areas, Notice, check_ratio, scales
 from yarnscale.files.obj_surface import ObjSurface, read_obj
@@ -20,9 +20,6 @@ from yarnscale.shell.garments.polygons import FLAT, areas_of, extent, flatness, 
 from yarnscale.shell.garments.weld import Polygons, Weld, continuous, joined, weld
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.mesh_arrays import MeshError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def read_garment(
@@ -140,7 +137,7 @@ def _textured(world: ObjSurface) -> Integers:
     return world.corner_points
 
 
-def _flat(panels: ObjSurface, world: ObjSurface) -> Floats:
+def _flat(panels: ObjSurface, world: ObjSurface) -> Array:
     """Vertices of flat panels (n, 2), which have the faces of the cloth in space."""
     counts, wanted = np.diff(panels.starts), np.diff(world.starts)
     if len(counts) != len(wanted):
@@ -164,7 +161,7 @@ def _flat(panels: ObjSurface, world: ObjSurface) -> Floats:
     return panels.vertices[:, :2]
 
 
-def _used(world: ObjSurface, points: Floats, corners: Integers) -> Polygons:
+def _used(world: ObjSurface, points: Array, corners: Integers) -> Polygons:
     """Only the vertices and material points that are used, renumbered."""
     kept, vertices = np.unique(world.corner_vertices, return_inverse=True)
     used, numbers = np.unique(corners, return_inverse=True)
@@ -177,7 +174,7 @@ def _one_vertex_each(cloth: Polygons) -> Polygons:
     return replace(cloth, material=cloth.material[both[:, 0]], points=numbers.ravel())
 
 
-def _face_up(points: Floats, corners: Integers, faces: Integers, source: ObjSurface) -> Floats:
+def _face_up(points: Array, corners: Integers, faces: Integers, source: ObjSurface) -> Array:
     """Turn over panels whose triangles are all clockwise; an error names the line where one panel is mixed."""
     area = areas_of(points[corners])
     flat = np.flatnonzero(flatness(points[corners]) <= FLAT)

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.source_text import read_source
 from yarnscale.shell.garments.polygons import PolygonError, in_own_plane, triangulated
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 _LARGEST_NUMBER = 10**9
 
 
@@ -34,8 +32,8 @@ class ObjSurface:
     """
 
     path: Path
-    vertices: Floats
-    points: Floats
+    vertices: Array
+    points: Array
     starts: Integers
     corner_vertices: Integers
     corner_points: Integers
@@ -45,7 +43,7 @@ class ObjSurface:
         """File and line of a polygon."""
         return f"{self.path}:{self.lines[face]}"
 
-    def triangulated(self, coordinates: Floats, starts: Integers | None = None) -> tuple[Integers, Integers]:
+    def triangulated(self, coordinates: Array, starts: Integers | None = None) -> tuple[Integers, Integers]:
         """Corners of triangles (m, 3) and the polygon of each (m,), cut in the plane of ``coordinates`` (nc, 2).
 
         starts: first corners of the same polygons, where some have got more. Raises InputError with the line of a
@@ -130,7 +128,7 @@ def _check_numbers(surface: ObjSurface) -> None:
             )
 
 
-def read_obj_surface(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
+def read_obj_surface(path: str | os.PathLike[str]) -> tuple[Array, Integers]:
     """Vertices (n, 3) and triangles (m, 3) of an OBJ file. Raises InputError naming file, line and field."""
     surface = read_obj(path)
     return surface.vertices, _in_space(surface)
@@ -142,7 +140,7 @@ def _in_space(surface: ObjSurface) -> Integers:
     return surface.corner_vertices[surface.triangulated(seen)[0]]
 
 
-def read_obj_poses(paths: Sequence[Path]) -> tuple[Floats, Integers]:
+def read_obj_poses(paths: Sequence[Path]) -> tuple[Array, Integers]:
     """Vertices (k, n, 3) of files that differ in nothing else, and their triangles (m, 3). Raises InputError."""
     poses, first = [], None
     for path in paths:

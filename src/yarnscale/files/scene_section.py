@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.fields import Fields
 from yarnscale.motion.rigid import Motion
@@ -29,7 +29,7 @@ REGION = {"box": (2, 2), "vertex": (2,), "region": (2, 3)}
 class Section(Fields):
     """A table of the file."""
 
-    def numbers(self, key: str, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    def numbers(self, key: str, *, shape: tuple[int, ...] | None = None) -> Array:
         found = super().numbers(key, shape=shape)
         size = np.abs(found)
         if (wrong := (size > LARGEST) | ((size > 0.0) & (size < SMALLEST))).any():
@@ -48,7 +48,7 @@ class Section(Fields):
         """A file named in the scene, relative to the scene's folder."""
         return Path(self.path).parent / name
 
-    def region(self) -> NDArray[np.float64]:
+    def region(self) -> Array:
         """Ends of a box of the fabric (2, 2) or of space (2, 3), low and high, or a point of the fabric (2,) [m]."""
         given = [key for key in REGION if key in self.content]
         if len(given) != 1:

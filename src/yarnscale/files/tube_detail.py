@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.files.curve_thinning import thinned
 from yarnscale.files.tube_sweep import TubeSweep, tube_triangles
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 BYTES_PER_VERTEX = 36
 """Position and normal in single precision, and two triangles of three short indices."""
@@ -39,7 +36,7 @@ LEVELS = tuple(
 """From fine to coarse."""
 
 
-def fitting_detail(curves: CurveSet, points: Floats, size: float) -> tuple[TubeDetail, float]:
+def fitting_detail(curves: CurveSet, points: Array, size: float) -> tuple[TubeDetail, float]:
     """The finest tubes of a frame that take no more than a size [bytes], and the size that they take.
 
     points: positions (n, 3) [m] of a frame. Raises InputError where the coarsest take more.
@@ -57,7 +54,7 @@ def fitting_detail(curves: CurveSet, points: Floats, size: float) -> tuple[TubeD
     )
 
 
-def level_of(curves: CurveSet, points: Floats, level: TubeDetail) -> tuple[CurveSet, Integers]:
+def level_of(curves: CurveSet, points: Array, level: TubeDetail) -> tuple[CurveSet, Integers]:
     """The curves that tubes of a level are drawn about, and the points (m,) that they need of all."""
     return thinned(curves, points, level.tolerance * float(curves.radii.min()))
 
@@ -75,7 +72,7 @@ class Tubes:
     pieces: list[tuple[slice, Integers, int]]
 
     @classmethod
-    def of(cls, curves: CurveSet, points: Floats, level: TubeDetail) -> Tubes:
+    def of(cls, curves: CurveSet, points: Array, level: TubeDetail) -> Tubes:
         """From positions (n, 3) [m] in the first frame."""
         order = np.argsort(curves.yarn, kind="stable")
         lengths = np.diff(curves.offsets)
@@ -88,7 +85,7 @@ class Tubes:
         few, kept = level_of(ordered, points[rows], level)
         return cls(TubeSweep(few, sides=level.sides), rows[kept], list(_pieces(few, level.sides)))
 
-    def surface(self, points: Floats, radii: Floats) -> tuple[Floats, Floats]:
+    def surface(self, points: Array, radii: Array) -> tuple[Array, Array]:
         """Vertices [m] and normals of all pieces, of all points (n, 3) and radii (n,) [m] of a frame."""
         return self.sweep.surface(points[self.chosen], radii[self.chosen])
 

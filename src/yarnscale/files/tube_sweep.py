@@ -6,12 +6,9 @@ from functools import cached_property
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.files.curve_frames import CurveSet
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class TubeSweep:
@@ -24,14 +21,14 @@ class TubeSweep:
 
     def __init__(self, curves: CurveSet, *, sides: int = 8) -> None:
         self.curves, self.sides = curves, sides
-        self._starts: Floats = np.zeros((len(curves), 3))
+        self._starts: Array = np.zeros((len(curves), 3))
 
     @cached_property
     def triangles(self) -> Integers:
         """Corners (m, 3), facing outwards."""
         return tube_triangles(self.curves, self.sides)
 
-    def surface(self, points: Floats, radii: Floats) -> tuple[Floats, Floats]:
+    def surface(self, points: Array, radii: Array) -> tuple[Array, Array]:
         """Vertices [m] and their normals, both (n · sides, 3), of points (n, 3) [m] with radii (n,) [m]."""
         normals, tangents = np.empty_like(points), np.empty_like(points)
         curves = self.curves
@@ -61,12 +58,12 @@ def tube_triangles(curves: CurveSet, sides: int) -> Integers:
 
 @numba.njit(cache=True, error_model="numpy")
 def _transport(
-    points: Floats,
+    points: Array,
     offsets: Integers,
-    closed: NDArray[np.bool_],
-    starts: Floats,
-    tangents: Floats,
-    normals: Floats,
+    closed: Flags,
+    starts: Array,
+    tangents: Array,
+    normals: Array,
 ) -> None:
     """Tangents, and normals carried along each curve without turning; ``starts`` (nc, 3) is read and replaced.
 
@@ -111,13 +108,13 @@ def _transport(
 
 @numba.njit(cache=True, error_model="numpy")
 def _rings(
-    points: Floats,
-    radii: Floats,
-    tangents: Floats,
-    normals: Floats,
-    angles: Floats,
-    vertices: Floats,
-    spokes: Floats,
+    points: Array,
+    radii: Array,
+    tangents: Array,
+    normals: Array,
+    angles: Array,
+    vertices: Array,
+    spokes: Array,
 ) -> None:
     """Vertices and their normals, both (n · sides, 3), of rings about points."""
     sides = len(angles)

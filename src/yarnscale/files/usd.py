@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
 from yarnscale.files.colours import colour_of, yarn_colour
 from yarnscale.files.curve_frames import CurveSet
-
-Floats = NDArray[np.float64]
 
 _FRAMES_IN_MEMORY = 32
 
@@ -88,7 +87,7 @@ class _Parts:
             # The yarns are the cloth; a hidden prim can be shown again.
             self.cloth.MakeInvisible()
         self.bodies = self._mesh(stage, "bodies", animation.bodies)
-        self.curves: list[tuple[Any, NDArray[np.int64]]] = []
+        self.curves: list[tuple[Any, Integers]] = []
         if animation.yarns is not None:
             closed = animation.yarns.closed
             for name, which in (("yarns", ~closed), ("loops", closed)):
@@ -110,7 +109,7 @@ class _Parts:
                 prim.GetWidthsAttr().Set(self._floats(2.0 * radii), code)
                 prim.GetExtentAttr().Set(self._vectors(_box(places, float(radii.max()))), code)
 
-    def _sample(self, prim: Any, surface: Surface, positions: Floats, code: float) -> None:
+    def _sample(self, prim: Any, surface: Surface, positions: Array, code: float) -> None:
         prim.GetPointsAttr().Set(self._vectors(positions), code)
         prim.GetNormalsAttr().Set(self._vectors(vertex_normals(positions, surface.triangles)), code)
         prim.GetExtentAttr().Set(self._vectors(_box(positions)), code)
@@ -154,16 +153,16 @@ class _Parts:
         colour = np.array([colour_of(name)], dtype=np.float32)
         prim.CreateDisplayColorAttr(self.arrays.Vec3fArray.FromNumpy(colour))
 
-    def _vectors(self, values: Floats) -> Any:
+    def _vectors(self, values: Array) -> Any:
         return self.arrays.Vec3fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
 
-    def _floats(self, values: Floats) -> Any:
+    def _floats(self, values: Array) -> Any:
         return self.arrays.FloatArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
 
     def _integers(self, values: NDArray) -> Any:
         return self.arrays.IntArray.FromNumpy(np.ascontiguousarray(values, dtype=np.int32))
 
 
-def _box(points: Floats, margin: float = 0.0) -> Floats:
+def _box(points: Array, margin: float = 0.0) -> Array:
     """Corners of the box about points, (2, 3)."""
     return np.stack([points.min(axis=0) - margin, points.max(axis=0) + margin])

@@ -6,13 +6,11 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.files.cloth_frames import MESH, read_cloth_frames
 from yarnscale.shell.elastic.elements import shell_elements
 from yarnscale.shell.mesh import TriangleMesh
-
-Array = NDArray[np.float64]
 
 FRAMES = 12
 """Frames whose strains are taken, evenly over the run."""

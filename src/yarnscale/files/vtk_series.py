@@ -9,13 +9,10 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr, unescape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, vertex_normals
 from yarnscale.files.atomic import write_bytes, write_text
-
-Floats = NDArray[np.float64]
 
 
 class VtkSeries:

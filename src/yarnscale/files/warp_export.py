@@ -6,12 +6,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yarnscale.files.atomic import write_text
 from yarnscale.shell.materials.compact import CompactMaterial
-
-Array = NDArray[np.float64]
 
 
 def write_warp_source(path: str | Path, material: CompactMaterial) -> None:

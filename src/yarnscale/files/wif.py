@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from yarnscale.arrays import Array, Flags
 from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.weave import LARGEST_DRAFT, side_changes
@@ -33,7 +34,6 @@ _READ = (
     *(f"{system} {what}" for system in (WARP, WEFT) for what in ("COLORS", "SPACING", "THICKNESS")),
 )  # fmt: skip
 _TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
-Array = np.ndarray
 
 
 def read_wif(path: str | os.PathLike[str]) -> StructureFile:
@@ -70,7 +70,7 @@ def read_wif(path: str | os.PathLike[str]) -> StructureFile:
     return StructureFile(path, structure, place)
 
 
-def _looks(rows: Array, threads: Array) -> tuple[list[bytes], int, int]:
+def _looks(rows: Flags, threads: Array) -> tuple[list[bytes], int, int]:
     """What tells threads apart, the largest repeat, and how many threads at either edge may lie outside of it."""
     looks = [row.tobytes() + thread.tobytes() for row, thread in zip(rows, threads, strict=True)]
     # A web that can be drawn whole is left whole; larger ones may have hems and selvedges.
@@ -161,7 +161,7 @@ def _whole(word: str) -> int:
     return int(word) if word.isascii() and word.isdecimal() and len(word) < 10 else -1
 
 
-def _drawdown(wif: _Wif) -> Array:
+def _drawdown(wif: _Wif) -> Flags:
     """Whether each end lies over each pick, shape (picks, ends)."""
     ends, picks = wif.count(WARP, "threads"), wif.count(WEFT, "threads")
     threading = wif.table("THREADING", ends)

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.kinematics import ShellStrain, strain_units
 from yarnscale.shell.materials.material import ShellMaterial
-
-Array = NDArray[np.float64]
 
 TIGHTEST = 0.4
 """Largest curvature times yarn radius of a cell: beyond it a surface of yarns runs into itself."""

@@ -20,14 +20,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import HomogeneousFabric, Response
 from yarnscale.kinematics import COMPONENTS, line_stretch
 from yarnscale.numerics.newton import Status
-
-Array = NDArray[np.float64]
 
 RADIUS = 0.12
 """Largest change of a scaled strain in one step."""

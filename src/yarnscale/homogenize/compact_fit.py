@@ -11,9 +11,10 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
+from yarnscale.arrays import Array
 from yarnscale.homogenize.compact_problem import (
     STRESS_FLOOR,
     CompactOptions,
@@ -28,7 +29,6 @@ from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
 
 __all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
-Array = NDArray[np.float64]
 
 _LAST = 5
 """Iterations with all states, those that were held back among them."""

@@ -17,12 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.homogenize.spring_jacobian import Directional, springs_of
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.materials.compact import Springs
-
-Array = NDArray[np.float64]
 
 STRESS_FLOOR = 0.02
 """Stress [N/m], by strains in units, below which errors stop being relative: the weight of a centimetre of fabric."""
@@ -135,7 +134,7 @@ class Samples:
         modulus = modulus * scale[:, None] * scale
         return cls(x[good] / scale, energy[good], stress[good] * scale, modulus[good], kind[good])
 
-    def chosen(self, states: NDArray[np.bool_]) -> Samples:
+    def chosen(self, states: Flags) -> Samples:
         x, energies, stresses, moduli = (
             a[states] for a in (self.x, self.energies, self.stresses, self.moduli)
         )
@@ -295,12 +294,12 @@ class NonNegative(NamedTuple):
         matrix[np.diag_indices(len(matrix))] += 1e-4 if kind == _SINGLE else 1e-9
         return cls(matrix, right, size, least)
 
-    def scaled(self, mine: NDArray[np.int64]) -> Array:
+    def scaled(self, mine: Integers) -> Array:
         """The best numbers of some columns alone, times the size of the column."""
         lower = np.linalg.cholesky(self.matrix[np.ix_(mine, mine)])
         return nnls(lower.T, np.linalg.solve(lower, self.right[mine]), maxiter=30 * len(mine))[0]
 
-    def solved(self, mine: NDArray[np.int64]) -> Array:
+    def solved(self, mine: Integers) -> Array:
         """The best numbers of some columns alone, the constant energy among them."""
         found = self.scaled(mine) / self.size[mine]
         found[-1] += self.least

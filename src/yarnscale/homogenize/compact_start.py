@@ -10,13 +10,11 @@ all others.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.homogenize.compact_problem import FIT_FLOOR, NonNegative, Problem, coarse
 from yarnscale.homogenize.spring_jacobian import step, unknowns_of
 from yarnscale.shell.materials.compact import Springs
-
-Array = NDArray[np.float64]
 
 _FIRST_FLOOR, _LOWERED = 0.3, 0.85
 """Floor of the first round [N/m], and what each round leaves of it."""

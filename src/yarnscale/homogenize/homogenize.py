@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
@@ -31,7 +31,6 @@ from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 
-Array = NDArray[np.float64]
 Form = Literal["compact", "hylc2020"]
 FEWEST_UNSEEN = 10
 

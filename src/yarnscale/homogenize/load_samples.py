@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import CellFabric
@@ -19,8 +19,6 @@ from yarnscale.homogenize.sample import Progress, SampleSummary, create_ray_stor
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import RAY_DIMS, SampleStore
 from yarnscale.homogenize.worker import CODE_OF
-
-Array = NDArray[np.float64]
 
 UNSEEN_SHARE, UNSEEN_SEED = 0.1, 1
 """States that judge a fit, as a share of the solves for it, and the seed of their rays."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.homogenize.worker import STRAINS
 from yarnscale.kinematics import LARGEST, ShellStrain
 
-Array = NDArray[np.float64]
 LARGEST_GRID = 1_000_000
 
 
@@ -126,7 +125,7 @@ def random_states(bounds: Array, count: int, *, seed: int = 1) -> Array:
     return states
 
 
-def solve_order(states: Array, bounds: Array | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def solve_order(states: Array, bounds: Array | None = None) -> tuple[Integers, Integers]:
     """Order of solves, from rest outward, and the state each one starts from (−1: the rest shape).
 
     A start is the nearest state closer to rest, in strains scaled by ``bounds`` (5, 2); so the outcome does
@@ -145,7 +144,7 @@ def solve_order(states: Array, bounds: Array | None = None) -> tuple[NDArray[np.
     return order, parents
 
 
-def bends_twice(states: Array) -> NDArray[np.bool_]:
+def bends_twice(states: Array) -> Flags:
     """Which states bend about both axes, (N,)."""
     return (states[:, 3] != 0.0) & (states[:, 4] != 0.0)
 

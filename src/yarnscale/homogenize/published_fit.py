@@ -20,15 +20,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import AXES, PLANES
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, union_knots
-
-Array = NDArray[np.float64]
 
 IN_STRESS = [0, 1, 2, 3, 5]
 """Components of stress that belong to s_x, s_a, s_y, λ_x and λ_y."""

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from itertools import chain, count
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
 from yarnscale.kinematics import COMPONENTS, GRAVITY, strain_units
-
-Array = NDArray[np.float64]
 
 LEVELS = 9
 """Magnitudes of load on a ray."""

@@ -15,8 +15,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
@@ -27,7 +27,6 @@ from yarnscale.homogenize.units import GridUnits, RayUnits
 from yarnscale.homogenize.worker import STRAINS
 from yarnscale.yarn.material import YarnMaterial
 
-Array = NDArray[np.float64]
 ATTEMPTS = 3
 """How often a state whose worker died is tried before it is left pending."""
 LOSSES = 6

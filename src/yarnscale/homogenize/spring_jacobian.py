@@ -13,11 +13,9 @@ memory.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.shell.materials.compact import MIRROR, Springs, shapes_of
-
-Array = NDArray[np.float64]
 
 OUTPUTS = 13
 """Per state: energy, six slopes, six second derivatives."""

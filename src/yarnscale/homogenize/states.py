@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, strain_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.homogenize.worker import STATUS_CODES, STRAINS
 from yarnscale.kinematics import COMPONENTS
@@ -128,7 +129,7 @@ class SampleStore:
     def create(
         cls,
         path: Path,
-        axes: Mapping[str, NDArray[np.float64]],
+        axes: Mapping[str, Array],
         *,
         scattered: bool,
         vertices: int,
@@ -155,7 +156,7 @@ class SampleStore:
 
     @classmethod
     def _created(
-        cls, path: Path, axes: Mapping[str, NDArray[np.float64]], dims: tuple[str, ...], shape: tuple[int, ...],
+        cls, path: Path, axes: Mapping[str, Array], dims: tuple[str, ...], shape: tuple[int, ...],
         fields: Mapping[str, tuple[_Field, tuple[int, ...]]], vertices: int, provenance: Mapping[str, object],
         rays: Sequence[Mapping[str, object]] = (),
     ) -> SampleStore:  # fmt: skip
@@ -303,7 +304,7 @@ def _link_tree(source: Path, target: Path) -> None:
     shutil.copytree(source, target, copy_function=link, ignore=ignored, dirs_exist_ok=True)
 
 
-def _states(dims: tuple[str, ...], axes: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+def _states(dims: tuple[str, ...], axes: Mapping[str, Array]) -> Array:
     columns = [axes[name] for name in STRAINS]
     if dims == ("state",):
         return np.column_stack(columns)
@@ -312,7 +313,7 @@ def _states(dims: tuple[str, ...], axes: Mapping[str, NDArray[np.float64]]) -> N
 
 def _write_empty(
     path: Path,
-    axes: Mapping[str, NDArray[np.float64]],
+    axes: Mapping[str, Array],
     dims: tuple[str, ...],
     shape: tuple[int, ...],
     fields: Mapping[str, tuple[_Field, tuple[int, ...]]],

@@ -11,16 +11,14 @@ from pathlib import Path
 from threading import Thread
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.fabrics import CellFabric, Response
 from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
-
-Array = NDArray[np.float64]
 
 STRAINS = ("s_x", "s_a", "s_y", "lambda_x", "lambda_y")
 """Coordinates of a sampled state: stretches and shear [-], curvature along x or along y [1/m]."""

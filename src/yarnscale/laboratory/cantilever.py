@@ -15,13 +15,11 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root_scalar
 
+from yarnscale.arrays import Array
 from yarnscale.kinematics import GRAVITY
-
-Array = NDArray[np.float64]
 
 FALL = math.radians(41.5)
 _TRIES = 40

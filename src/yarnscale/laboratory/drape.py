@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
@@ -18,8 +18,6 @@ from yarnscale.shell.mesh import TriangleMesh, disk
 from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
-
-Floats = NDArray[np.float64]
 
 SPECIMEN, DISC = 0.15, 0.09
 """Radii of specimen and disc [m]."""
@@ -39,7 +37,7 @@ class DrapeTest:
 
     coefficient: float
     folds: int
-    outline: Floats
+    outline: Array
     result: SceneResult
 
     @property
@@ -97,7 +95,7 @@ def drape_test(material: ElementMaterial, *, spacing: float = SPACING, seed: int
     return DrapeTest(drape_coefficient(shadow), folds(shadow), shadow, result)
 
 
-def outline(positions: Floats, edges: NDArray[np.int64]) -> Floats:
+def outline(positions: Array, edges: Integers) -> Array:
     """Radius [m] of the shadow from above at every degree, (360,): the farthest point of any edge there.
 
     The shadow is taken to be star-shaped about the origin, as it is where cloth hangs from a disc.
@@ -110,13 +108,13 @@ def outline(positions: Floats, edges: NDArray[np.int64]) -> Floats:
     return radius
 
 
-def drape_coefficient(shadow: Floats) -> float:
+def drape_coefficient(shadow: Array) -> float:
     """(shadow − disc)/(specimen − disc), areas."""
     area = 0.5 * float((shadow**2).mean()) * 2 * math.pi
     return (area - math.pi * DISC**2) / (math.pi * (SPECIMEN**2 - DISC**2))
 
 
-def folds(shadow: Floats) -> int:
+def folds(shadow: Array) -> int:
     """Number of waves of an outline, smoothed over nine degrees."""
     kernel = np.ones(9) / 9
     smooth = np.convolve(np.concatenate([shadow[-4:], shadow, shadow[:4]]), kernel, mode="valid")

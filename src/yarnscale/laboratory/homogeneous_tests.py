@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import HomogeneousFabric
 from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under, path_under
 from yarnscale.kinematics import line_stretch
 from yarnscale.numerics.newton import Status
-
-Array = NDArray[np.float64]
 
 LOADS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 35.0, 50.0)
 """Default loads of the tension test [N/m]."""

@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.laboratory.cantilever import bending_length
 from yarnscale.laboratory.homogeneous_tests import KES_CURVATURES, BendingPoint, ShearPoint, TensionPoint
-
-Array = NDArray[np.float64]
 
 CENTIMETRE_FORCE = 0.980665
 """1 gf/cm [N/m]."""

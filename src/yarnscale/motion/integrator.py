@@ -21,11 +21,10 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 
-Floats = NDArray[np.float64]
 Integrator = Literal["euler", "bdf2"]
 
 LARGEST_GROWTH = 1.0 + math.sqrt(2.0)
@@ -39,7 +38,7 @@ def checked_integrator(name: str) -> Integrator:
     return name  # type: ignore[return-value]
 
 
-def stable_step(times: Callable[[Floats], Floats], size: int, iterations: int) -> float:
+def stable_step(times: Callable[[Array], Array], size: int, iterations: int) -> float:
     """Longest stable step of symplectic Euler [s]: 2/ω of the fastest vibration, by power iteration.
 
     times: product of M⁻¹K with a vector (size,).
@@ -58,13 +57,13 @@ class Earlier:
     Of rods, positions are in radii and with twists [rad].
     """
 
-    positions: Floats
-    velocities: Floats
+    positions: Array
+    velocities: Array
     duration: float
 
 
 def remembered(
-    integrator: Integrator, positions: Floats, velocities: Floats, duration: float
+    integrator: Integrator, positions: Array, velocities: Array, duration: float
 ) -> Earlier | None:
     """What the step after one of ``duration`` [s] needs of the state at its beginning."""
     return Earlier(positions, velocities, duration) if integrator == "bdf2" else None
@@ -78,14 +77,14 @@ class StepRule:
     """
 
     rate: float
-    positions: Floats
-    velocities: Floats
+    positions: Array
+    velocities: Array
 
-    def velocity(self, positions: Floats) -> Floats:
+    def velocity(self, positions: Array) -> Array:
         """Velocities [m/s] that go with new positions."""
         return self.rate * (positions - self.positions)
 
-    def inertia(self, damping: float = 0.0) -> tuple[float, Floats]:
+    def inertia(self, damping: float = 0.0) -> tuple[float, Array]:
         """Weight w [1/s²] and centre of the energy ½ w |x − centre|²_M of a step: inertia, and drag by ``damping``.
 
         ½ (rate² |x − y|² + damping·rate |x − past|²) is one square about a point between the two.
@@ -96,8 +95,8 @@ class StepRule:
 
 def step_rule(
     integrator: Integrator,
-    positions: Floats,
-    velocities: Floats,
+    positions: Array,
+    velocities: Array,
     before: Earlier | None,
     duration: float,
     *,

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.motion.rigid import STILL, Motion
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Obstacle(Protocol):
@@ -28,7 +25,7 @@ class Obstacle(Protocol):
         """Whether the points ever change."""
         ...
 
-    def points(self, time: float) -> Floats:
+    def points(self, time: float) -> Array:
         """Places of the points at a time [s], (n, 3) [m]."""
         ...
 
@@ -59,7 +56,7 @@ class Sphere:
     def moves(self) -> bool:
         return self.motion.moves
 
-    def points(self, time: float) -> Floats:
+    def points(self, time: float) -> Array:
         """The centre at a time, (1, 3)."""
         return self.motion.place(np.array([self.centre]), time)
 
@@ -89,7 +86,7 @@ class Plane:
     def moves(self) -> bool:
         return self.motion.moves
 
-    def points(self, time: float) -> Floats:
+    def points(self, time: float) -> Array:
         """The point at a time, (1, 3)."""
         return np.array([self.point]) + self.motion.offset(time)
 
@@ -98,7 +95,7 @@ class Plane:
 class MeshObstacle:
     """A rigid obstacle given by triangles: vertices (n, 3) [m] before its motion, triangles (m, 3)."""
 
-    vertices: Floats
+    vertices: Array
     triangles: Integers
     motion: Motion = STILL
 
@@ -113,7 +110,7 @@ class MeshObstacle:
     def moves(self) -> bool:
         return self.motion.moves
 
-    def points(self, time: float) -> Floats:
+    def points(self, time: float) -> Array:
         """The vertices at a time, (n, 3)."""
         return self.motion.place(self.vertices, time) if self.moves else self.vertices
 
@@ -125,8 +122,8 @@ class AnimatedMesh:
     Between two poses vertices move along straight lines; before the first and after the last they are at rest.
     """
 
-    times: Floats
-    poses: Floats
+    times: Array
+    poses: Array
     triangles: Integers
 
     def __post_init__(self) -> None:
@@ -145,7 +142,7 @@ class AnimatedMesh:
     def moves(self) -> bool:
         return len(self.times) > 1
 
-    def points(self, time: float) -> Floats:
+    def points(self, time: float) -> Array:
         """The vertices at a time, (n, 3)."""
         last = len(self.times) - 1
         if time >= self.times[last]:
@@ -160,7 +157,7 @@ class AnimatedMesh:
 Shape = Sphere | Plane
 
 
-def current_points(obstacles: Sequence[Obstacle], time: float, moved: Floats | None) -> list[Floats]:
+def current_points(obstacles: Sequence[Obstacle], time: float, moved: Array | None) -> list[Array]:
     """Points of every obstacle [m]; moved: those of all moving ones, as in ``ClothState.obstacles``."""
     places, start = [], 0
     for obstacle in obstacles:

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Motion:
         return any(self.displacement) or any(self.rotation)
 
     @property
-    def direction(self) -> Floats:
+    def direction(self) -> Array:
         """Unit vector of the displacement, zero without one, (3,)."""
         displacement = np.asarray(self.displacement)
         length = float(np.linalg.norm(displacement))
@@ -64,15 +62,15 @@ class Motion:
         share = max(time - self.start, 0.0) / self.duration
         return share * share * (3.0 - 2.0 * share) if self.ease else share
 
-    def offset(self, time: float) -> Floats:
+    def offset(self, time: float) -> Array:
         """Displacement at a time [m], (3,)."""
         return self.share(time) * np.asarray(self.displacement)
 
-    def turn(self, time: float) -> Floats:
+    def turn(self, time: float) -> Array:
         """Matrix of the rotation at a time, (3, 3)."""
         return rotation_matrix(self.share(time) * np.asarray(self.rotation))
 
-    def place(self, points: Floats, time: float) -> Floats:
+    def place(self, points: Array, time: float) -> Array:
         """Where points (n, 3) [m] before the motion are at a time."""
         if not any(self.rotation):
             return points + self.offset(time)
@@ -80,7 +78,7 @@ class Motion:
         return (points - pivot) @ self.turn(time).T + pivot + self.offset(time)
 
 
-def rotation_matrix(vector: Floats) -> Floats:
+def rotation_matrix(vector: Array) -> Array:
     """Rotation (3, 3) about a vector (3,) by its length [rad] (Rodrigues' formula)."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.motion.obstacles import Obstacle, Plane, Sphere, TriangleObstacle
 from yarnscale.numerics.pair_distance import triangle_weights
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 
 class Surface(Protocol):

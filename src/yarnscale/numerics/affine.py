@@ -13,14 +13,13 @@ from typing import Protocol, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.newton import Objective
 
-Array = NDArray[np.float64]
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
 
@@ -93,7 +92,7 @@ class _NodePull:
 class FreeUnknowns:
     """Some of the degrees of freedom, ``places`` (k,) increasing; the others stay as in ``state`` (n,)."""
 
-    places: NDArray[np.int64]
+    places: Integers
     state: Array
 
     def expand(self, free: Array) -> Array:
@@ -112,7 +111,7 @@ class FreeUnknowns:
 
 
 class _PartPull:
-    def __init__(self, places: NDArray[np.int64], inner: SymmetricPattern) -> None:
+    def __init__(self, places: Integers, inner: SymmetricPattern) -> None:
         self.pattern, self._chosen = inner.part(places)
 
     def entries(self, values: Array) -> Array:
@@ -213,7 +212,7 @@ class CopiedNodes:
     offset: (m, 3). free_nodes, scalars: sizes of the free vector [3·free_nodes, scalars].
     """
 
-    source: NDArray[np.int64]
+    source: Integers
     rotation: Array
     offset: Array
     free_nodes: int
@@ -238,7 +237,7 @@ class CopiedNodes:
         free[3 * self.free_nodes :] = gradient[3 * len(self.source) :]
         return free
 
-    def unknowns(self, variables: NDArray[np.int64]) -> NDArray[np.int64]:
+    def unknowns(self, variables: Integers) -> Integers:
         """Free unknown that stands behind each full variable, same shape."""
         positions = 3 * len(self.source)
         node, component = np.divmod(np.minimum(variables, positions - 1), 3)

@@ -12,13 +12,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.block_pattern import SKIPPED
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.numerics.kernel import BLOCK, Kernel, call_kernel, run_columns
 from yarnscale.numerics.vector_ir import LANES
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 _NOTHING = np.empty(0)
 _NO_SLOTS = np.empty((0, 0, BLOCK), np.int32)

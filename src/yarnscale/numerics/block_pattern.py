@@ -12,10 +12,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kernel import BLOCK
 
-Indices = NDArray[np.int64]
+Indices = Integers
 
 SKIPPED = -1
 """Slot of an entry that belongs to a fixed variable."""
@@ -76,7 +77,7 @@ class BlockPattern:
         columns, rows = self.meetings()
         return columns * (len(self.starts) - 1) + rows
 
-    def add_blocks(self, places: Indices, blocks: NDArray[np.float64], entries: NDArray[np.float64]) -> None:
+    def add_blocks(self, places: Indices, blocks: Array, entries: Array) -> None:
         """Add 3×3 blocks (m, 9), row by row, to the entries of a matrix whose groups are threes.
 
         places: (m,) where the blocks are among ``keys``.
@@ -88,7 +89,7 @@ class BlockPattern:
         """Whether all pairs of these stencils' unknowns, (N, k), lie in the pattern."""
         return bool(self.covered(unknowns).all())
 
-    def covered(self, unknowns: Indices) -> NDArray[np.bool_]:
+    def covered(self, unknowns: Indices) -> Flags:
         """Of which stencils, (N, k), all pairs of unknowns lie in the pattern."""
         return _covered_each(self.starts, self.rows, self.group, unknowns)
 

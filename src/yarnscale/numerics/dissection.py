@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from yarnscale.arrays import Array, Integers
+
+Indices = Integers
 
 LEAF = 300
 """Nodes that are not cut further: orderings by degree do as well there."""

@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 
 
@@ -23,12 +23,12 @@ class SymmetricPattern:
     """
 
     size: int
-    starts: NDArray[np.int64]
-    rows: NDArray[np.int64]
-    stages: NDArray[np.int64] | None = None
+    starts: Integers
+    rows: Integers
+    stages: Integers | None = None
 
     @classmethod
-    def from_keys(cls, size: int, keys: NDArray[np.int64]) -> SymmetricPattern:
+    def from_keys(cls, size: int, keys: Integers) -> SymmetricPattern:
         """Pattern from sorted unique keys ``column·size + row`` of the lower triangle."""
         columns, rows = np.divmod(keys, size)
         starts = np.zeros(size + 1, np.int64)
@@ -41,7 +41,7 @@ class SymmetricPattern:
         rows = np.concatenate([self.rows, self.size + np.arange(count)])
         return SymmetricPattern(self.size + count, starts, rows)
 
-    def part(self, kept: NDArray[np.int64]) -> tuple[SymmetricPattern, NDArray[np.int64]]:
+    def part(self, kept: Integers) -> tuple[SymmetricPattern, Integers]:
         """Pattern of the rows and columns ``kept`` (increasing), and which entries of the whole it has."""
         number = np.full(self.size, -1)
         number[kept] = np.arange(len(kept))
@@ -56,11 +56,11 @@ class SymmetricPattern:
         return len(self.rows)
 
     @property
-    def diagonal(self) -> NDArray[np.int64]:
+    def diagonal(self) -> Integers:
         """Position of every diagonal entry, (n,): first of its column, since rows are sorted."""
         return self.starts[:-1]
 
-    def multiply(self, values: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def multiply(self, values: Array, x: Array) -> Array:
         """Product of the symmetric matrix with a vector (n,) or columns (n, k)."""
         if x.ndim == 2:
             return np.column_stack([self.multiply(values, column) for column in x.T])
@@ -82,11 +82,11 @@ def _multiply(starts, rows, values, x, product):
 class Factorisation(Protocol):
     """Cholesky factor of matrices that share one pattern."""
 
-    def factor(self, values: NDArray[np.float64]) -> bool:
+    def factor(self, values: Array) -> bool:
         """Factor the matrix with these entries; False where it is not positive definite."""
         ...
 
-    def solve(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, right: Array) -> Array:
         """Solve for (n,) or (n, k); only after ``factor`` returned True."""
         ...
 
@@ -111,7 +111,7 @@ class CholmodFactorisation:
         order = by_degree[np.argsort(pattern.stages[by_degree], kind="stable")]
         self._factor = cholmod.symbolic(self._values, p=cvxopt.matrix(order))
 
-    def factor(self, values: NDArray[np.float64]) -> bool:
+    def factor(self, values: Array) -> bool:
         if not np.isfinite(values).all():  # CHOLMOD factors NaN without complaint
             return False
         self._values.V = self._matrix(values)
@@ -121,7 +121,7 @@ class CholmodFactorisation:
             return False
         return True
 
-    def solve(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, right: Array) -> Array:
         solution = self._matrix(np.asfortranarray(right, dtype=np.float64))
         self._cholmod.solve(self._factor, solution)
         return np.array(solution).reshape(right.shape)
@@ -138,7 +138,7 @@ class SuperLUFactorisation:
         self._pattern = pattern
         self._lu = None
 
-    def factor(self, values: NDArray[np.float64]) -> bool:
+    def factor(self, values: Array) -> bool:
         pattern = self._pattern
         if not np.isfinite(values).all():
             return False
@@ -155,7 +155,7 @@ class SuperLUFactorisation:
         self._lu = lu
         return True
 
-    def solve(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, right: Array) -> Array:
         if self._lu is None:
             raise RuntimeError("solve before a factorisation succeeded")
         return self._lu.solve(np.asarray(right, dtype=np.float64))

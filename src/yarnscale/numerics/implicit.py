@@ -7,13 +7,11 @@ d²E*/dp² = E,pp − E,px K⁺ E,xp, with K⁺ the inverse of the Hessian on th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.linear_solver import Constraints, linear_solver
-
-Array = NDArray[np.float64]
 
 
 class ConstrainedInverse:

@@ -17,8 +17,8 @@ from llvmlite import ir as llvm_ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics import object_cache
 from yarnscale.numerics.vector_ir import LANES, vector_ir
 
@@ -75,7 +75,7 @@ class Kernel:
     shared: frozenset[int]
     _call: Callable[..., None] = field(repr=False)
 
-    def __call__(self, count: int, stride: int, *arrays: NDArray[np.float64]) -> None:
+    def __call__(self, count: int, stride: int, *arrays: Array) -> None:
         """Run on the first ``count`` elements (a multiple of LANES) of arrays of shape (size, stride)."""
         if len(arrays) != len(self.sizes):
             raise ValueError(f"kernel '{self.name}' takes {len(self.sizes)} arrays, found {len(arrays)}")
@@ -113,7 +113,7 @@ def compile_kernel(function: ca.Function, name: str, *, shared: Collection[int] 
     return Kernel(name, address, tuple(sizes), function.n_instructions(), frozenset(shared), call)
 
 
-def run_columns(kernel: Kernel, *inputs: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def run_columns(kernel: Kernel, *inputs: Array) -> list[Array]:
     """Run a kernel on arrays (n, size), one row an element, (1, size) where all share it; its outputs likewise."""
     n = max(len(array) for array in inputs)
     count = max(LANES, -(-n // LANES) * LANES)
@@ -142,6 +142,6 @@ def _call_kernel(typingctx, address, count, stride, pointers):  # type: ignore[n
     return signature, generate
 
 
-call_kernel = cast("Callable[[int, int, int, NDArray[np.int64]], None]", _call_kernel)
+call_kernel = cast("Callable[[int, int, int, Integers], None]", _call_kernel)
 """Inside ``@njit``: call a kernel's ``address``, for a count and a stride, with an int64 array of data addresses,
 inputs then outputs. (An intrinsic's own first argument is numba's.)"""

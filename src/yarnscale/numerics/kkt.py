@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
-
-Array = NDArray[np.float64]
 
 
 class QuadraticModel(Protocol):

@@ -15,14 +15,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.kkt import ConstrainedSolver, QuadraticModel
 from yarnscale.numerics.linear_solver import LinearSolver
 from yarnscale.numerics.regularisation import ShiftRule
 from yarnscale.numerics.secant import SecantPairs
-
-Array = NDArray[np.float64]
 
 
 class Status(enum.Enum):

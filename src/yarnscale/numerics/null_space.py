@@ -13,17 +13,16 @@ from dataclasses import dataclass, field
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.block_pattern import BlockPattern, find_block
 from yarnscale.numerics.dissection import LEAF, Dissection
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
 from yarnscale.numerics.regularisation import ShiftedHessian
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 WIDTH = 4
 """Most reduced unknowns behind one group: two of the chain and two across it."""

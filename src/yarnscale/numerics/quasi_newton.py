@@ -14,8 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.linear_solver import LinearSolver
 from yarnscale.numerics.newton import (
@@ -28,8 +28,6 @@ from yarnscale.numerics.newton import (
     invalid_start,
 )
 from yarnscale.numerics.secant import SecantPairs
-
-Array = NDArray[np.float64]
 
 _SHIFTS = (1.0, 1.0 + 1e-8, 1.0 + 1e-5, 1.0 + 1e-2, 2.0)
 """Shifts that are tried for a factor: beyond 1, models add what round-off asks for."""

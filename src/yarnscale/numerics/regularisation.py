@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.factor import SymmetricPattern
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

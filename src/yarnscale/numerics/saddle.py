@@ -10,13 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import qdldl
-from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_array, csr_array, diags_array, tril
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
 from yarnscale.numerics.kkt import QuadraticModel
-
-Array = NDArray[np.float64]
 
 _SOFTNESS = 1e-10
 """−softness·I in the corner of the constraints, in units of the matrix: pivots exist, refinement undoes it."""
@@ -68,7 +66,7 @@ class SaddleSolver:
     factorisations: int = 0
     _pattern: SymmetricPattern | None = None
     _system: csc_array | None = None
-    _order: NDArray[np.int64] | None = None
+    _order: Integers | None = None
     _solver: object | None = None
     _scale: float = 1.0
     _values: Array | None = None

@@ -13,13 +13,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from yarnscale.arrays import Array
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
-
-Array = NDArray[np.float64]
 
 
 class SummedModel(QuadraticModel, Protocol):

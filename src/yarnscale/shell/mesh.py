@@ -13,8 +13,9 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.shell.mesh_arrays import (
     checked_angles,
@@ -28,9 +29,6 @@ from yarnscale.shell.mesh_arrays import (
     twin_edges,
     vertices_of_points,
 )
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,17 +61,17 @@ class TriangleMesh:
         counts = f"{self.vertex_count} vertices, {len(self.triangles)} triangles"
         return f"TriangleMesh({counts}, {size} m, {self.areas.sum():.3g} m²)"
 
-    material: Floats
+    material: Array
     triangles: Integers
-    grain: float | Floats = 0.0
+    grain: float | Array = 0.0
     corners: Integers = field(default_factory=lambda: np.zeros((0, 3), np.int64))
-    assembled: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    rest_angles: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    assembled: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    rest_angles: Array = field(default_factory=lambda: np.zeros((0, 3)))
     lines: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
     stencils: Integers = field(init=False, repr=False)
-    has_neighbour: NDArray[np.bool_] = field(init=False, repr=False)
-    inverse_rest: Floats = field(init=False, repr=False)
-    areas: Floats = field(init=False, repr=False)
+    has_neighbour: Flags = field(init=False, repr=False)
+    inverse_rest: Array = field(init=False, repr=False)
+    areas: Array = field(init=False, repr=False)
     point_vertices: Integers = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -114,12 +112,12 @@ class TriangleMesh:
         return len(self.material) > self.vertex_count
 
     @property
-    def panel(self) -> Floats:
+    def panel(self) -> Array:
         """Coordinates of the panels as cut [m], shape (nm, 2): the material frame turned by ``grain``."""
         return _turned(self.material, self.grain)
 
     @property
-    def vertex_areas(self) -> Floats:
+    def vertex_areas(self) -> Array:
         """A third of the adjoining triangles' area per vertex [m²], shape (nv,)."""
         shares = np.repeat(self.areas / 3.0, 3)
         sums = np.bincount(self.triangles.ravel(), shares, minlength=self.vertex_count)
@@ -138,7 +136,7 @@ class TriangleMesh:
         return np.unique(np.sort(pairs, axis=1), axis=0)
 
     @property
-    def seams(self) -> NDArray[np.bool_]:
+    def seams(self) -> Flags:
         """Whether an edge of a triangle is sewn to another part of the fabric, shape (nt, 3), order as stencils."""
         material_neighbour = twin_edges(self.corners, len(self.material)) >= 0
         return self.has_neighbour & ~material_neighbour
@@ -249,7 +247,7 @@ def disk(radius: float, spacing: float, *, grain: float = 0.0) -> TriangleMesh:
     return TriangleMesh(_turned(coordinates, -grain), np.array(triangles), grain)
 
 
-def _turned(points: Floats, angle: float | Floats) -> Floats:
+def _turned(points: Array, angle: float | Array) -> Array:
     """Points (n, 2) turned by an angle or by one angle each [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = points.T

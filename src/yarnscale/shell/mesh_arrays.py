@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class MeshError(InputError):
@@ -31,7 +29,7 @@ class MeshError(InputError):
         return f"{self.kind} {'-'.join(str(names[v]) for v in self.vertices)}"
 
 
-def checked_material(material: ArrayLike, grain: float | Floats) -> tuple[Floats, float | Floats]:
+def checked_material(material: ArrayLike, grain: float | Array) -> tuple[Array, float | Array]:
     """Points (n, 2) [m] and the angle of the grain, of all or of each (n,) [rad]."""
     points = np.ascontiguousarray(material, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 6:
@@ -90,7 +88,7 @@ def vertices_of_points(triangles: Integers, corners: Integers, count: int) -> In
     return vertices
 
 
-def rest_edges(points: Floats) -> tuple[Floats, Floats]:
+def rest_edges(points: Array) -> tuple[Array, Array]:
     """Matrices (nt, 2, 2) with columns X1 − X0, X2 − X0 and areas (nt,) of triangles (nt, 3, 2)."""
     edges = np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], axis=2)
     areas = 0.5 * (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
@@ -105,7 +103,7 @@ def rest_edges(points: Floats) -> tuple[Floats, Floats]:
     return edges, areas
 
 
-def checked_positions(assembled: ArrayLike, panel: Floats, point_vertices: Integers) -> Floats:
+def checked_positions(assembled: ArrayLike, panel: Array, point_vertices: Integers) -> Array:
     """Positions in space, (nv, 3); default: those of the flat panel."""
     count = int(point_vertices.max()) + 1
     positions = np.ascontiguousarray(assembled, dtype=np.float64)
@@ -119,7 +117,7 @@ def checked_positions(assembled: ArrayLike, panel: Floats, point_vertices: Integ
     return positions
 
 
-def checked_angles(angles: ArrayLike, count: int) -> Floats:
+def checked_angles(angles: ArrayLike, count: int) -> Array:
     """Fold angles at rest, (nt, 3), zero where none are given."""
     array = np.ascontiguousarray(angles, dtype=np.float64)
     if len(array) == 0:
@@ -159,7 +157,7 @@ def twin_edges(triangles: Integers, vertex_count: int) -> Integers:
     return np.where(key[order][place] == twin, order[place], -1).reshape(-1, 3)
 
 
-def triangle_stencils(triangles: Integers, vertex_count: int) -> tuple[Integers, NDArray[np.bool_]]:
+def triangle_stencils(triangles: Integers, vertex_count: int) -> tuple[Integers, Flags]:
     """Stencils (nt, 6) and neighbour flags (nt, 3); each directed edge may belong to one triangle."""
     twins = twin_edges(triangles, vertex_count)
     opposite = np.roll(triangles, -2, axis=1).ravel()

@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.motion.integrator import Earlier
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.shell.mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +21,8 @@ class Slips:
     in contact; amounts: slips over the slip of full friction, (n, 3), none longer than 1.
     """
 
-    between: NDArray[np.int64]
-    amounts: Floats
+    between: Integers
+    amounts: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +36,12 @@ class ClothState:
     with friction (None: none).
     """
 
-    positions: Floats
-    velocities: Floats
+    positions: Array
+    velocities: Array
     time: float = 0.0
-    fold_angles: Floats | None = None
+    fold_angles: Array | None = None
     before: Earlier | None = None
-    obstacles: Floats | None = None
+    obstacles: Array | None = None
     slips: Slips | None = None
 
     @classmethod
@@ -63,16 +61,16 @@ class Attachment:
     limit: largest force of a spring [N]; its energy is F²/k (√(1 + k²u²/F²) − 1).
     """
 
-    vertices: NDArray[np.int64]
-    targets: Floats
+    vertices: Integers
+    targets: Array
     stiffness: float = 1e6
     limit: float = math.inf
 
-    def pull(self, positions: Floats) -> Floats:
+    def pull(self, positions: Array) -> Array:
         """Force of the springs on the cloth [N], (n, 3)."""
         return -self.forces(positions)[1]
 
-    def forces(self, positions: Floats) -> tuple[float, Floats, Floats]:
+    def forces(self, positions: Array) -> tuple[float, Array, Array]:
         """Energy [J], its gradient by the vertices (n, 3) [N], and stiffnesses (n,) [N/m], at least the exact ones.
 
         With these, one Newton step moves a free vertex to its target from any distance.
@@ -85,17 +83,17 @@ class Attachment:
         energy = self.stiffness * float((square / (stretch + 1.0)).sum())
         return energy, stiffness[:, None] * gap, stiffness
 
-    def value(self, x: Floats) -> float:
+    def value(self, x: Array) -> float:
         """Energy [J] at the coordinates of all vertices; a term of a sum of energies, see ``numerics.sums``."""
         return self.forces(x.reshape(-1, 3))[0]
 
-    def gradient(self, x: Floats, gradient: Floats) -> float:
+    def gradient(self, x: Array, gradient: Array) -> float:
         """Energy [J]; adds the gradient [N]."""
         energy, pull, _ = self.forces(x.reshape(-1, 3))
         np.add.at(gradient.reshape(-1, 3), self.vertices, pull)
         return energy
 
-    def hessian(self, x: Floats, gradient: Floats, pattern: SymmetricPattern, entries: Floats) -> float:
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
         """``gradient``; adds the stiffnesses [N/m] too."""
         stiffness = self.forces(x.reshape(-1, 3))[2]
         places = pattern.diagonal[: len(x)].reshape(-1, 3)[self.vertices]

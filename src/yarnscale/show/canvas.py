@@ -18,6 +18,7 @@ from matplotlib.image import imsave
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
 from yarnscale.show import theme
@@ -97,7 +98,7 @@ def write_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
 
 def aim(
     plotter: Any,
-    points: NDArray[np.float64],
+    points: Array,
     *,
     camera: Camera | Sequence[float] = "oblique",
     margin: float = 1.06,
@@ -127,7 +128,7 @@ def aim(
     return plotter.window_size[1] / (2.0 * view.parallel_scale)
 
 
-def view_axes(camera: Camera | Sequence[float]) -> NDArray[np.float64]:
+def view_axes(camera: Camera | Sequence[float]) -> Array:
     """Unit vectors to the right, up and towards the eye, rows of (3, 3)."""
     eye, up = _view(camera)
     back = eye / np.linalg.norm(eye)
@@ -136,7 +137,7 @@ def view_axes(camera: Camera | Sequence[float]) -> NDArray[np.float64]:
     return np.stack([right, np.cross(back, right), back])
 
 
-def _view(camera: Camera | Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _view(camera: Camera | Sequence[float]) -> tuple[Array, Array]:
     if not isinstance(camera, str):
         eye = np.asarray(camera, dtype=float)
         level = np.array([0.0, 0.0, 1.0])

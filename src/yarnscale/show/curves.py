@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.yarn.pattern import YarnPattern
 
-Placement = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]
+Placement = Callable[[Integers, Integers], Array]
 """Positions (k, 3) [m] of the copies of vertices (k,) in tiles (k, 2)."""
 
 
@@ -27,14 +27,14 @@ class Curve:
     radius: of the yarn [m], None where the picture says it.
     """
 
-    points: NDArray[np.float64]
+    points: Array
     yarn: int = 0
     closed: bool = False
-    solid: NDArray[np.bool_] | None = None
+    solid: Flags | None = None
     radius: float | None = None
 
 
-def rings_for(period: NDArray[np.float64], radius: float) -> tuple[int, int]:
+def rings_for(period: Array, radius: float) -> tuple[int, int]:
     """Rings of copies along x and y around a cell of periods (2,) [m], for a piece that is about square."""
     side = max(3.0 * float(np.max(period)), 32.0 * radius)
     x, y = (int(np.clip(round(0.5 * (side / p - 1.0)), 1, 8)) for p in period)
@@ -54,9 +54,7 @@ def pattern_curves(
     return curves
 
 
-def periodic_curves(
-    edges: NDArray[np.int64], place: Placement, *, rings: int | tuple[int, int] = 1
-) -> list[Curve]:
+def periodic_curves(edges: Integers, place: Placement, *, rings: int | tuple[int, int] = 1) -> list[Curve]:
     """Curves of the primary tile and ``rings`` rings of copies around it (along x and y), copies faded.
 
     edges: (n, 4) rows (v0, v1, dx, dy), one per vertex v0, every yarn a periodic loop: the edge ends at
@@ -84,7 +82,7 @@ def periodic_curves(
     return curves
 
 
-def smooth_curve(curve: Curve, *, per_segment: int = 8) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def smooth_curve(curve: Curve, *, per_segment: int = 8) -> tuple[Array, Flags]:
     """Points of a C² spline through the vertices, and which of them have full colour: (m, 3) [m], (m,).
 
     The spline passes through every vertex and leaves a segment of length h by about h²/8 times the curvature:

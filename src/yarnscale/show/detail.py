@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.show import theme
@@ -23,22 +23,20 @@ NEAR_POINTS = 60_000
 _SHADED = 2.0
 """Radius [pixels] from which yarns shade each other."""
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Solid:
     """A body beside the cloth: ``vertices`` (n, 3) [m], ``triangles`` (m, 3), ``colour`` #rrggbb."""
 
-    vertices: NDArray[np.float64]
-    triangles: NDArray[np.int64]
+    vertices: Array
+    triangles: Integers
     colour: str = theme.OBSTACLE
 
 
 def yarn_cloth_picture(
     path: str | Path,
     curves: CurveSet,
-    positions: Floats,
+    positions: Array,
     *,
     about: Sequence[float] | None = None,
     width: float | None = None,
@@ -87,7 +85,7 @@ def _add_solid(plotter: Any, solid: Solid) -> None:
     )
 
 
-def _pieces(curves: CurveSet, positions: Floats, middle: Floats | None, reach: float) -> list[Curve]:
+def _pieces(curves: CurveSet, positions: Array, middle: Array | None, reach: float) -> list[Curve]:
     """The parts of curves within ``reach`` of the middle, in a cube."""
     pieces = []
     for k, yarn in enumerate(curves.yarn.tolist()):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.kinematics import ShellStrain
@@ -23,8 +23,6 @@ from yarnscale.swatches.uniform_data import UniformCurve
 from yarnscale.swatches.yarn_estimate import FabricEstimate
 from yarnscale.swatches.yarn_model import UNITS
 from yarnscale.swatches.yarn_states import YarnCurve
-
-Array = NDArray[np.float64]
 
 _MEANINGS = {
     "k_s1": "stretch stiffness up to the knee",

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.homogeneous.fabrics import MaterialFabric
 from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under, path_under
 from yarnscale.homogenize.states import FabricStates
@@ -19,8 +19,6 @@ from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import AXES, PLANES
 from yarnscale.show import theme
 from yarnscale.show.plots import written_figure
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = (("course", 0.0, 0), ("wale", math.pi / 2, 2))
 """Name, angle from the course, and place of the stretch along in a strain vector; curvature stands three further."""

@@ -13,6 +13,7 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
@@ -21,7 +22,6 @@ from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, light, screen, view_axes, write_png
 from yarnscale.show.seen_tubes import add_tubes, seen_tubes, tube_colours
 
-Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 MOVIE_SIZE = (1280, 960)
@@ -105,7 +105,7 @@ def write_stills(
                 on_frame(index + 1)
 
 
-def playing_order(times: Floats, *, fps: float, speed: float = 1.0) -> list[int]:
+def playing_order(times: Array, *, fps: float, speed: float = 1.0) -> list[int]:
     """For every picture of a movie the frame nearest to its time; the first and the last frame are shown."""
     if not (np.isfinite(fps) and 0 < fps <= 1000 and np.isfinite(speed) and speed > 0):
         raise InputError(
@@ -152,7 +152,7 @@ class Film:
         self._camera: Camera | tuple[float, float, float] = camera
         self._wires = wires
         self._outermost, self._limits = self._survey()
-        self._parts: list[tuple[pv.PolyData, Callable[[Moment], tuple[Floats, Floats]]]] = []
+        self._parts: list[tuple[pv.PolyData, Callable[[Moment], tuple[Array, Array]]]] = []
         self._open = ExitStack()
 
     def __enter__(self) -> Film:
@@ -197,7 +197,7 @@ class Film:
         )
         self._plotter.reset_camera_clipping_range()
 
-    def _survey(self) -> tuple[Floats, tuple[float, float] | None]:
+    def _survey(self) -> tuple[Array, tuple[float, float] | None]:
         """Points of all frames that lie outermost in the view, and the limits of the stretch."""
         axes, outermost = view_axes(self._camera), []
         limits = []
@@ -218,7 +218,7 @@ class Film:
         return np.concatenate(outermost), (least, max(most, least + 1e-3))
 
     def _add_cloth(self, cloth: Surface, first: Moment, limits: tuple[float, float] | None) -> None:
-        def shape(moment: Moment) -> tuple[Floats, Floats]:
+        def shape(moment: Moment) -> tuple[Array, Array]:
             assert moment.cloth is not None
             return moment.cloth, vertex_normals(moment.cloth, cloth.triangles)
 
@@ -236,7 +236,7 @@ class Film:
         self._plotter.add_mesh(mesh, interpolation="phong", **look)
 
     def _add_bodies(self, bodies: Surface, first: Moment) -> None:
-        def shape(moment: Moment) -> tuple[Floats, Floats]:
+        def shape(moment: Moment) -> tuple[Array, Array]:
             assert moment.bodies is not None
             return moment.bodies, vertex_normals(moment.bodies, bodies.triangles)
 
@@ -247,7 +247,7 @@ class Film:
         assert first.yarns is not None
         sweep, chosen = seen_tubes(curves, first.yarns, scale)
 
-        def shape(moment: Moment) -> tuple[Floats, Floats]:
+        def shape(moment: Moment) -> tuple[Array, Array]:
             assert moment.yarns is not None and moment.radii is not None
             return sweep.surface(moment.yarns[chosen], moment.radii[chosen])
 
@@ -256,7 +256,7 @@ class Film:
         add_tubes(self._plotter, mesh)
 
     def _part(
-        self, triangles: NDArray[np.int64], shape: Callable[[Moment], tuple[Floats, Floats]], first: Moment
+        self, triangles: Integers, shape: Callable[[Moment], tuple[Array, Array]], first: Moment
     ) -> pv.PolyData:
         points, normals = shape(first)
         # Single precision, as the renderer has it: half the memory, and nothing to convert.
@@ -268,7 +268,7 @@ class Film:
         return mesh
 
 
-def largest_stretch(cloth: Surface, positions: Floats) -> Floats:
+def largest_stretch(cloth: Surface, positions: Array) -> Array:
     """Larger principal stretch of every triangle, (nt,): the larger singular value of ∂x/∂X."""
     assert cloth.material is not None
     rest = cloth.material[cloth.triangles if cloth.corners is None else cloth.corners]
@@ -281,7 +281,7 @@ def largest_stretch(cloth: Surface, positions: Floats) -> Floats:
     return np.sqrt(mean + np.hypot(half, metric[:, 0, 1]))
 
 
-def vertex_stretch(cloth: Surface, positions: Floats) -> Floats:
+def vertex_stretch(cloth: Surface, positions: Array) -> Array:
     """Mean of the larger principal stretch over the triangles of every vertex, (nv,)."""
     corners, values = cloth.triangles.ravel(), np.repeat(largest_stretch(cloth, positions), 3)
     shares = np.bincount(corners, minlength=len(positions))

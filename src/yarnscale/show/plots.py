@@ -11,13 +11,11 @@ import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
 from yarnscale.show import theme
-
-Array = NDArray[np.float64]
 
 
 def stress_scatter(path: str | Path, groups: Mapping[str, tuple[Array, Array]], *, floor: float) -> None:

@@ -9,14 +9,12 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.files.curve_frames import CurveSet
 from yarnscale.files.curve_thinning import thinned
 from yarnscale.files.tube_sweep import TubeSweep
 from yarnscale.show import theme
 from yarnscale.show.curves import Curve, smooth_curve
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SIDES = 24
 """Corners of a tube's section in pictures of single cells."""
@@ -26,7 +24,7 @@ _SMALLEST = 0.25
 """What does not show [pixels]."""
 
 
-def seen_tubes(curves: CurveSet, points: Floats, scale: float) -> tuple[TubeSweep, Integers]:
+def seen_tubes(curves: CurveSet, points: Array, scale: float) -> tuple[TubeSweep, Integers]:
     """Tubes about curves, and the points (m,) that they need of all, in a picture of a scale [pixels/m].
 
     points: positions (n, 3) [m] in one frame. Points are left out where nobody sees it, sections have fewer sides.
@@ -64,7 +62,7 @@ def tube_mesh(
     return mesh
 
 
-def tube_colours(sweep: TubeSweep, solid: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+def tube_colours(sweep: TubeSweep, solid: Flags | None = None) -> NDArray[np.uint8]:
     """Colour of every vertex of tubes by its yarn, (n · sides, 3); faded where points (n,) are not solid."""
     curves = sweep.curves
     palette = np.array([theme.yarn_colour(k) for k in range(len(theme.YARNS))])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.files.colours import YARNS
 
 INK = "#22303c"
@@ -55,16 +55,16 @@ PLOT_STYLE: dict[str, object] = {
 """Settings for matplotlib's rc_context."""
 
 
-def rgb(colour: str) -> NDArray[np.float64]:
+def rgb(colour: str) -> Array:
     """Red, green and blue in [0, 1] of a colour written ``#rrggbb``, shape (3,)."""
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
 
 
-def yarn_colour(yarn: int) -> NDArray[np.float64]:
+def yarn_colour(yarn: int) -> Array:
     """Colour of a yarn by its number, shape (3,)."""
     return rgb(YARNS[yarn % len(YARNS)])
 
 
-def faded(colour: NDArray[np.float64]) -> NDArray[np.float64]:
+def faded(colour: Array) -> Array:
     """Colour moved by three quarters towards the grey of periodic copies, shape (3,)."""
     return 0.25 * colour + 0.75 * rgb(FAINT)

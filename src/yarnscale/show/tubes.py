@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, aim, canvas, light
@@ -22,10 +22,10 @@ def yarn_picture(
     curves: Sequence[Curve],
     radius: float,
     *,
-    surface: NDArray[np.float64] | None = None,
+    surface: Array | None = None,
     camera: Camera | Sequence[float] = "oblique",
     size: tuple[int, int] = theme.PICTURE_SIZE,
-    room: NDArray[np.float64] | None = None,
+    room: Array | None = None,
 ) -> None:
     """Draw yarns as round tubes and write a PNG file.
 
@@ -57,24 +57,24 @@ def yarn_picture(
         aim(plotter, np.vstack(framed), camera=camera)
 
 
-def room_of(series: Sequence[Sequence[Curve]], radius: float) -> NDArray[np.float64]:
+def room_of(series: Sequence[Sequence[Curve]], radius: float) -> Array:
     """Least size (3,) [m] that holds every picture of a series."""
     sizes = [np.ptp(np.vstack([curve.points for curve in curves]), axis=0) for curves in series]
     return np.max(sizes, axis=0) + 2 * radius
 
 
-def _framed(curve: Curve, radius: float) -> NDArray[np.float64]:
+def _framed(curve: Curve, radius: float) -> Array:
     """Corners that enclose a tube, for the camera, shape (2 k, 3)."""
     return np.vstack([curve.points - radius, curve.points + radius])
 
 
-def _box(points: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.float64]:
+def _box(points: Array, room: Array) -> Array:
     """Two corners of a box of this size around the middle of points (n, 3)."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     return np.stack([middle - 0.5 * room, middle + 0.5 * room])
 
 
-def _add_surface(plotter: Any, surface: NDArray[np.float64]) -> None:
+def _add_surface(plotter: Any, surface: Array) -> None:
     """A translucent sheet with its grid lines."""
     grid: Any = pv.StructuredGrid(*np.moveaxis(np.asarray(surface, dtype=float)[None], -1, 0))
     sheet = grid.extract_surface(algorithm="dataset_surface")

@@ -11,17 +11,15 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.kinematics import GRAVITY
 from yarnscale.shell.materials.orthotropic import BENDING, DirectionalMaterial
 from yarnscale.swatches.measurements import BendTest, Direction, SwatchMeasurements
 from yarnscale.swatches.pear_loop import SEGMENTS, LoopResponse, PearLoop
 from yarnscale.swatches.shell_fit import mean_error
-
-Array = NDArray[np.float64]
 
 STATES = 7
 """Distances of the clamps per direction (EST22 §5.2)."""

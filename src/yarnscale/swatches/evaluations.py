@@ -9,13 +9,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.homogenize.executors import DaskExecutor, is_loss
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.swatches.objective import Evaluation, YarnObjective
-
-Array = NDArray[np.float64]
 
 _FEW = 2
 """Evaluations of so few points at once are those of a descent, whose states serve the next derivatives."""

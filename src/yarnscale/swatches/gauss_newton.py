@@ -9,11 +9,9 @@ so a step adds to it what it has shown itself (Broyden), and it is taken anew wh
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.swatches.evaluations import Evaluations
-
-Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-3
 """Step of differences, of the unknowns' ranges."""

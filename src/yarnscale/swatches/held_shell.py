@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags
 from yarnscale.numerics.affine import FreeUnknowns, KeptPull, MappedObjective
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.kernel import BLOCK
@@ -25,8 +25,6 @@ from yarnscale.shell.elastic.energy import Linearisation, ShellEnergy, ShellObje
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import ConstantTerm, DirectionalMaterial, OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-8
 """Of the residual, relative to the forces that hold the shell."""
@@ -70,7 +68,7 @@ class Measure:
 class HeldShell:
     """A panel with free and held coordinates; ``free`` is a mask (nv, 3)."""
 
-    def __init__(self, mesh: TriangleMesh, free: NDArray[np.bool_]) -> None:
+    def __init__(self, mesh: TriangleMesh, free: Flags) -> None:
         self.mesh = mesh
         self.energy = ShellEnergy(mesh, OrthotropicMaterial(1.0, 0.0, 1.0, 1.0))
         self.free = np.flatnonzero(free.ravel())

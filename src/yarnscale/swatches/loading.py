@@ -14,16 +14,15 @@ from itertools import zip_longest
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.optimize import isotonic_regression
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.swatches.measurements import POWER_LOAD, StretchRun, Unloading
 from yarnscale.swatches.slack import slack_and_offset
 from yarnscale.swatches.zero_force import at_zero_force
 
-Array = NDArray[np.float64]
 Cycle = Literal["first", "last"]
 CYCLES: tuple[Cycle, ...] = ("first", "last")
 

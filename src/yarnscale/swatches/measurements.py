@@ -17,13 +17,11 @@ from enum import Enum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError, positive
 from yarnscale.swatches.construction import KnownConstruction
 from yarnscale.swatches.zero_force import at_zero_force
-
-Array = NDArray[np.float64]
 
 LENGTH = "a positive length [m]"
 """What errors of lengths expect."""

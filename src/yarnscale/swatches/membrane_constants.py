@@ -13,13 +13,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from yarnscale.arrays import Array
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial, OrthotropicMaterial
 from yarnscale.shell.materials.stiffening import StiffeningMaterial
 
-Array = NDArray[np.float64]
 ShellModel = Literal["stiffening", "stvk"]
 
 _RATES, _SATURATIONS = np.linspace(0.5, 12.0, 24), np.geomspace(0.05, 8.0, 12)

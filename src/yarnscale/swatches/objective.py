@@ -12,16 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData, UniformErrors
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_model import YarnModel
 from yarnscale.swatches.yarn_rest import RestedCell, RestRule, at_rest
 from yarnscale.swatches.yarn_states import YarnCurve, pulled
-
-Array = NDArray[np.float64]
 
 FAILED = 3.0
 """Error that counts for a state that did not converge."""

@@ -17,18 +17,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError, positive
 from yarnscale.kinematics import GRAVITY
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.swatches.held_shell import HeldShell, Measure
 from yarnscale.swatches.measurements import LENGTH, Direction
-
-Array = NDArray[np.float64]
 
 SEGMENTS = 35
 """Segments along the loop, an odd number."""
@@ -47,7 +45,7 @@ class LoopResponse:
 
     distance: Array
     ratio: Array
-    converged: NDArray[np.bool_]
+    converged: Flags
     positions: Array
 
 
@@ -149,7 +147,7 @@ def _lines(segments: int, length: float) -> Array:
     return np.concatenate([-beyond[::-1], (length - last) / 2 * spread, beyond])
 
 
-def _mesh(lines: Array, width: float, grain: float) -> tuple[TriangleMesh, NDArray[np.int64]]:
+def _mesh(lines: Array, width: float, grain: float) -> tuple[TriangleMesh, Integers]:
     """Panel whose lines across (panel x) lie at these places along it (panel y), and the line of every vertex."""
     rows = len(lines) - 1
     height = float(lines[-1] - lines[0])

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.swatches.evaluations import Evaluations
 from yarnscale.swatches.gauss_newton import Descent
-
-Array = NDArray[np.float64]
 
 STAGES = ((3, 0.5), (4, 0.5), (5, 0.0))
 """Gauss–Newton steps of every remaining start, and the share of starts kept afterwards; the best always is."""

@@ -17,17 +17,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 from yarnscale.swatches.measurements import POWER_LOAD, Direction, StretchTest, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import UNKNOWNS, AlongCurve, Scales, ShellModel, Unknowns
 from yarnscale.swatches.swatch import ELEMENTS_ACROSS, StretchResponse, StretchSwatch
 from yarnscale.swatches.uniaxial import uniaxial, uniaxial_sensitivity
-
-Array = NDArray[np.float64]
 
 STATES = 6
 """Stretches per direction (EST22 §5.1)."""

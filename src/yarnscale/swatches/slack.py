@@ -8,9 +8,8 @@ follows is much stiffer than the line. The force of the slack swatch is the offs
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from yarnscale.arrays import Array
 
 _TOES = (0.0125, 0.05, 0.2)
 """Ranges of force in which slack is looked for, as shares of the largest force."""

@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError, positive
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.swatches.held_shell import Equilibrium, HeldShell, Measure
 from yarnscale.swatches.measurements import LENGTH, Direction
-
-Array = NDArray[np.float64]
 
 ELEMENTS_ACROSS = 10
 """Spacing of the mesh: this part of the shorter side."""
@@ -40,7 +38,7 @@ class StretchResponse:
     stretch: Array
     force: Array
     contraction: Array
-    converged: NDArray[np.bool_]
+    converged: Flags
     positions: Array
 
 
@@ -158,7 +156,7 @@ def swatch_mesh(length: float, width: float, direction: Direction, elements: int
     return rectangle(length, width, length / columns, grain=direction.angle)
 
 
-def _inside(mesh: TriangleMesh, point: Array) -> tuple[NDArray[np.int64], Array]:
+def _inside(mesh: TriangleMesh, point: Array) -> tuple[Integers, Array]:
     """Corners of the triangle around a point of the panel, and their barycentric weights (3,)."""
     corners = mesh.panel[mesh.triangles]
     edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)

@@ -10,12 +10,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.shell.materials.material import LOWER, ShellMaterial
 from yarnscale.shell.materials.orthotropic import ConstantTerm, DirectionalMaterial
-
-Array = NDArray[np.float64]
 
 _ACROSS = np.linspace(0.1, 1.6, 76)
 """Lengths across among which the start is chosen."""

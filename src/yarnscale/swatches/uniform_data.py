@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags
 from yarnscale.errors import InputError
 from yarnscale.swatches.bend_fit import BendFit
 from yarnscale.swatches.measurements import (
@@ -27,8 +27,6 @@ from yarnscale.swatches.measurements import (
 )
 from yarnscale.swatches.shell_fit import FittedCurve, ShellFit
 from yarnscale.swatches.uniaxial import uniaxial
-
-Array = NDArray[np.float64]
 
 SAMPLES = 20
 """Stretches per direction (EST22 §7.3.3)."""
@@ -55,7 +53,7 @@ class UniformCurve:
         return self.stress / (1.0 + self.stretch)
 
     @property
-    def comfort(self) -> NDArray[np.bool_]:
+    def comfort(self) -> Flags:
         """Which samples lie in the comfort range, (n,)."""
         return self.stretch <= self.comfort_stretch * (1 + 1e-9)
 

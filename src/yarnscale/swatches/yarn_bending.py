@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.swatches.measurements import Direction
-
-Array = NDArray[np.float64]
 
 
 def bending_stiffness(cell: PeriodicCell, directions: Sequence[Direction]) -> Array:

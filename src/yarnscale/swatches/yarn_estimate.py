@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
@@ -25,8 +24,6 @@ from yarnscale.swatches.uniform_data import UniformBend, UniformData, UniformErr
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_fit import FitOptions, YarnFit, fit_yarn
 from yarnscale.swatches.yarn_model import YarnModel
-
-Array = NDArray[np.float64]
 
 UNKNOWN_STIFFNESS = 60.0
 """k_s2 where the yarn's stiffness at 5 cN was not measured [N]: a spun hand-knitting yarn, to a factor of three.

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
 from yarnscale.swatches.gauss_newton import gauss_newton, jacobian
@@ -19,8 +19,6 @@ from yarnscale.swatches.scattered import race, sobol_starts
 from yarnscale.swatches.uniform_data import UniformData
 from yarnscale.swatches.yarn_model import PARAMETERS, YarnModel
 from yarnscale.swatches.yarn_rest import RestRule
-
-Array = NDArray[np.float64]
 
 Solver = Literal["sobol", "local"]
 SOLVERS = ("sobol", "local")

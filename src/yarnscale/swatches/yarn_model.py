@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_shape import redrawn, set_as_drawn
 from yarnscale.errors import InputError, positive
@@ -24,8 +24,6 @@ from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
-
-Array = NDArray[np.float64]
 
 PARAMETERS = ("k_s1", "knee", "k_b", "R_1", "k_c1")
 """Parameters of the yarn in their order: k_s1 [N], ε̄ [-], k_b [N m²], R₁ [m], k_c1 [kg/s²]."""
@@ -108,7 +106,7 @@ class YarnModel:
         return low, high
 
     @cached_property
-    def _logarithmic(self) -> NDArray[np.bool_]:
+    def _logarithmic(self) -> Flags:
         return np.array([name in _LOGARITHMIC for name in self.names])
 
     def values(self, unknowns: Array) -> Array:

@@ -17,15 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 LENGTH_BOUND = 0.2
 """Largest change of a rest length, relative (EST22 §7.2)."""

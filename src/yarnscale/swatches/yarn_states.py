@@ -10,14 +10,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.kinematics import ShellStrain
 from yarnscale.swatches.measurements import Direction
-
-Array = NDArray[np.float64]
 
 _STEPS = 12
 TOLERANCE = 1e-3
@@ -43,7 +41,7 @@ class YarnCurve:
     stretch: Array
     stress: Array
     contraction: Array
-    converged: NDArray[np.bool_]
+    converged: Flags
     states: tuple[Equilibrium, ...]
     slopes: Array
     solves: int

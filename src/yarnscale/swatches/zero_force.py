@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from yarnscale.arrays import Array
 
 _STEP, _FIRST_STEPS = 0.01, 5
 """Steps of force that the extrapolation to zero force uses: size as a share of the largest force, and number."""

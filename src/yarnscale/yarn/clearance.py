@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 THROUGH_EACH_OTHER = 0.05
 """Centre lines closer than this share of the diameter count as intersecting yarns."""

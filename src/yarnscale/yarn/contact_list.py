@@ -12,14 +12,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps, safe_fraction
 from yarnscale.yarn.contact import contact_energy, contact_reach
 from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 SKIN = 0.7
 """How much farther than contact pairs are listed [r]."""
@@ -31,7 +31,7 @@ GAP_SHARE = 0.8
 class PlacedPairs:
     """Those of the listed pairs, (N,) by ``chosen``, that have a place in the matrix: where their Hessian goes."""
 
-    chosen: NDArray[np.bool_]
+    chosen: Flags
     stencils: StencilSet
     slots: NDArray[np.int32]
 

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
@@ -21,8 +22,7 @@ from yarnscale.yarn.rod import BEND_TWIST
 from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 PATTERN_MARGIN = 0.1
 """How much farther than they touch pairs have a place in the matrix [r]: more saves analyses, less keeps it sparse."""

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.yarn.strands import Strands
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 NO_EDGE = np.array([1.0, 0.0, 0.0])
 """Direction at the end of an open yarn, where no edge starts."""

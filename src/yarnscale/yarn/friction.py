@@ -13,15 +13,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import run_columns
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 _SWEEPS = 10
 """Rounds over all pairs that rub in an explicit step."""

@@ -17,14 +17,13 @@ from dataclasses import dataclass, field, replace
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import ENDLESS, Strands
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 UNDO_WITHIN = 4.0
 """Two opposite passages undo each other when they lie so near along both yarns [r]."""

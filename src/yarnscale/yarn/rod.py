@@ -11,9 +11,8 @@ from collections.abc import Mapping
 from functools import cache
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
 
@@ -121,9 +120,7 @@ def _anchor_kernel() -> Kernel:
     return compile_kernel(function, "anchor")
 
 
-def carried_frames(
-    edge: NDArray[np.float64], tangent: NDArray[np.float64], director: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def carried_frames(edge: Array, tangent: Array, director: Array) -> tuple[Array, Array, Array]:
     """Frames (unit tangent, director) transported to the directions of edges, all (n, 3).
 
     Returns the tangents (n, 3), the directors (n, 3), and the derivatives of both by (edge, tangent, director),

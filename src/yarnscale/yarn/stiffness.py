@@ -11,16 +11,15 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.checked import MAKERS, WrongArgument
 from yarnscale.errors import InputError
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 from yarnscale.yarn.rod import STRETCH, TWO_PHASE_STRETCH
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 Materials = YarnMaterial | Sequence[YarnMaterial]
 """One material for all yarns of a pattern, or one for each number in its ``yarn_material``."""

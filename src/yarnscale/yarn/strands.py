@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = Integers
 
 LARGEST_COPIES = 10_000_000
 """Vertices of all copies."""
@@ -76,7 +75,7 @@ class Strands:
         )  # fmt: skip
 
     @classmethod
-    def finite(cls, offsets: Indices, closed: NDArray[np.bool_]) -> Strands:
+    def finite(cls, offsets: Indices, closed: Flags) -> Strands:
         """Yarns numbered vertex after vertex, yarn i from offsets[i] to offsets[i + 1] − 1, rings where ``closed``."""
         n, yarns = int(offsets[-1]), len(closed)
         last = offsets[1:] - 1

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-
-Floats = NDArray[np.float64]
 
 # −db/dd at d = t/2 in units of t³.
 _HALF_WAY_SLOPE = 4.5 * 0.5 + 3.0 * math.log(2.0)
@@ -49,7 +47,7 @@ class ContactSettings:
         return self.pressure / (_HALF_WAY_SLOPE * self.thickness**3)
 
 
-def barrier(distance: Floats, thickness: float) -> tuple[Floats, Floats, Floats]:
+def barrier(distance: Array, thickness: float) -> tuple[Array, Array, Array]:
     """b(d) = −(d² − t²)² ln(d²/t²) of distances in (0, t) and its first and second derivative (Li et al. 2020)."""
     x, t2 = distance * distance, thickness * thickness
     gap, log = x - t2, np.log(x / t2)
@@ -71,7 +69,7 @@ def reach_aside(thickness: float) -> tuple[float, float]:
     return thickness * float(force.sum() * width), thickness * math.sqrt(2.0 * float(offset @ force) * width)
 
 
-def smooth_length(length: Floats, reach: float) -> tuple[Floats, Floats, Floats]:
+def smooth_length(length: Array, reach: float) -> tuple[Array, Array, Array]:
     """A length made smooth below ``reach``, f(l), with f'(l)/l and f''(l) (Li et al. 2020, section 5.4)."""
     sticks = length < reach
     potential = np.where(sticks, length**2 / reach - length**3 / (3.0 * reach * reach) + reach / 3.0, length)

@@ -14,12 +14,10 @@ from typing import TypeVar
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.numerics.threads import available_threads, run_parts
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Found = TypeVar("Found")
 
 
@@ -35,8 +33,8 @@ class Surfaces:
     cloth: int
     edges: Integers
     sides: Integers
-    own_corners: NDArray[np.bool_]
-    own_sides: NDArray[np.bool_]
+    own_corners: Flags
+    own_sides: Flags
 
     @classmethod
     def of(cls, triangles: Integers, cloth: int) -> Surfaces:
@@ -58,7 +56,7 @@ class Surfaces:
 
 
 def near_pairs(
-    surfaces: Surfaces, lowest: Floats, highest: Floats, *, within_cloth: bool
+    surfaces: Surfaces, lowest: Array, highest: Array, *, within_cloth: bool
 ) -> tuple[Integers, Integers]:
     """Pairs whose boxes overlap, in a fixed order, without those that share a vertex or belong to obstacles only.
 
@@ -79,7 +77,7 @@ def near_pairs(
 
 
 def on_overlaps(
-    boxes: Floats, cloth: int, act: Callable[[Integers], Found], *, within_cloth: bool
+    boxes: Array, cloth: int, act: Callable[[Integers], Found], *, within_cloth: bool
 ) -> list[Found]:
     """What ``act`` makes of pairs of triangles (n, 2) whose boxes overlap, the cloth's first, part by part on threads.
 
@@ -110,11 +108,11 @@ class _Tree:
     """
 
     order: Integers
-    boxes: Floats
+    boxes: Array
     leaves: int
 
     @classmethod
-    def of(cls, triangles: Floats, begin: int, end: int) -> _Tree:
+    def of(cls, triangles: Array, begin: int, end: int) -> _Tree:
         """Tree of some of the boxes of triangles (m, 6)."""
         own = triangles[begin:end]
         order = np.argsort(_curve(own[:, :3] - own[:, 3:]), kind="stable")
@@ -129,7 +127,7 @@ class _Tree:
         return cls(order + begin, boxes, leaves)
 
 
-def _curve(points: Floats) -> Integers:
+def _curve(points: Array) -> Integers:
     """Place of points (n, 3) along a space-filling curve (Morton), 15 bits an axis."""
     extent = np.ptp(points, axis=0).max() if len(points) else 0.0
     scaled = (points - points.min(axis=0, initial=np.inf)) * (32767.0 / extent if extent > 0 else 0.0)

@@ -16,8 +16,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.motion.obstacles import Obstacle, Plane, Sphere
 from yarnscale.shell.contact.barrier import ContactSettings
 from yarnscale.shell.contact.crossings import Crossing
@@ -27,9 +27,6 @@ from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.state import Attachment, Slips
 
 __all__ = ["ClothContact", "ContactSettings"]
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 _ROOM = 1.5
@@ -61,7 +58,7 @@ class ClothContact:
         if settings.self_contact or meshes:
             self.parts.append(SurfaceContact(mesh, meshes, settings, rows))
 
-    def places(self, time: float) -> Floats:
+    def places(self, time: float) -> Array:
         """Prescribed places of the points of moving obstacles at a time, (guests, 3) [m]."""
         return np.concatenate([np.zeros((0, 3)), *(o.points(time) for o in self._moving)])
 
@@ -71,7 +68,7 @@ class ClothContact:
         return Attachment(vertices, self.places(time), stiffness, self.settings.holding_force)
 
     def start_step(
-        self, positions: Floats, duration: float, time: float = 0.0, until: float | None = None,
+        self, positions: Array, duration: float, time: float = 0.0, until: float | None = None,
         slips: Slips | None = None,
     ) -> None:  # fmt: skip
         """Set normal forces and origin of slip for friction at the start of a step of ``duration`` [s].
@@ -83,7 +80,7 @@ class ClothContact:
         for number, part in enumerate(self.parts):
             part.start_step(positions, duration, (time, until), number, slips)
 
-    def slips(self, positions: Floats) -> Slips | None:
+    def slips(self, positions: Array) -> Slips | None:
         """Elastic slips at the end of a step; None without friction."""
         if self.settings.friction == 0.0 or not self.parts:
             return None
@@ -92,18 +89,18 @@ class ClothContact:
             *(np.concatenate(arrays) for arrays in zip(*((s.between, s.amounts) for s in found), strict=True))
         )
 
-    def value(self, positions: Floats) -> float:
+    def value(self, positions: Array) -> float:
         """Energy [J], inf at zero distance."""
         return sum(part.value(positions) for part in self.parts)
 
-    def gradient(self, positions: Floats) -> tuple[float, Floats]:
+    def gradient(self, positions: Array) -> tuple[float, Array]:
         """Energy [J] and gradient, of the shape of the positions [N]."""
         total, gradient = 0.0, np.zeros_like(positions)
         for part in self.parts:
             total += part.gradient(positions, gradient)
         return total, gradient
 
-    def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
+    def hessian(self, positions: Array) -> tuple[Integers, Array]:
         """Positive semi-definite Hessian: increasing keys ``column·rows + row`` of vertices, blocks (m, 9) [N/m].
 
         Of the lower triangle; blocks row by row.
@@ -119,23 +116,23 @@ class ClothContact:
         first = np.flatnonzero(np.diff(keys, prepend=-1) > 0)
         return keys[first], np.add.reduceat(np.concatenate([e for _, e in found])[order], first)
 
-    def room(self, positions: Floats) -> Integers:
+    def room(self, positions: Array) -> Integers:
         """Keys, as of ``hessian``, of pairs that are near, with repetitions."""
         within = _ROOM * self.settings.thickness
         return np.concatenate([np.zeros(0, np.int64), *(part.room(positions, within) for part in self.parts)])
 
-    def bound(self, positions: Floats, step: Floats) -> float:
+    def bound(self, positions: Array, step: Array) -> float:
         """Fraction of a step, of the shape of the positions, without contact at zero distance, in (0, 1]."""
         return min([1.0, *(part.bound(positions, step) for part in self.parts)])
 
-    def closest(self, positions: Floats) -> float:
+    def closest(self, positions: Array) -> float:
         """Smallest distance [m] between surfaces; inf beyond the thickness, negative inside an obstacle."""
         return min([math.inf, *(part.closest(positions) for part in self.parts)])
 
-    def intersects(self, positions: Floats) -> bool:
+    def intersects(self, positions: Array) -> bool:
         """Whether any surfaces cross, tested independently of the contact search."""
         return any(part.intersects(positions) for part in self.parts)
 
-    def crossings(self, positions: Floats) -> list[Crossing]:
+    def crossings(self, positions: Array) -> list[Crossing]:
         """Crossing surfaces and places, one entry for each pair of objects; slow."""
         return [crossing for part in self.parts for crossing in part.crossings(positions)]

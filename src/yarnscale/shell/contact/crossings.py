@@ -8,15 +8,12 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.numerics.pair_distance import closest_points
 from yarnscale.shell.contact.broad_phase import on_overlaps
 from yarnscale.shell.contact.pair_loops import cross
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 CLOTH = -1
 """Number of the cloth among the objects."""
@@ -57,7 +54,7 @@ def _in_file(lines: Integers, triangles: Sequence[int]) -> str:
 
 
 def surface_crossings(
-    positions: Floats, triangles: Integers, owners: Integers, names: Mapping[int, str], *, within_cloth: bool
+    positions: Array, triangles: Integers, owners: Integers, names: Mapping[int, str], *, within_cloth: bool
 ) -> list[Crossing]:
     """Crossings of triangles (m, 3) of the cloth with each other, if wanted, and with those of obstacles.
 
@@ -85,7 +82,7 @@ def surface_crossings(
 
 
 def shape_crossing(
-    obstacle: int, name: str, kind: str, distances: Floats, places: Floats, count: int
+    obstacle: int, name: str, kind: str, distances: Array, places: Array, count: int
 ) -> Crossing:
     """Crossing of the cloth with a sphere or plane.
 
@@ -103,19 +100,19 @@ def shape_crossing(
     return Crossing(obstacle, text, remedy)
 
 
-def _place(point: Floats) -> str:
+def _place(point: Array) -> str:
     return "({:.4g}, {:.4g}, {:.4g}) m".format(*(point + 0.0))
 
 
-def _doubled(positions: Floats, pairs: Integers) -> bool:
+def _doubled(positions: Array, pairs: Integers) -> bool:
     """Whether triangles that cross (n, 2, 3) have different vertices at the same place."""
     near = np.linalg.norm(positions[pairs[:, 0, :, None]] - positions[pairs[:, 1, None, :]], axis=3)
     return bool((near <= _TOUCHING * float(np.ptp(positions, axis=0).max())).any())
 
 
 def crossing_triangles(
-    positions: Floats, triangles: Integers, cloth: int, *, within_cloth: bool
-) -> tuple[Integers, Floats]:
+    positions: Array, triangles: Integers, cloth: int, *, within_cloth: bool
+) -> tuple[Integers, Array]:
     """Pairs of triangles (n, 2) that cross or touch without a common vertex, each once in order, and a place of each.
 
     triangles: (m, 3), the first ``cloth`` of the cloth; pairs have at least one of these, and that one first.

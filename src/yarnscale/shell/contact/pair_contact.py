@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
 from yarnscale.numerics.threads import run_parts
 from yarnscale.shell.contact import pair_hessian, pair_loops
@@ -21,9 +22,6 @@ from yarnscale.shell.contact.pair_search import Close, Pairs, shares
 from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.state import Slips
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 KEPT = 0.1
 """Part of a distance that remains after a step."""
 
@@ -31,19 +29,19 @@ KEPT = 0.1
 class Search(Protocol):
     """Finds pairs that are near; positions are of all vertices (nv, 3) [m]."""
 
-    def close(self, positions: Floats) -> Close:
+    def close(self, positions: Array) -> Close:
         """Pairs nearer than the thickness."""
         ...
 
-    def nearer(self, positions: Floats, within: float) -> Integers:
+    def nearer(self, positions: Array, within: float) -> Integers:
         """Vertices (n, 4) of pairs closer than a distance [m]; complete up to the thickness only."""
         ...
 
-    def along(self, start: Floats, end: Floats) -> Pairs:
+    def along(self, start: Array, end: Array) -> Pairs:
         """Pairs that can be near along the straight path from start to end."""
         ...
 
-    def known(self, start: Floats, moves: Floats) -> tuple[Pairs | None, float]:
+    def known(self, start: Array, moves: Array) -> tuple[Pairs | None, float]:
         """Pairs that can be near along a share of moves (nv, 3), and that share, as far as no search is needed."""
         ...
 
@@ -57,16 +55,16 @@ class _Grip:
     """
 
     vertices: Integers
-    coefficients: Floats
-    normals: Floats
-    limits: Floats
-    origin: Floats
+    coefficients: Array
+    normals: Array
+    limits: Array
+    origin: Array
     reach: float
-    begun: Floats
+    begun: Array
     between: Integers
-    signs: Floats
+    signs: Array
 
-    def slip(self, positions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def slip(self, positions: Array) -> tuple[Array, Array, Array, Array]:
         """Tangential motion of the closest points (k, 3), and its smoothed length f: f, f'/l and f'', each (k,)."""
         sliding = pair_loops.slips(positions, self.origin, self.vertices, self.coefficients, self.normals)
         sliding += self.begun
@@ -76,12 +74,12 @@ class _Grip:
 class PairContact:
     """Contact of the pairs of a search. Vertices: all ``rows`` of the positions, then ``fixed`` ones (n, 3) [m]."""
 
-    def __init__(self, search: Search, settings: ContactSettings, rows: int, fixed: Floats) -> None:
+    def __init__(self, search: Search, settings: ContactSettings, rows: int, fixed: Array) -> None:
         self.search, self.settings, self.rows, self.fixed = search, settings, rows, fixed
         self._grip: _Grip | None = None
 
     def start_step(
-        self, positions: Floats, duration: float, times: tuple[float, float], number: int = 0,
+        self, positions: Array, duration: float, times: tuple[float, float], number: int = 0,
         slips: Slips | None = None,
     ) -> None:  # fmt: skip
         """See ``ClothContact.start_step``; times: between which obstacles move [s]."""
@@ -107,11 +105,11 @@ class PairContact:
             signs,
         )
 
-    def _carried(self, close: Close, everything: Floats, begun: Floats, times: tuple[float, float]) -> Floats:
+    def _carried(self, close: Close, everything: Array, begun: Array, times: tuple[float, float]) -> Array:
         """Slips (k, 3) with which a step begins, less the motion of surfaces that vertices do not show."""
         return begun
 
-    def slips(self, positions: Floats) -> Slips:
+    def slips(self, positions: Array) -> Slips:
         """Elastic slips at the end of a step."""
         grip = self._grip
         if grip is None:
@@ -119,7 +117,7 @@ class PairContact:
         sliding = grip.slip(self.everything(positions))[0]
         return ended_with(grip.between, grip.signs[:, None] * sliding, grip.reach)
 
-    def value(self, positions: Floats) -> float:
+    def value(self, positions: Array) -> float:
         everything = self.everything(positions)
         close = self.search.close(everything)
         if (close.distances <= 0).any():
@@ -130,7 +128,7 @@ class PairContact:
             value += float(self._grip.limits @ self._grip.slip(everything)[1])
         return value
 
-    def gradient(self, positions: Floats, gradient: Floats) -> float:
+    def gradient(self, positions: Array, gradient: Array) -> float:
         everything = self.everything(positions)
         close = self.search.close(everything)
         if (close.distances <= 0).any():
@@ -152,7 +150,7 @@ class PairContact:
         gradient += forces[: self.rows]
         return value
 
-    def hessian(self, positions: Floats) -> tuple[Integers, Floats]:
+    def hessian(self, positions: Array) -> tuple[Integers, Array]:
         everything, grip = self.everything(positions), self._grip
         close = self.search.close(everything)
         count = len(close.distances)
@@ -181,7 +179,7 @@ class PairContact:
         return BlockPattern.of(np.ones(self.rows, np.int64), [vertices]), vertices
 
     def _add_repulsion(
-        self, close: Close, everything: Floats, slots: NDArray[np.int32], blocks: Floats
+        self, close: Close, everything: Array, slots: NDArray[np.int32], blocks: Array
     ) -> None:
         energy, slope, bend = barrier(close.distances, self.settings.thickness)
         fade, turning, turned = (close.weights * factor for factor in close.fade)
@@ -190,12 +188,12 @@ class PairContact:
             turning * energy, turned * energy, slots, blocks,
         )  # fmt: skip
 
-    def room(self, positions: Floats, within: float) -> Integers:
+    def room(self, positions: Array, within: float) -> Integers:
         """Keys, as of ``hessian``, of pairs closer than ``within`` [m]."""
         near = self.search.nearer(self.everything(positions), within)
         return self._graph(near)[0].keys
 
-    def bound(self, positions: Floats, step: Floats) -> float:
+    def bound(self, positions: Array, step: Array) -> float:
         start, end = self.everything(positions), self.everything(positions + step)
         moves = end - start
         known, share = self.search.known(start, moves)
@@ -206,15 +204,15 @@ class PairContact:
                 return fraction
         return _free_fraction(self.search.along(start, end), start, moves, 1.0)
 
-    def closest(self, positions: Floats) -> float:
+    def closest(self, positions: Array) -> float:
         return float(self.search.close(self.everything(positions)).distances.min(initial=math.inf))
 
-    def everything(self, positions: Floats) -> Floats:
+    def everything(self, positions: Array) -> Array:
         """Every vertex."""
         return np.concatenate([positions, self.fixed])
 
 
-def _free_fraction(pairs: Pairs, start: Floats, moves: Floats, until: float) -> float:
+def _free_fraction(pairs: Pairs, start: Array, moves: Array, until: float) -> float:
     """Fraction of moves (nv, 3), up to ``until``, during which all pairs keep a part of their distance."""
     moved, ways = np.linalg.norm(start - pairs.origin, axis=1), np.linalg.norm(moves, axis=1)
 

@@ -18,15 +18,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.contact import pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, reach_aside
 from yarnscale.shell.contact.broad_phase import Surfaces, near_pairs
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _PARALLEL = 1e-3
 """Squared sine of the angle between edges, for their rest lengths, below which repulsion is reduced."""
@@ -40,20 +37,20 @@ class Pairs:
     vertices: (n, 4); gaps: distances (n,) [m] at ``origin`` (nv, 3); radius: of a ball about the vertex of every pair.
     """
 
-    lowest: Floats
-    highest: Floats
+    lowest: Array
+    highest: Array
     figures: Integers
     vertices: Integers
     corners: int
-    origin: Floats
-    gaps: Floats
+    origin: Array
+    gaps: Array
     radius: float = 0.0
 
-    def hold(self, positions: Floats) -> bool:
+    def hold(self, positions: Array) -> bool:
         """Whether every vertex is in its box."""
         return bool((positions >= self.lowest).all() and (positions <= self.highest).all())
 
-    def held_share(self, start: Floats, moves: Floats) -> float:
+    def held_share(self, start: Array, moves: Array) -> float:
         """Share of moves, in 0 … 1, during which every vertex stays in its box; 0 if one is outside at the start."""
         if not self.hold(start):
             return 0.0
@@ -71,20 +68,20 @@ class Close:
     factor of repulsion and its first and second derivative by the squared cross product of edges, each (k,).
     """
 
-    positions: Floats
+    positions: Array
     vertices: Integers
-    is_corner: NDArray[np.bool_]
-    weights: Floats
-    coefficients: Floats
-    distances: Floats
-    normals: Floats
-    fade: tuple[Floats, Floats, Floats]
+    is_corner: Flags
+    weights: Array
+    coefficients: Array
+    distances: Array
+    normals: Array
+    fade: tuple[Array, Array, Array]
 
 
 class PairSearch:
     """Near pairs of surfaces whose vertices were at ``rest`` (nv, 3), the first ``cloth`` triangles of the cloth."""
 
-    def __init__(self, triangles: Integers, cloth: int, rest: Floats, settings: ContactSettings) -> None:
+    def __init__(self, triangles: Integers, cloth: int, rest: Array, settings: ContactSettings) -> None:
         self.surfaces = Surfaces.of(triangles, cloth)
         self.settings, self.slack = settings, settings.thickness
         corners = rest[triangles]
@@ -103,7 +100,7 @@ class PairSearch:
         self._pairs: Pairs | None = None
         self._close: Close | None = None
 
-    def _fit_obstacles(self, thirds: Floats) -> None:
+    def _fit_obstacles(self, thirds: Array) -> None:
         """Limit the areas of coarse obstacles and add the rest to the vertices of the cloth.
 
         Vertices and edges of obstacles represent at most the mean area of those inside the cloth; the rest is
@@ -122,42 +119,42 @@ class PairSearch:
             of_body[figures[:split]] = False
             areas[of_body] = np.minimum(areas[of_body], around * usual)
 
-    def _met(self, over: Floats, around: Floats) -> Floats:
+    def _met(self, over: Array, around: Array) -> Array:
         """Area from which a figure repels [m²]: its own, and that beside it weighted with the force.
 
         over, around: area [m²] and outline [m] of a triangle, or of the mean parallelogram of two edges.
         """
         return over + around * self.strip + math.pi * self.disc**2
 
-    def _edge_areas(self, met: Integers) -> Floats:
+    def _edge_areas(self, met: Integers) -> Array:
         """Areas represented by pairs of edges (n, 2), (n,) [m²]."""
         first, second = self.lengths[met].T
         spanned = self._met(2.0 / math.pi * first * second, 2.0 * (first + second))
         return 0.5 * self.edge_areas[met].prod(axis=1) / spanned
 
-    def along(self, start: Floats, end: Floats) -> Pairs:
+    def along(self, start: Array, end: Array) -> Pairs:
         """Pairs that can be near along the straight path from start to end."""
         pairs = self._pairs
         if pairs is None or not (pairs.hold(start) and pairs.hold(end)):
             pairs = self._pairs = self._search(start, end)
         return pairs
 
-    def known(self, start: Floats, moves: Floats) -> tuple[Pairs | None, float]:
+    def known(self, start: Array, moves: Array) -> tuple[Pairs | None, float]:
         """Pairs that can be near along a share of moves (nv, 3), and that share, as far as no search is needed."""
         return self._pairs, 0.0 if self._pairs is None else self._pairs.held_share(start, moves)
 
-    def close(self, positions: Floats) -> Close:
+    def close(self, positions: Array) -> Close:
         """Pairs nearer than the thickness."""
         if self._close is None or not np.array_equal(self._close.positions, positions):
             self._close = self._closest(positions, self.settings.thickness)
         return self._close
 
-    def nearer(self, positions: Floats, within: float) -> Integers:
+    def nearer(self, positions: Array, within: float) -> Integers:
         """Vertices (n, 4) of pairs closer than a distance [m]; complete up to the thickness only."""
         pairs = self.along(positions, positions)
         return pairs.vertices[nearer(pairs, positions, within)[0]]
 
-    def _closest(self, positions: Floats, within: float) -> Close:
+    def _closest(self, positions: Array, within: float) -> Close:
         pairs = self.along(positions, positions)
         numbers, coefficients, distances, normals = nearer(pairs, positions, within)
         vertices = pairs.vertices[numbers]
@@ -169,7 +166,7 @@ class PairSearch:
         is_corner = np.arange(len(numbers)) < len(corners)
         return Close(positions, vertices, is_corner, weights, coefficients, distances, normals, fade)
 
-    def _search(self, start: Floats, end: Floats) -> Pairs:
+    def _search(self, start: Array, end: Array) -> Pairs:
         self.searches += 1
         surfaces, lowest, highest = self.surfaces, np.minimum(start, end), np.maximum(start, end)
         reach = 0.5 * self.settings.thickness + self.slack
@@ -179,7 +176,7 @@ class PairSearch:
         of_corners = np.column_stack([corners[:, 0], surfaces.triangles[corners[:, 1]]])
         vertices = np.concatenate([of_corners, surfaces.edges[met].reshape(-1, 4)])
 
-        def part(bounds: tuple[int, int]) -> Floats:
+        def part(bounds: tuple[int, int]) -> Array:
             return pair_loops.distances(start, vertices, len(corners), *bounds)
 
         gaps = np.concatenate(run_parts(part, shares(len(vertices))))
@@ -187,11 +184,11 @@ class PairSearch:
         return Pairs(lowest - slack, highest + slack, figures, vertices, len(corners), start, gaps)
 
 
-def nearer(pairs: Pairs, positions: Floats, within: float) -> tuple[Integers, Floats, Floats, Floats]:
+def nearer(pairs: Pairs, positions: Array, within: float) -> tuple[Integers, Array, Array, Array]:
     """Numbers (k,), coefficients, distances and normals (see ``Close``) of pairs closer than ``within`` [m]."""
     moved = np.linalg.norm(positions - pairs.origin, axis=1)
 
-    def part(bounds: tuple[int, int]) -> tuple[Integers, Floats, Floats, Floats]:
+    def part(bounds: tuple[int, int]) -> tuple[Integers, Array, Array, Array]:
         return pair_loops.close_pairs(
             positions, pairs.vertices, pairs.corners, pairs.gaps, moved, pairs.radius, within, *bounds
         )
@@ -207,7 +204,7 @@ def shares(count: int) -> list[tuple[int, int]]:
     return list(pairwise(cuts))
 
 
-def _fade(crossed: Floats, limits: Floats) -> tuple[Floats, Floats, Floats]:
+def _fade(crossed: Array, limits: Array) -> tuple[Array, Array, Array]:
     """Factor of the repulsion of edges, 0 if they are parallel, with derivatives (Li et al. 2020, eq. 24)."""
     faded = crossed < limits
     limit = np.where(faded, limits, 1.0)

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.motion.obstacles import Plane, Shape, Sphere, obstacle_name
 from yarnscale.motion.rigid import rotation_matrix
 from yarnscale.shell.contact import pair_hessian
@@ -20,16 +21,11 @@ from yarnscale.shell.contact.pair_contact import KEPT, PairContact
 from yarnscale.shell.contact.pair_search import Close, Pairs, nearer
 from yarnscale.shell.mesh import TriangleMesh
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 
 class _ShapeSearch:
     """Pairs of a shape's point, number ``point``, and every triangle or, thrice, vertex (n, 3), of weights (n,)."""
 
-    def __init__(
-        self, shape: Shape, figures: Integers, weights: Floats, point: int, thickness: float
-    ) -> None:
+    def __init__(self, shape: Shape, figures: Integers, weights: Array, point: int, thickness: float) -> None:
         self.shape, self.weights, self.thickness = shape, weights, thickness
         vertices = np.column_stack([np.full(len(figures), point), figures])
         radius = shape.radius if isinstance(shape, Sphere) else 0.0
@@ -38,16 +34,16 @@ class _ShapeSearch:
             -anywhere, anywhere, vertices[:, :2], vertices, len(figures), np.zeros((1, 3)), none, radius
         )
 
-    def along(self, start: Floats, end: Floats) -> Pairs:
+    def along(self, start: Array, end: Array) -> Pairs:
         return self.pairs
 
-    def known(self, start: Floats, moves: Floats) -> tuple[Pairs | None, float]:
+    def known(self, start: Array, moves: Array) -> tuple[Pairs | None, float]:
         return None, 0.0
 
-    def nearer(self, positions: Floats, within: float) -> Integers:
+    def nearer(self, positions: Array, within: float) -> Integers:
         return self.pairs.vertices[self._nearer(positions, within)[0]]
 
-    def close(self, positions: Floats) -> Close:
+    def close(self, positions: Array) -> Close:
         numbers, coefficients, distances, normals = self._nearer(positions, self.thickness)
         ones, none = np.ones(len(numbers)), np.zeros(len(numbers))
         return Close(
@@ -55,7 +51,7 @@ class _ShapeSearch:
             normals, (ones, none, none),
         )  # fmt: skip
 
-    def _nearer(self, positions: Floats, within: float) -> tuple[Integers, Floats, Floats, Floats]:
+    def _nearer(self, positions: Array, within: float) -> tuple[Integers, Array, Array, Array]:
         if isinstance(self.shape, Sphere):
             return nearer(self.pairs, positions, within)
         normal, vertices = np.asarray(self.shape.normal), self.pairs.vertices
@@ -88,7 +84,7 @@ class ShapeContact(PairContact):
         search = _ShapeSearch(shape, figures, areas * settings.stiffness, point, settings.thickness)
         super().__init__(search, settings, rows, fixed)
 
-    def _carried(self, close: Close, everything: Floats, begun: Floats, times: tuple[float, float]) -> Floats:
+    def _carried(self, close: Close, everything: Array, begun: Array, times: tuple[float, float]) -> Array:
         """A sphere that turns carries its surface along."""
         motion = self.shape.motion
         share = motion.share(times[1]) - motion.share(times[0])
@@ -98,7 +94,7 @@ class ShapeContact(PairContact):
         return along - np.einsum("ni,ni->n", along, close.normals)[:, None] * close.normals
 
     def _add_repulsion(
-        self, close: Close, everything: Floats, slots: NDArray[np.int32], blocks: Floats
+        self, close: Close, everything: Array, slots: NDArray[np.int32], blocks: Array
     ) -> None:
         if isinstance(self.shape, Sphere):
             return super()._add_repulsion(close, everything, slots, blocks)
@@ -108,7 +104,7 @@ class ShapeContact(PairContact):
             close.vertices, close.coefficients, close.normals, close.normals, np.zeros_like(bend), bend, slots, blocks
         )  # fmt: skip
 
-    def bound(self, positions: Floats, step: Floats) -> float:
+    def bound(self, positions: Array, step: Array) -> float:
         if isinstance(self.shape, Sphere):
             return super().bound(positions, step)
         start, end = self.everything(positions), self.everything(positions + step)
@@ -117,10 +113,10 @@ class ShapeContact(PairContact):
         hits = later < KEPT * height
         return float(((1.0 - KEPT) * height[hits] / (height - later)[hits]).min(initial=1.0))
 
-    def intersects(self, positions: Floats) -> bool:
+    def intersects(self, positions: Array) -> bool:
         return self.closest(positions) <= 0
 
-    def crossings(self, positions: Floats) -> list[Crossing]:
+    def crossings(self, positions: Array) -> list[Crossing]:
         """Crossings of the cloth with the shape."""
         everything = self.everything(positions)
         close = self.search.close(everything)

@@ -12,15 +12,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.shell.state import Slips
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _FACTORS = np.random.default_rng(0).integers(1, 2**63, 5, dtype=np.uint64)
 
 
-def begun_with(slips: Slips | None, between: Integers, normals: Floats, reach: float) -> Floats:
+def begun_with(slips: Slips | None, between: Integers, normals: Array, reach: float) -> Array:
     """Slip [m] with which contacts ``between`` (n, 5), see ``Slips``, begin a step, across their normals, (n, 3)."""
     start = np.zeros((len(between), 3))
     if slips is None or not len(slips.between) or not len(between):
@@ -33,7 +31,7 @@ def begun_with(slips: Slips | None, between: Integers, normals: Floats, reach: f
     return start - np.einsum("ni,ni->n", start, normals)[:, None] * normals
 
 
-def ended_with(between: Integers, slips: Floats, reach: float) -> Slips:
+def ended_with(between: Integers, slips: Array, reach: float) -> Slips:
     """Elastic slips of contacts ``between`` (n, 5) at the end of a step, from slips (n, 3) [m]."""
     amounts = slips / reach
     amounts /= np.maximum(np.linalg.norm(amounts, axis=1), 1.0)[:, None]

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.motion.obstacles import TriangleObstacle, obstacle_name
 from yarnscale.shell.contact.barrier import ContactSettings
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, crossing_triangles, surface_crossings
 from yarnscale.shell.contact.pair_contact import PairContact
 from yarnscale.shell.contact.pair_search import PairSearch
 from yarnscale.shell.mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
 
 
 class SurfaceContact(PairContact):
@@ -45,13 +43,13 @@ class SurfaceContact(PairContact):
         self._owners = np.repeat([CLOTH, *(number for _, number, _ in obstacles)], sizes)
         self._names = {number: obstacle_name(obstacle, number) for obstacle, number, _ in obstacles}
 
-    def intersects(self, positions: Floats) -> bool:
+    def intersects(self, positions: Array) -> bool:
         triangles, cloth = self.pairs.surfaces.triangles, self.pairs.surfaces.cloth
         within = self.settings.self_contact
         everything = self.everything(positions)
         return len(crossing_triangles(everything, triangles, cloth, within_cloth=within)[0]) > 0
 
-    def crossings(self, positions: Floats) -> list[Crossing]:
+    def crossings(self, positions: Array) -> list[Crossing]:
         """Crossings, found as by ``intersects``."""
         return surface_crossings(
             self.everything(positions), self.pairs.surfaces.triangles, self._owners, self._names,

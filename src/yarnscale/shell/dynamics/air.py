@@ -7,18 +7,16 @@ any step.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.sums import add_diagonal_blocks
 from yarnscale.shell.mesh import TriangleMesh
 
-Floats = NDArray[np.float64]
-
 
 def drag_entries(
-    mesh: TriangleMesh, pattern: SymmetricPattern, positions: Floats, velocities: Floats, drag: float
-) -> Floats:
+    mesh: TriangleMesh, pattern: SymmetricPattern, positions: Array, velocities: Array, drag: float
+) -> Array:
     """Entries in the elastic ``pattern`` of the matrix D with force −D v [kg/s].
 
     positions [m], velocities [m/s]: of the start of the step, (nv, 3); drag: [kg/m³]. Every vertex has a third of its

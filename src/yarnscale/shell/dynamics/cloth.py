@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.kinematics import GRAVITY
@@ -21,8 +21,6 @@ from yarnscale.shell.state import Attachment
 
 __all__ = ["Cloth", "Handle", "Motion"]
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Handle:
@@ -32,8 +30,8 @@ class Handle:
     """
 
     name: str
-    vertices: NDArray[np.int64]
-    rest: Floats
+    vertices: Integers
+    rest: Array
     motion: Motion = STILL
     stiffness: float = 1e6
 

@@ -13,8 +13,8 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Step
@@ -32,8 +32,6 @@ from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.step import PatternGrowth, StepObjective
 from yarnscale.shell.elastic.energy import ShellEnergy, ShellObjective
 from yarnscale.shell.state import Attachment, ClothState
-
-Floats = NDArray[np.float64]
 
 SHELL_SHIFT = ShiftRule(
     start=1.0,
@@ -204,11 +202,11 @@ class ClothSolver(Body[ClothState]):
         """Smallest distance [m] between surfaces that may meet; inf beyond the thickness of contact."""
         return self.contact.closest(self._with_obstacles(state))
 
-    def pull(self, handle: Handle, state: ClothState) -> Floats:
+    def pull(self, handle: Handle, state: ClothState) -> Array:
         """Force of a handle on the cloth [N], (3,)."""
         return handle.attachment(state.time).pull(state.positions).sum(axis=0)
 
-    def _minimise(self, objective: StepObjective, start: Floats, limit: int, *, static: bool) -> Solution:
+    def _minimise(self, objective: StepObjective, start: Array, limit: int, *, static: bool) -> Solution:
         tolerance, done = self.options.tolerance, 0
         hooks: Any = {"linear": self.linear, "bound": self._bound, "after_step": self._follow}
         if self.options.method == "quasi-newton" and not static:
@@ -230,22 +228,22 @@ class ClothSolver(Body[ClothState]):
             self.energy.elements.set_reference_angles(state.fold_angles)
         self._follow(state.positions)
 
-    def _follow(self, x: Floats) -> None:
+    def _follow(self, x: Array) -> None:
         self.energy.follow(x.reshape(-1, 3)[: len(self.masses)])
 
-    def _with_obstacles(self, state: ClothState) -> Floats:
+    def _with_obstacles(self, state: ClothState) -> Array:
         """Positions of the cloth and, after them, of the points of moving obstacles."""
         places = self.contact.places(state.time) if state.obstacles is None else state.obstacles
         return np.concatenate([state.positions, places])
 
-    def _with_obstacle_steps(self, begin: Floats, moved: Floats, held: list[Attachment]) -> Floats:
+    def _with_obstacle_steps(self, begin: Array, moved: Array, held: list[Attachment]) -> Array:
         """A step of the cloth and, after it, the ways of the obstacles' points to their places."""
         return np.concatenate([moved, held[-1].targets - begin[len(moved) :]])
 
-    def _bound(self, x: Floats, step: Floats) -> float:
+    def _bound(self, x: Array, step: Array) -> float:
         return self.contact.bound(x.reshape(-1, 3), step.reshape(-1, 3))
 
-    def _start(self, positions: Floats, moved: Floats) -> Floats:
+    def _start(self, positions: Array, moved: Array) -> Array:
         """x + Δt v, as far as nothing touches and the energy stays finite."""
         fraction = self.contact.bound(positions, moved)
         for _ in range(4):

@@ -16,14 +16,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.sums import SumOfEnergies, Term
 from yarnscale.shell.contact.cloth_contact import ClothContact
-from yarnscale.shell.elastic.energy import Floats, ShellObjective
+from yarnscale.shell.elastic.energy import ShellObjective
 
 ROUND_OFF = 1e-9
 """Share of the diagonal that is added to the positive model."""
@@ -48,16 +48,16 @@ class StepObjective(SumOfEnergies):
         super().__init__(elastic, terms, scale)
         self._contact, self._growth = contact, growth
 
-    def value(self, x: Floats) -> float:
+    def value(self, x: Array) -> float:
         """Energy [J]; inf where the state is not admissible."""
         touching = self._contact.value(x.reshape(-1, 3))
         return touching + super().value(x) if math.isfinite(touching) else math.inf
 
-    def gradient(self, x: Floats) -> tuple[float, Floats]:
+    def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (3nv,) [N]."""
         return self._with_contact(x, *super().gradient(x))
 
-    def quadratic(self, x: Floats) -> tuple[float, Floats, StepModel]:
+    def quadratic(self, x: Array) -> tuple[float, Array, StepModel]:
         """Energy, gradient and the second-order model, which is valid until the next call."""
         value, gradient, model = super().quadratic(x)
         positions = x.reshape(-1, 3)
@@ -65,7 +65,7 @@ class StepObjective(SumOfEnergies):
         places = self._growth.admit(keys, lambda: self._contact.room(positions))
         return *self._with_contact(x, value, gradient), StepModel(model, self._growth, places, blocks)
 
-    def _with_contact(self, x: Floats, value: float, gradient: Floats) -> tuple[float, Floats]:
+    def _with_contact(self, x: Array, value: float, gradient: Array) -> tuple[float, Array]:
         touching, push = self._contact.gradient(x.reshape(-1, 3))
         return value + touching, gradient + push.ravel()
 
@@ -87,7 +87,7 @@ class PatternGrowth:
         """Pattern of the matrix."""
         return self._blocks.pattern
 
-    def admit(self, keys: NDArray[np.int64], room: Callable[[], NDArray[np.int64]]) -> NDArray[np.int64]:
+    def admit(self, keys: Integers, room: Callable[[], Integers]) -> Integers:
         """Places of blocks in the pattern, which grows where they do not fit, then also by the keys of ``room``."""
         places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
         if (self._keys[places] == keys).all():
@@ -97,7 +97,7 @@ class PatternGrowth:
         self._lay_out(np.concatenate([kept, keys, room()]))
         return np.searchsorted(self._keys, keys)
 
-    def spread(self, base: Floats, places: NDArray[np.int64], blocks: Floats) -> Floats:
+    def spread(self, base: Array, places: Integers, blocks: Array) -> Array:
         """Entries in ``pattern`` of a matrix in the base pattern (overwritten) plus blocks (m, 9) at places."""
         values = base
         if self.pattern.entries > len(base):
@@ -106,7 +106,7 @@ class PatternGrowth:
         self._blocks.add_blocks(places, blocks, values)
         return values
 
-    def _lay_out(self, keys: NDArray[np.int64]) -> None:
+    def _lay_out(self, keys: Integers) -> None:
         self._blocks = BlockPattern.from_keys(np.full(self._vertices, 3), keys)
         self._keys, pattern = self._blocks.keys, self.pattern
         columns = np.repeat(np.arange(pattern.size), np.diff(pattern.starts))
@@ -123,15 +123,15 @@ class StepModel:
 
     summed: QuadraticModel
     growth: PatternGrowth
-    places: NDArray[np.int64]
-    blocks: Floats
+    places: Integers
+    blocks: Array
 
     @property
     def pattern(self) -> SymmetricPattern:
         """Pattern of the matrix; the same object until contacts make it grow."""
         return self.growth.pattern
 
-    def values(self, shift: float) -> Floats:
+    def values(self, shift: float) -> Array:
         """Entries in ``pattern`` [N/m]."""
         values = self.growth.spread(self.summed.values(shift), self.places, self.blocks)
         if shift >= 1.0:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.numerics.kernel import BLOCK
 from yarnscale.shell.elastic.element_loops import forms_of_blocks
@@ -32,31 +32,31 @@ class ShellElements:
     [m²]; triangles: the triangle of I, (blocks, BLOCK).
     """
 
-    stencils: NDArray[np.int64]
-    present: NDArray[np.bool_]
-    geometry: NDArray[np.float64]
-    areas: NDArray[np.float64]
-    triangles: NDArray[np.int64]
+    stencils: Integers
+    present: Flags
+    geometry: Array
+    areas: Array
+    triangles: Integers
 
     @property
     def blocks(self) -> int:
         """Number of blocks."""
         return len(self.areas)
 
-    def follow(self, positions: NDArray[np.float64]) -> float:
+    def follow(self, positions: Array) -> float:
         """Let the reference angles follow the fold angles of positions (nv, 3); the largest |angle| [rad]."""
         return float(follow_angles(positions, self.stencils, self.geometry))
 
     @property
-    def reference_angles(self) -> NDArray[np.float64]:
+    def reference_angles(self) -> Array:
         """Reference fold angles [rad], a copy, (blocks, 3, BLOCK)."""
         return self.geometry[:, REFERENCE].copy()
 
-    def set_reference_angles(self, angles: NDArray[np.float64]) -> None:
+    def set_reference_angles(self, angles: Array) -> None:
         """Restore earlier reference angles."""
         self.geometry[:, REFERENCE] = angles
 
-    def forms(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def forms(self, positions: Array) -> Array:
         """(I11, I12, I22, II11, II12, II22) of every element at positions (nv, 3), (blocks, 6, BLOCK)."""
         forms = np.empty((self.blocks, 6, BLOCK))
         nothing = np.empty((0, 0, 0))
@@ -87,11 +87,11 @@ def shell_elements(mesh: TriangleMesh, *, free_edges: FreeEdges = "extrapolate")
     )
 
 
-_Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+_Rows = tuple[Integers, Array, Array, Integers]
 """Stencils (n, 6), geometry (n, 18), areas (n,), triangles (n,)."""
 
 
-def _own(mesh: TriangleMesh, which: NDArray[np.int64], share: float) -> _Rows:
+def _own(mesh: TriangleMesh, which: Integers, share: float) -> _Rows:
     """Elements whose I and II come from the same triangle."""
     geometry = np.zeros((len(which), GEOMETRY))
     columns = mesh.inverse_rest[which].transpose(0, 2, 1).reshape(-1, 4)
@@ -125,7 +125,7 @@ def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
 
 def _borrowing(
     mesh: TriangleMesh, row: int, lender: int, edge: int, share: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64], float, int]:
+) -> tuple[Integers, Array, float, int]:
     """One element with II of ``lender`` and I of ``row``, which lies across the lender's edge."""
     turn = [(edge + k) % 3 for k in range(3)]
     stencil = np.concatenate([mesh.stencils[lender, turn], mesh.stencils[lender, [3 + k for k in turn]]])

@@ -13,8 +13,8 @@ from itertools import pairwise
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
 from yarnscale.numerics.kernel import BLOCK, Kernel
 from yarnscale.numerics.threads import available_threads, run_parts
@@ -30,8 +30,6 @@ from yarnscale.shell.elastic.moduli import positive_moduli
 from yarnscale.shell.elastic.strain import follow_angles, form_kernels
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
 
 
 class ElementKernels(Protocol):
@@ -54,7 +52,7 @@ class ElementMaterial(Protocol):
     @property
     def density(self) -> float: ...
 
-    def parameters(self, forms: Floats) -> Floats: ...
+    def parameters(self, forms: Array) -> Array: ...
 
     def kernels(self) -> ElementKernels: ...
 
@@ -92,11 +90,11 @@ class ShellEnergy:
         self._parts = [slice(begin, end) for begin, end in pairwise(ends)]
 
     @property
-    def masses(self) -> Floats:
+    def masses(self) -> Array:
         """Lumped mass of every vertex [kg], (nv,)."""
         return self.mesh.vertex_areas * self.material.density
 
-    def follow(self, positions: Floats) -> float:
+    def follow(self, positions: Array) -> float:
         """Let the reference angles follow the motion; the largest |fold angle| [rad]."""
         elements = self.elements
 
@@ -105,16 +103,16 @@ class ShellEnergy:
 
         return max(run_parts(part, self._parts))
 
-    def value(self, positions: Floats) -> float:
+    def value(self, positions: Array) -> float:
         """Energy [J]; inf for inadmissible states."""
         total = float(np.vdot(self._evaluated(positions), self.elements.areas))
         return total if np.isfinite(total) else np.inf
 
-    def densities(self, positions: Floats) -> Floats:
+    def densities(self, positions: Array) -> Array:
         """ψ of every element [J/m²], (blocks, BLOCK)."""
         return self._evaluated(positions).copy()
 
-    def _evaluated(self, positions: Floats) -> Floats:
+    def _evaluated(self, positions: Array) -> Array:
         elements, nothing = self.elements, self._nothing
         address = form_kernels().value.address
 
@@ -127,7 +125,7 @@ class ShellEnergy:
         return self._densities
 
     def linearise(
-        self, positions: Floats, into: Linearisation | None = None, *, moduli: bool = True
+        self, positions: Array, into: Linearisation | None = None, *, moduli: bool = True
     ) -> Linearisation:
         """Energy, gradient and data of the Hessians, if wanted; ``into`` is overwritten to reuse its memory."""
         elements = self.elements
@@ -135,7 +133,7 @@ class ShellEnergy:
         result.positions = np.array(positions, dtype=np.float64)
         address = form_kernels().jacobian.address
 
-        def part(blocks: slice) -> Floats:
+        def part(blocks: slice) -> Array:
             stencils, geometry = elements.stencils[blocks], elements.geometry[blocks]
             jacobian, stress = result.jacobian[blocks], result.stress[blocks]
             forms_of_blocks(result.positions, stencils, geometry, address, jacobian, self._forms[blocks])
@@ -150,12 +148,12 @@ class ShellEnergy:
         result.value = total if np.isfinite(total) else np.inf
         return result
 
-    def exact_hessian(self, linear: Linearisation) -> Floats:
+    def exact_hessian(self, linear: Linearisation) -> Array:
         """Entries of the Hessian in ``pattern`` [N/m]."""
         elements = self.elements
         address = form_kernels().curvature.address
 
-        def part(blocks: slice) -> Floats:
+        def part(blocks: slice) -> Array:
             values = np.zeros(self.pattern.entries + 1)  # the last one, at −1, collects what is skipped
             exact_hessian_of_blocks(
                 linear.positions, elements.stencils[blocks], elements.geometry[blocks], elements.areas[blocks],
@@ -166,18 +164,18 @@ class ShellEnergy:
 
         return sum_of(run_parts(part, self._parts))[:-1]
 
-    def positive_hessian(self, linear: Linearisation) -> tuple[Floats, int]:
+    def positive_hessian(self, linear: Linearisation) -> tuple[Array, int]:
         """Entries of the positive model in ``pattern`` [N/m], and how many moduli were indefinite."""
         return self._positive(linear, linear.stress)
 
-    def rate_stiffness(self, linear: Linearisation) -> Floats:
+    def rate_stiffness(self, linear: Linearisation) -> Array:
         """Entries of Σ area·Jᵀ|C|J in ``pattern`` [N/m] for viscous damping; zero for rigid motions."""
         return self._positive(linear, np.zeros_like(linear.stress))[0]
 
-    def _positive(self, linear: Linearisation, stress: Floats) -> tuple[Floats, int]:
+    def _positive(self, linear: Linearisation, stress: Array) -> tuple[Array, int]:
         elements = self.elements
 
-        def part(blocks: slice) -> tuple[Floats, int]:
+        def part(blocks: slice) -> tuple[Array, int]:
             values = np.zeros(self.pattern.entries + 1)
             positive, indefinite = np.empty((36, BLOCK)), 0
             # Two calls a block: compiled as one, the eigenvalues take four times longer.
@@ -192,7 +190,7 @@ class ShellEnergy:
         found = run_parts(part, self._parts)
         return sum_of([values for values, _ in found])[:-1], sum(count for _, count in found)
 
-    def _evaluate(self, forms: Floats, densities: Floats, stress: Floats, moduli: Floats) -> None:
+    def _evaluate(self, forms: Array, densities: Array, stress: Array, moduli: Array) -> None:
         """Densities of blocks and, where there is room for them, their derivatives."""
         material, kernels = self.material, self.material.kernels()
         kernel = kernels.second if len(moduli) else kernels.first if len(stress) else kernels.value
@@ -207,7 +205,7 @@ LEAST_BLOCKS = 4
 """Least number of blocks of elements per thread."""
 
 
-def sum_of(arrays: list[Floats]) -> Floats:
+def sum_of(arrays: list[Array]) -> Array:
     """The sum of arrays, in the first of them."""
     total = arrays[0]
     for array in arrays[1:]:
@@ -221,11 +219,11 @@ class Linearisation:
 
     energy: ShellEnergy = field(repr=False)
     value: float = field(init=False, default=0.0)
-    positions: Floats = field(init=False, repr=False)
-    gradient: Floats = field(init=False, repr=False)
-    jacobian: Floats = field(init=False, repr=False)
-    stress: Floats = field(init=False, repr=False)
-    moduli: Floats = field(init=False, repr=False)
+    positions: Array = field(init=False, repr=False)
+    gradient: Array = field(init=False, repr=False)
+    jacobian: Array = field(init=False, repr=False)
+    stress: Array = field(init=False, repr=False)
+    moduli: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         blocks = self.energy.elements.blocks
@@ -233,7 +231,7 @@ class Linearisation:
         self.stress = np.empty((blocks, 6, BLOCK))
         self.moduli = np.empty((blocks, 21, BLOCK))
 
-    def hessian(self, kind: Literal["exact", "positive"] = "exact") -> Floats:
+    def hessian(self, kind: Literal["exact", "positive"] = "exact") -> Array:
         """Entries of the Hessian in the pattern of the energy [N/m]."""
         return self.energy.exact_hessian(self) if kind == "exact" else self.energy.positive_hessian(self)[0]
 
@@ -253,22 +251,22 @@ class ShellObjective:
         self._model: Linearisation | None = None
         self._trial: Linearisation | None = None
 
-    def value(self, x: Floats) -> float:
+    def value(self, x: Array) -> float:
         """Energy [J]."""
         return self._energy.value(x[: self._size].reshape(-1, 3))
 
-    def gradient(self, x: Floats) -> tuple[float, Floats]:
+    def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient [N]."""
         # Its own memory: a model made by ``quadratic`` may still be in use.
         self._trial = self._energy.linearise(x[: self._size].reshape(-1, 3), self._trial, moduli=False)
         return self._trial.value, self._padded(self._trial.gradient)
 
-    def quadratic(self, x: Floats) -> tuple[float, Floats, ShellModel]:
+    def quadratic(self, x: Array) -> tuple[float, Array, ShellModel]:
         """Energy, gradient and second-order model, which is valid until the next call."""
         self._model = self._energy.linearise(x[: self._size].reshape(-1, 3), self._model)
         return self._model.value, self._padded(self._model.gradient), ShellModel(self, self._model)
 
-    def _padded(self, gradient: Floats) -> Floats:
+    def _padded(self, gradient: Array) -> Array:
         return np.concatenate([gradient.ravel(), np.zeros(self._guests)])
 
 
@@ -281,7 +279,7 @@ class ShellModel:
         self.entries.fill(0.0)
         self._hessian = cache(linear.hessian)
 
-    def values(self, shift: float) -> Floats:
+    def values(self, shift: float) -> Array:
         """Entries in ``pattern`` [N/m]."""
         share, values = min(max(shift, 0.0), 1.0), self.entries.copy()
         if share in (0.0, 1.0):

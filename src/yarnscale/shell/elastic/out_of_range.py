@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.shell.materials.compact import CompactMaterial
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class OutOfRange:
         return {"triangles": self.triangles, "energy": self.energy, "farthest": self.farthest}
 
 
-def out_of_range(energy: ShellEnergy, positions: NDArray[np.float64]) -> OutOfRange | None:
+def out_of_range(energy: ShellEnergy, positions: Array) -> OutOfRange | None:
     """Of a cloth at positions (nv, 3) [m]; None for a material without samples."""
     material, elements = energy.material, energy.elements
     if not isinstance(material, CompactMaterial):

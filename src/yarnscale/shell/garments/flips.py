@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.shell.garments.polygons import areas_of, flatness
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _SLIVER = 0.02
 """Least area over the square of the longest edge of a flipped triangle."""
 
 
-def turned_edges(triangles: Integers, corners: Integers, material: Floats) -> tuple[Integers, Integers, int]:
+def turned_edges(triangles: Integers, corners: Integers, material: Array) -> tuple[Integers, Integers, int]:
     """The triangles (nt, 3), their corners in the fabric (nt, 3), and the number of flipped edges.
 
     An edge opposite to a vertex with three triangles is flipped to end there if both of its triangles are one piece
@@ -66,7 +63,7 @@ def turned_edges(triangles: Integers, corners: Integers, material: Floats) -> tu
     return triangles, corners, turned
 
 
-def _inner(triangles: Integers) -> NDArray[np.bool_]:
+def _inner(triangles: Integers) -> Flags:
     """Whether a vertex is inside, not on a border, (nv,)."""
     edges = np.sort(np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
     distinct, count = np.unique(edges, axis=0, return_counts=True)

@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.shell.garments.panels import Panel
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.mesh_arrays import joined
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _ROOM = 0.02
 """Distance between panels in the fabric [m]."""
@@ -46,9 +43,7 @@ class Garment:
     edges: Mapping[str, Integers]
 
 
-def sew(
-    name: str, panels: Sequence[Panel], seams: Sequence[Seam], positions: Mapping[str, Floats]
-) -> Garment:
+def sew(name: str, panels: Sequence[Panel], seams: Sequence[Seam], positions: Mapping[str, Array]) -> Garment:
     """Join panels along seams.
 
     positions: initial positions of the points of each panel, panel name → (n, 3) [m]; points joined by a seam start
@@ -100,7 +95,7 @@ def sew(
     return Garment(name, mesh, tuple(by_name), edges)
 
 
-def _folds(triangles: Integers, seams: Sequence[tuple[Integers, float]]) -> Floats:
+def _folds(triangles: Integers, seams: Sequence[tuple[Integers, float]]) -> Array:
     """Angles at rest of all edges of triangles (nt, 3), from vertices along seams and the angles of these."""
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
     keys = ends[..., 0] * (int(triangles.max()) + 1) + ends[..., 1]
@@ -111,7 +106,7 @@ def _folds(triangles: Integers, seams: Sequence[tuple[Integers, float]]) -> Floa
     return folds
 
 
-def _laid_out(panels: Sequence[Panel]) -> Floats:
+def _laid_out(panels: Sequence[Panel]) -> Array:
     """Material points of all panels (n, 2), each turned by its grain, side by side."""
     parts, right = [], 0.0
     for panel in panels:

@@ -12,14 +12,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.motion.rigid import rotation_matrix
 from yarnscale.shell.garments.panels import smoothed
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SHOULDER = 0.17
 """Distance of the shoulder joints from the middle [m]."""
@@ -33,10 +30,10 @@ _BLEND = 0.05
 class Mannequin:
     """The body with arms stretched out: vertices (n, 3) [m] and triangles (m, 3) that face outwards."""
 
-    vertices: Floats
+    vertices: Array
     triangles: Integers
 
-    def pose(self, *, lowered: float = 0.0, turned: float = 0.0, depth: float = 1.0) -> Floats:
+    def pose(self, *, lowered: float = 0.0, turned: float = 0.0, depth: float = 1.0) -> Array:
         """Vertices (n, 3) [m] with the arms lowered and the body rotated about z by angles [rad].
 
         depth: factor of its front-to-back extent; a thin body fits between the layers of flat clothes.
@@ -83,7 +80,7 @@ class MovingMannequin:
         """Corners (m, 3)."""
         return self.body.triangles
 
-    def points(self, time: float) -> Floats:
+    def points(self, time: float) -> Array:
         """Vertices at a time, (n, 3) [m]."""
         times = [pose.time for pose in self.poses]
         place = float(np.interp(time, times, np.arange(len(times))))
@@ -109,7 +106,7 @@ def mannequin(spacing: float = 0.02) -> Mannequin:
     return Mannequin(points, triangles)
 
 
-def body_distance(points: Floats) -> Floats:
+def body_distance(points: Array) -> Array:
     """Approximate distance of points (n, 3) from the body's surface [m], negative inside, (n,)."""
     mirrored = np.abs(points[:, :1])
     half = np.concatenate([mirrored, points[:, 1:]], axis=1)
@@ -126,18 +123,18 @@ def body_distance(points: Floats) -> Floats:
     return _union(whole, head, 0.6 * _BLEND)
 
 
-def _arm_share(points: Floats) -> Floats:
+def _arm_share(points: Array) -> Array:
     """How far points follow the arms, from 0 on the torso to 1, (n,)."""
     outward = _ramp(np.abs(points[:, 0]), SHOULDER - 0.08, SHOULDER + 0.07)
     return outward * _ramp(points[:, 2], -0.15, -0.07)
 
 
-def _ramp(values: Floats, low: float, high: float) -> Floats:
+def _ramp(values: Array, low: float, high: float) -> Array:
     share = np.clip((values - low) / (high - low), 0.0, 1.0)
     return share * share * (3.0 - 2.0 * share)
 
 
-def _capsule(points: Floats, start: object, end: object, first: float, last: float) -> Floats:
+def _capsule(points: Array, start: object, end: object, first: float, last: float) -> Array:
     """Distance from a segment, less a radius that goes from ``first`` to ``last`` [m]."""
     a, b = np.asarray(start, float), np.asarray(end, float)
     axis = b - a
@@ -146,13 +143,13 @@ def _capsule(points: Floats, start: object, end: object, first: float, last: flo
     return np.linalg.norm(points - nearest, axis=1) - (first + along * (last - first))
 
 
-def _union(one: Floats, two: Floats, blend: float) -> Floats:
+def _union(one: Array, two: Array, blend: float) -> Array:
     """Smallest of two distances, rounded off where they differ by less than ``blend`` [m]."""
     near = np.maximum(blend - np.abs(one - two), 0.0) / blend
     return np.minimum(one, two) - 0.25 * blend * near**2
 
 
-def _surface(spacing: float) -> tuple[Floats, Integers]:
+def _surface(spacing: float) -> tuple[Array, Integers]:
     """One vertex per crossed cell of a grid, a quadrilateral of two triangles per crossed edge."""
     # Symmetric about x = 0, which lies between two planes of the grid.
     counts = 2 * np.ceil((_HIGH - _LOW) / spacing / 2).astype(int)
@@ -198,7 +195,7 @@ def _surface(spacing: float) -> tuple[Floats, Integers]:
     return points, np.concatenate([one, two]).astype(np.int64)
 
 
-def _onto_surface(points: Floats) -> Floats:
+def _onto_surface(points: Array) -> Array:
     """Two steps of Newton along the gradient of the distance."""
     for _ in range(2):
         size = 1e-5

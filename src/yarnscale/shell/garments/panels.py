@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.shell.garments.polygons import areas_of, flatness, polygon_areas
 from yarnscale.shell.mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _CLEARANCE = 0.65
 """Distance of inner points from the outline, in units of the spacing."""
@@ -37,7 +35,7 @@ class Panel:
     """
 
     name: str
-    points: Floats
+    points: Array
     triangles: Integers
     edges: Mapping[str, Integers]
     grain: float = 0.0
@@ -96,7 +94,7 @@ def cut_panel(
 
 def _divided(
     name: str, outline: Mapping[str, ArrayLike], spacing: float, segments: Mapping[str, int]
-) -> tuple[Floats, dict[str, Integers]]:
+) -> tuple[Array, dict[str, Integers]]:
     """Points of the outline (n, 2) and, for every edge, their numbers."""
     curves = {edge: np.asarray(curve, dtype=np.float64) for edge, curve in outline.items()}
     for edge, curve in curves.items():
@@ -128,7 +126,7 @@ def _divided(
     return np.concatenate(points), chains
 
 
-def _lattice(boundary: Floats, spacing: float) -> Floats:
+def _lattice(boundary: Array, spacing: float) -> Array:
     """Points of a lattice of equilateral triangles inside the outline, not too near to it."""
     from scipy.spatial import KDTree
 
@@ -145,7 +143,7 @@ def _lattice(boundary: Floats, spacing: float) -> Floats:
     return points[inside(points, boundary) & (away > _CLEARANCE * spacing)]
 
 
-def inside(points: Floats, polygon: Floats) -> NDArray[np.bool_]:
+def inside(points: Array, polygon: Array) -> Flags:
     """Whether points (n, 2) lie inside a closed polygon (k, 2)."""
     result = np.zeros(len(points), bool)
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
@@ -155,7 +153,7 @@ def inside(points: Floats, polygon: Floats) -> NDArray[np.bool_]:
     return result
 
 
-def _triangulated(name: str, boundary: Floats, inner: Floats) -> tuple[Floats, Integers]:
+def _triangulated(name: str, boundary: Array, inner: Array) -> tuple[Array, Integers]:
     from scipy.spatial import Delaunay
 
     points = np.concatenate([boundary, inner])
@@ -180,7 +178,7 @@ def _triangulated(name: str, boundary: Floats, inner: Floats) -> tuple[Floats, I
     return points, triangles
 
 
-def smoothed(points: Floats, triangles: Integers, fixed: int = 0) -> Floats:
+def smoothed(points: Array, triangles: Integers, fixed: int = 0) -> Array:
     """Every point (n, d) but the first ``fixed`` half way to the mean of its neighbours in triangles (m, 3)."""
     pairs = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     one, two = np.concatenate([pairs, pairs[:, ::-1]]).T
@@ -190,7 +188,7 @@ def smoothed(points: Floats, triangles: Integers, fixed: int = 0) -> Floats:
     return result
 
 
-def _without_ears(points: Floats, triangles: Integers, fixed: int) -> Integers:
+def _without_ears(points: Array, triangles: Integers, fixed: int) -> Integers:
     """Flip the inner edge of triangles with two edges on the outline: sewn, their corner would have too few."""
     triangles = triangles.copy()
     for row, corners in enumerate(triangles):

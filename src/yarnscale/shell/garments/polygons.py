@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 FLAT = 1e-9
 """Area of a triangle over the square of its longest edge, below which it has none."""
@@ -22,7 +19,7 @@ class PolygonError(InputError):
         self.face = face
 
 
-def triangulated(coordinates: Floats, starts: Integers) -> tuple[Integers, Integers]:
+def triangulated(coordinates: Array, starts: Integers) -> tuple[Integers, Integers]:
     """Triangles of polygons in the plane, as numbers of corners (m, 3), and the polygon of each (m,).
 
     coordinates: of all corners, polygon by polygon, (nc, 2); polygon k owns the corners starts[k] … starts[k + 1] − 1.
@@ -51,7 +48,7 @@ def triangulated(coordinates: Floats, starts: Integers) -> tuple[Integers, Integ
     return np.concatenate([p.reshape(-1, 3) for p in parts])[order], np.concatenate(faces)[order]
 
 
-def in_own_plane(positions: Floats, starts: Integers) -> Floats:
+def in_own_plane(positions: Array, starts: Integers) -> Array:
     """Corners of polygons in space (nc, 3), each seen along the polygon's mean normal, (nc, 2)."""
     following = np.arange(1, len(positions) + 1)
     following[starts[1:] - 1] = starts[:-1]
@@ -68,13 +65,13 @@ def in_own_plane(positions: Floats, starts: Integers) -> Floats:
     return np.einsum("nij,nj->ni", axes, local)
 
 
-def areas_of(triangles: Floats) -> Floats:
+def areas_of(triangles: Array) -> Array:
     """Signed areas of triangles (..., 3, 2), positive where they turn counter-clockwise."""
     first, second = triangles[..., 1, :] - triangles[..., 0, :], triangles[..., 2, :] - triangles[..., 0, :]
     return 0.5 * (first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
 
 
-def polygon_areas(coordinates: Floats, starts: Integers) -> Floats:
+def polygon_areas(coordinates: Array, starts: Integers) -> Array:
     """Signed areas of polygons, (nf,); arguments as in ``triangulated``."""
     following = np.arange(1, len(coordinates) + 1)
     following[starts[1:] - 1] = starts[:-1]
@@ -83,7 +80,7 @@ def polygon_areas(coordinates: Floats, starts: Integers) -> Floats:
     return 0.5 * np.add.reduceat(local[:, 0] * ahead[:, 1] - local[:, 1] * ahead[:, 0], starts[:-1])
 
 
-def flatness(triangles: Floats) -> Floats:
+def flatness(triangles: Array) -> Array:
     """Area of triangles (..., 3, 2) over the square of their longest edge, without sign."""
     edges = triangles - np.roll(triangles, 1, axis=-2)
     longest = (edges**2).sum(axis=-1).max(axis=-1)
@@ -94,7 +91,7 @@ _WHOLE = "a polygon with an area that does not cross itself"
 _DIAGONALS = np.array([[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [1, 3, 0]]])
 
 
-def _quadrilaterals(points: Floats, faces: Integers) -> Integers:
+def _quadrilaterals(points: Array, faces: Integers) -> Integers:
     """Triangles (k, 2, 3) of quadrilaterals (k, 4, 2), by the first diagonal unless only the other lies inside."""
     both = points[:, _DIAGONALS]
     turning = areas_of(both).sum(axis=2, keepdims=True)
@@ -112,7 +109,7 @@ def _quadrilaterals(points: Floats, faces: Integers) -> Integers:
     return _DIAGONALS[np.where(worst[:, 0] > FLAT, 0, np.argmax(worst, axis=1))]
 
 
-def _ears(points: Floats, face: int) -> Integers:
+def _ears(points: Array, face: int) -> Integers:
     """Triangles (n − 2, 3) of one polygon (n, 2); of all corners to begin with, the one that leaves no sliver."""
     from mapbox_earcut import triangulate_float64
 
@@ -142,7 +139,7 @@ def _ears(points: Floats, face: int) -> Integers:
     return best
 
 
-def extent(points: Floats) -> str:
+def extent(points: Array) -> str:
     """Size of points [m] along every axis, as text in centimetres."""
     sizes = 100 * np.ptp(points, axis=0)
     return " × ".join(f"{size:.4g}" if size < 1e4 else f"{size:.0f}" for size in sizes) + " cm"

@@ -13,13 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array, Flags
 from yarnscale.errors import InputError
 from yarnscale.shell.garments.garment import Garment, Seam, sew
 from yarnscale.shell.garments.panels import Panel, check_spacing, cut_panel
-
-Floats = NDArray[np.float64]
 
 _EDGE = 0.03
 """Radius of the round edge between the layers [m]."""
@@ -146,7 +145,7 @@ def _shirt_seams(angles: Mapping[str, float]) -> list[Seam]:
     return [Seam(*pair, angles.get(kind, 0.0)) for kind in SEAMS for pair in pairs[kind]]
 
 
-def _flat_places(cut: ShirtCut, panel: Panel) -> Floats:
+def _flat_places(cut: ShirtCut, panel: Panel) -> Array:
     """Where the points of a panel of a shirt lie, (n, 3)."""
     u, v = panel.points.T
     half, top = 0.5 * cut.width, cut.shoulder
@@ -160,7 +159,7 @@ def _flat_places(cut: ShirtCut, panel: Panel) -> Floats:
     return _with_round_edges(flat, to_front, _closed_edges(cut))
 
 
-def _closed_edges(cut: ShirtCut) -> list[tuple[Floats, Floats]]:
+def _closed_edges(cut: ShirtCut) -> list[tuple[Array, Array]]:
     """Segments where front and back meet, as it lies flat, with the inside on their left."""
     half, top = 0.5 * cut.width, cut.shoulder
     arm, hem, wrist = top - cut.armhole, top - cut.length, half + cut.sleeve
@@ -171,9 +170,7 @@ def _closed_edges(cut: ShirtCut) -> list[tuple[Floats, Floats]]:
     return segments + [(mirror * b, mirror * a) for a, b in segments]
 
 
-def _with_round_edges(
-    flat: Floats, to_front: NDArray[np.bool_], closed: list[tuple[Floats, Floats]]
-) -> Floats:
+def _with_round_edges(flat: Array, to_front: Flags, closed: list[tuple[Array, Array]]) -> Array:
     """Two layers that meet in half circles at closed edges: lengths across the edges are kept, (n, 3)."""
     away, inward = np.full(len(flat), np.inf), np.zeros((len(flat), 2))
     for a, b in closed:

@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.shell.garments.polygons import polygon_areas
 from yarnscale.shell.mesh_arrays import joined
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 NEAR = 0.05
 """Distance of borders over the length of their edges, below which they count as one line."""
@@ -34,8 +31,8 @@ class Polygons:
     vertex (nv,), counted from 1.
     """
 
-    positions: Floats
-    material: Floats
+    positions: Array
+    material: Array
     starts: Integers
     vertices: Integers
     points: Integers
@@ -134,13 +131,13 @@ def continuous(cloth: Polygons) -> Polygons:
     return replace(cloth, material=_means(cloth.material, group), points=group[cloth.points])
 
 
-def _means(values: Floats, group: Integers) -> Floats:
+def _means(values: Array, group: Integers) -> Array:
     """Mean of the rows of every group."""
     count = np.bincount(group)
     return np.column_stack([np.bincount(group, column) / count for column in values.T])
 
 
-def _merged(cloth: Polygons, vertices: Integers, reach: Floats) -> Polygons:
+def _merged(cloth: Polygons, vertices: Integers, reach: Array) -> Polygons:
     """Border vertices within reach of each other become one, unless an edge joins them."""
     tree = KDTree(cloth.positions[vertices])
     pairs = vertices[tree.query_pairs(float(reach.max()), output_type="ndarray").reshape(-1, 2)]
@@ -160,10 +157,10 @@ class _Hanging:
 
     corners: Integers
     vertices: Integers
-    shares: Floats
+    shares: Array
 
 
-def _hanging(cloth: Polygons, reach: Floats) -> _Hanging:
+def _hanging(cloth: Polygons, reach: Array) -> _Hanging:
     border = cloth.border()
     starts = cloth.positions[cloth.vertices[border]]
     ways = cloth.positions[cloth.vertices[cloth.following[border]]] - starts

@@ -27,8 +27,9 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.material import (
     MaterialKernels,
@@ -36,8 +37,6 @@ from yarnscale.shell.materials.material import (
     compile_material,
     strains_of_forms,
 )
-
-Array = NDArray[np.float64]
 
 MIRROR = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """Signs of the strains of the mirror image of a state."""

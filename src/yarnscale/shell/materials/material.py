@@ -14,13 +14,12 @@ from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.kinematics import COMPONENTS, strain_units
 from yarnscale.numerics.kernel import LANES, Kernel, compile_kernel
-
-Array = NDArray[np.float64]
 
 LOWER = tuple((i, j) for i in range(6) for j in range(i + 1))
 """Rows and columns of the 21 entries in which kernels return the 6×6 second derivative."""

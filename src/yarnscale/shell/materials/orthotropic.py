@@ -33,12 +33,11 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.material import MaterialKernels, ShellMaterial, compile_material
 
-Array = NDArray[np.float64]
 Energy = Callable[[ca.SX, ca.SX], ca.SX]
 
 BENDING = ("bend_weft", "bend_bias", "bend_warp")

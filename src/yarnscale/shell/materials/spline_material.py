@@ -22,8 +22,8 @@ from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.material import (
     MaterialKernels,
@@ -47,8 +47,6 @@ from yarnscale.shell.materials.spline_patches import (
     pack_splines,
 )
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline, checked_values
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.kernel import LANES
 from yarnscale.shell.materials.tables import (
     BicubicSpline,
@@ -22,9 +22,6 @@ from yarnscale.shell.materials.tables import (
     padded_knots,
     union_knots,
 )
-
-Array = NDArray[np.float64]
-
 
 AXES = ("s_x", "s_a", "s_y", "lambda_x", "lambda_y")
 """Names of the five strains the terms depend on, in the order of their indices."""

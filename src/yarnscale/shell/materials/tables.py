@@ -14,12 +14,10 @@ from functools import cached_property
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
-
-Array = NDArray[np.float64]
-
 
 # Monomial coefficients about the left knot of the cubic on [0, h] from (p0, p1, m0, m1): powers of 1/h by
 # row.
@@ -66,11 +64,11 @@ def origins(knots: Array) -> Array:
     return np.concatenate([knots[:1], knots])
 
 
-def _interval_of(knots: Array, x: Array) -> NDArray[np.int64]:
+def _interval_of(knots: Array, x: Array) -> Integers:
     return np.searchsorted(knots, x, side="right")
 
 
-def _inside(knots: Array, coarse: Array) -> NDArray[np.int64]:
+def _inside(knots: Array, coarse: Array) -> Integers:
     """For each interval of ``knots``, the interval of ``coarse`` (a subset of the knots) that contains it."""
     middles = np.concatenate([knots[:1] - 1.0, 0.5 * (knots[1:] + knots[:-1]), knots[-1:] + 1.0])
     return _interval_of(coarse, middles)

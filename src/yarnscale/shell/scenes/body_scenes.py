@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.motion.schedule import Schedule
@@ -129,7 +129,7 @@ def _scene(
     return Scene(name, cloth, ClothState.flat(mesh), schedule, options, measure_sheet)
 
 
-def _round_the_neck(panel: NDArray[np.float64]) -> NDArray[np.float64]:
+def _round_the_neck(panel: Array) -> Array:
     """A strip (n, 2) on edge above the shoulders, half a circle behind the neck and straight to the front, (n, 3)."""
     radius, along = 0.105, panel[:, 0]
     angle = np.clip(along / radius, -0.5 * math.pi, 0.5 * math.pi)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.obstacles import Obstacle, Plane, Sphere
@@ -141,7 +141,7 @@ def _body(body: Obstacle, cloth: float) -> Iterator[str]:
         yield f"an obstacle is of another size than the cloth: {found}"
 
 
-def _size(points: NDArray[np.float64]) -> float:
+def _size(points: Array) -> float:
     return max(float(np.ptp(points, axis=0).max()), 1e-12)
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.motion.obstacles import Sphere
@@ -26,7 +26,6 @@ from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
 
-Floats = NDArray[np.float64]
 Measure = Callable[[ClothSolver, ClothState], Mapping[str, float]]
 
 SHEET = 0.30
@@ -217,7 +216,7 @@ def stretch(
     return Scene(f"stretch {direction}", cloth, start, schedule, measure=measure)
 
 
-def bar_points(points: Floats, axis: int, side: float, size: float) -> NDArray[np.int64]:
+def bar_points(points: Array, axis: int, side: float, size: float) -> Integers:
     """Which points (n, 2) [m] of a flat sheet centred on 0 belong to a bar of the stretch test.
 
     axis: of the pull; side: −1 or 1, on which the bar is; size: of the sheet [m], as in ``stretch``.
@@ -277,7 +276,7 @@ def measure_sheet(solver: ClothSolver, state: ClothState) -> dict[str, float]:
     }
 
 
-def central_stretch(mesh: TriangleMesh, positions: Floats, half: float) -> Floats:
+def central_stretch(mesh: TriangleMesh, positions: Array, half: float) -> Array:
     """√I11 and √I22, area-weighted over triangles with their centre within ±half [m] of the panel's, (2,)."""
     triangles = mesh.triangles
     near = (np.abs(mesh.panel[mesh.corners].mean(axis=1)) < half).all(axis=1)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Sphere
@@ -19,8 +19,6 @@ from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
-
-Floats = NDArray[np.float64]
 
 FRAME = 1.0 / 30.0
 """Time between frames [s]."""
@@ -133,9 +131,7 @@ def roomy_opening(thickness: float) -> float:
     return max(0.025, math.sqrt(4.0 * SHEET * thickness))
 
 
-def torus(
-    radius: float, tube: float, *, around: int = 64, across: int = 24
-) -> tuple[Floats, NDArray[np.int64]]:
+def torus(radius: float, tube: float, *, around: int = 64, across: int = 24) -> tuple[Array, Integers]:
     """A ring about the z-axis: vertices (n, 3) and triangles (m, 3) that face outwards; radii in [m]."""
     i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
     a, b = 2 * math.pi * i / around, 2 * math.pi * j / across
@@ -149,7 +145,7 @@ def torus(
     return points, triangles
 
 
-def _near(mesh: TriangleMesh, point: tuple[float, float], radius: float) -> NDArray[np.int64]:
+def _near(mesh: TriangleMesh, point: tuple[float, float], radius: float) -> Integers:
     """Vertices within a distance of a point of the flat panel, at least the nearest one."""
     away = np.linalg.norm(mesh.panel - np.asarray(point), axis=1)
     return np.flatnonzero(away <= max(radius, float(away.min())) + 1e-9)
