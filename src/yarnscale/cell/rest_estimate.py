@@ -87,7 +87,7 @@ class _Estimation:
             limit = short_iterations if short else self.cell.max_iterations
             state = replace(self.cell, max_iterations=limit).relax()
             self.cell = replace(self.cell, pattern=rebased(self.cell.pattern, state))
-            note_round(self.history, self.drawn, self.cell.pattern, state, self.progress)
+            note_round(self.history, self.drawn, self.cell.pattern, state, progress=self.progress)
             if not (short or state.converged):
                 return RestStatus.NOT_RELAXED
             if state.converged and self._at_rest(state, anew=index % 5 == 0):

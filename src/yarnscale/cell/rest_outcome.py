@@ -26,7 +26,7 @@ class RestStatus(enum.Enum):
     """How the search for a rest shape ended; the value is the message."""
 
     CONVERGED = "at rest: the coarse stress is below its limit"
-    STALLED = "stalled: no change of the periods lowers the energy"
+    STALLED = "stalled: stress is left that no change of the periods takes away"
     ROUND_LIMIT = "stopped at the limit of rounds"
     SKEWED = "at rest but for shear stress, which periods at a right angle cannot release"
     NOT_RELAXED = "the cell found no equilibrium"
@@ -142,10 +142,11 @@ def note_round(
     drawn: YarnPattern,
     pattern: YarnPattern,
     state: Equilibrium,
+    *,
     progress: Progress | None,
 ) -> None:
-    """Add a round to the history and report it."""
-    stretch = pattern.period / drawn.period
+    """Add a round, a state of the pattern, to the history and report it."""
+    stretch = pattern.period * (1.0 + state.strain.vector[[0, 2]]) / drawn.period
     history.append(
         RestRound(
             (float(stretch[0]), float(stretch[1])),

@@ -21,21 +21,16 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.cell.release import Release, flat_strain, released
 from yarnscale.cell.rest_shape import rebased, set_as_drawn
-from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
 
 LENGTH_BOUND = 0.2
 """Largest change of a rest length, relative (EST22 §7.2)."""
-_RELEASES = 25
-_RELEASED = 1e-7
-"""A step of the periods below this is none."""
 _REDRAWN, _AT_REST = 4, 1e-5
 """How often a cell is drawn anew at its released periods, until they change by less."""
 _DRAWING = 6
 """Steps in which a drawing draws in."""
-_LARGEST_STEP = 0.08
-_SMALLEST_DIFFERENCE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -110,10 +105,10 @@ def at_rest(
     drawn, periods, solves, stages = cell.pattern, np.ones(2), 0, _Stages(near)
     low, high = drawn.rest_length * (1.0 - LENGTH_BOUND), drawn.rest_length * (1.0 + LENGTH_BOUND)
     if draw_in is not None and rule.rounds:
-        found = drawn_in(cell, draw_in, stages)
-        if not found.relaxed:
-            return found
-        cell, solves, periods = found.cell, found.solves, 1.0 + found.change
+        narrow = drawn_in(cell, draw_in, stages)
+        if not narrow.relaxed:
+            return narrow
+        cell, solves, periods = narrow.cell, narrow.solves, 1.0 + narrow.change
     for _ in range(rule.rounds):
         state = cell.relax(start=stages.start)
         solves += 1
@@ -127,14 +122,15 @@ def at_rest(
         stages.passed.append(RestStage(state))
         cell, relaxed, solves = replace(cell, pattern=rebased(cell.pattern, state)), state.usable, solves + 1
         return RestedCell(cell, periods - 1.0, solves, relaxed, tuple(stages.passed))
-    remaining = stages.remaining
+    remaining, matrix = stages.remaining, None
     for _ in range(_REDRAWN if remaining is None else remaining):
-        found = _released(cell, stages)
+        found = _released(cell, stages, matrix)
         cell, solves, periods = found.cell, solves + found.solves, periods * (1.0 + found.change)
+        matrix = found.matrix
         # Redrawn, the constraint that holds yarns in place follows their new tangents: a little stress comes back.
-        if not found.relaxed or (remaining is None and np.abs(found.change).max() < _AT_REST):
+        if not found.converged or (remaining is None and np.abs(found.change).max() < _AT_REST):
             break
-    return RestedCell(cell, periods - 1.0, solves, found.relaxed, tuple(stages.passed))
+    return RestedCell(cell, periods - 1.0, solves, found.converged, tuple(stages.passed))
 
 
 def drawn_in(cell: PeriodicCell, share: float, stages: _Stages | None = None) -> RestedCell:
@@ -149,14 +145,14 @@ def drawn_in(cell: PeriodicCell, share: float, stages: _Stages | None = None) ->
     if share > 0.0:
         end = _released(replace(cell, pattern=_set(drawn, 0.0)), stages)
         change, solves = share * end.change, end.solves
-        if not end.relaxed:
+        if not end.converged:
             return RestedCell(cell, change, solves, False)
     else:
         stages.passed.append(None)
     loose, state = replace(cell, pattern=_set(drawn, 1.0 - share)), stages.start
     # From the drawing, not back from the end: yarns that have folded over each other would stay so.
     for part in np.arange(1, _DRAWING + 1) / _DRAWING if state is None and share > 0.0 else (1.0,):
-        state = loose.relax(_flat(part * change), start=state)
+        state = loose.relax(flat_strain(part * change), start=state)
         solves += 1
         if not state.usable:
             return RestedCell(cell, change, solves, False)
@@ -175,49 +171,9 @@ def _set(pattern: YarnPattern, share: float) -> YarnPattern:
     )
 
 
-def _released(cell: PeriodicCell, stages: _Stages) -> RestedCell:
-    """Periods at zero stress by Newton's method; its matrix is kept up by Broyden's updates from differences.
-
-    Solves nearby are far cheaper than moduli. One stage.
-    """
-    periods, matrix, start, solves = np.zeros(2), None, stages.start, 1
-    if stages.near is not None and start is not None:
-        periods, matrix = start.strain.vector[[0, 2]], stages.near.matrix
-    state = cell.relax(_flat(periods), start=start)
-    stress, step, limit = state.stress[[0, 2]], np.zeros(2), _LARGEST_STEP
-    for _ in range(_RELEASES):
-        if not state.usable:
-            break
-        if matrix is None:
-            matrix = np.empty((2, 2))
-            for k in range(2):
-                near = periods + np.eye(2)[k] * _SMALLEST_DIFFERENCE
-                side = cell.relax(_flat(near), start=state)
-                matrix[:, k] = (side.stress[[0, 2]] - stress) / _SMALLEST_DIFFERENCE
-            solves += 2
-        sizes, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
-        used = np.maximum(np.abs(sizes), 1e-4 * np.abs(sizes).max())
-        step = -axes @ ((axes.T @ stress) / used)
-        longest = np.abs(step).max()
-        if longest < _RELEASED:
-            break
-        step *= min(1.0, limit / longest)
-        further = cell.relax(_flat(periods + step), start=state)
-        solves += 1
-        there = further.stress[[0, 2]]
-        change, gain = there - stress, float(np.linalg.norm(there) / np.linalg.norm(stress))
-        if gain > 0.8 and there @ step > 0:
-            # Beyond the minimum of the energy, and no nearer: back and forth without end but for shorter steps.
-            limit = 0.5 * float(np.abs(step).max())
-        periods, state, stress = periods + step, further, there
-        # Where Newton does not pay, the matrix is taken anew.
-        matrix = matrix + np.outer(change - matrix @ step, step) / (step @ step) if gain < 0.5 else None
-    relaxed = state.usable and bool(np.abs(step).max() < 1e-4)
-    stages.passed.append(RestStage(state, matrix))
-    if not state.usable:
-        return RestedCell(cell, periods, solves, False)
-    return RestedCell(replace(cell, pattern=rebased(cell.pattern, state)), periods, solves, relaxed)
-
-
-def _flat(periods: Array) -> ShellStrain:
-    return ShellStrain(s_x=float(periods[0]), s_y=float(periods[1]))
+def _released(cell: PeriodicCell, stages: _Stages, matrix: Array | None = None) -> Release:
+    """Periods at zero stress; one stage. matrix: that of an almost equal cell, where no neighbour has one."""
+    near = stages.near
+    found = released(cell, start=stages.start, matrix=matrix if near is None else near.matrix)
+    stages.passed.append(RestStage(found.state, found.matrix))
+    return found
