@@ -113,3 +113,11 @@ def test_yarns_of_plated_fabric():
     )
     fabric = SwatchMeasurements("DKIN8", (StretchTest(Direction.WEFT, 0.06, (run(),)),), yarns=yarns)
     assert fabric.stiffest_yarn == 3.0
+
+
+def test_a_curve_cut_at_a_reading_that_rounding_moves_rises_everywhere():
+    runs = tuple(run(name, scale) for name, scale in (("1", 1.0), ("2", 1.05)))
+    curve = StretchTest(Direction.WEFT, 0.06, runs).curve
+    for factor in (1.0 + 2e-16, 1.0 - 1e-16, 1.0 + 1e-12):
+        cut = curve.up_to(float(curve.load[5]) * factor)
+        assert (np.diff(cut.stretch) > 1e-6).all() and np.isfinite(cut.load_at(cut.stretch)).all()

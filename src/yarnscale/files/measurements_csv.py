@@ -15,7 +15,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-from yarnscale.files.measurements_names import CONSTRUCTION
+from yarnscale.files.measurements_names import CONSTRUCTION, factor
 from yarnscale.files.measurements_reader import read_tables
 from yarnscale.files.measurements_swatches import (
     LogSettings,
@@ -248,7 +248,11 @@ def _size(swatch: Swatch, quantity: str) -> float:
 
 def _run(swatch: Swatch, name: str, width: float, mean_width: float) -> tuple[StretchRun, tuple[str, ...]]:
     table, columns, rows = swatch.table, swatch.columns, swatch.rows
+    if len(rows) < 3:
+        where = f"{table.path}:{rows[0][0]}"
+        raise InputError(f"run '{name:.40}'", where=where, expected="three readings or more", found=len(rows))
     force = table.numbers(columns["force"], rows) * mean_width / width
+    _refuse_other_forces(table, columns["force"], rows)
     if columns["force"].kind == "line load":
         force = force * width
     if -force[worst := int(np.argmin(force))] >= max(force.max(), 0.0):
@@ -258,6 +262,9 @@ def _run(swatch: Swatch, name: str, width: float, mean_width: float) -> tuple[St
         _check_stress(table, columns, rows, width)
     length = _length(swatch)
     middle = table.numbers(columns["mid_width"], rows, positive=True) if "mid_width" in columns else None
+    if middle is not None and not width / _ALIKE < middle[0] < width * _ALIKE:
+        expected = f"about the width of the swatch, {width:.3g} m"
+        raise table.fault(rows[0][0], columns["mid_width"], expected, f"{middle[0]:.3g} m")
     _refuse_shrinking(table, columns.get("clamp_distance") or columns["extension"], rows, force, length)
     try:
         return stretch_run(name, force, length, middle, swatch_width=mean_width, cycle=swatch.settings.cycle)
@@ -284,6 +291,23 @@ def _length(swatch: Swatch) -> Array:
         found = f"{length[farthest] - gauge:.4g} m: a strain in percent, or another unit of length?"
         raise swatch.table.fault(swatch.rows[farthest][0], column, expected, found)
     return length
+
+
+def _refuse_other_forces(table: MeasuredTable, column: Column, rows: list[Row]) -> None:
+    """InputError where another column of forces of the same kind says something else: which one counts is unknown."""
+    mine = table.numbers(column, rows)
+    for place, name in enumerate(table.names):
+        unit = factor("force", name.unit) if name.quantity == "force" and place != column.place else None
+        if unit is None or unit[0] != column.kind:
+            continue
+        other = table.numbers(Column(name.text, place, *unit), rows)
+        wrong = np.flatnonzero(np.abs(other - mine) > 0.02 * np.abs(mine).max())
+        if len(wrong):
+            k = int(wrong[0])
+            expected = (
+                f"the force of column '{column.name:.40}', {mine[k]:.4g} N, or one column of forces alone"
+            )
+            raise table.fault(rows[k][0], name.text, expected, f"{other[k]:.4g} N")
 
 
 def _check_stress(table: MeasuredTable, columns: dict[str, Column], rows: list[Row], width: float) -> None:

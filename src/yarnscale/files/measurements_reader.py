@@ -31,6 +31,10 @@ _IN_TEXT = {
     "swatch_length": re.compile(r"\b(?:gauge|gage|clamps)\b[^\d,;]{0,20}(\d+(?:[.,]\d+)?)\s*mm\b(?!/)", re.I),
 }
 """Size of the swatch as sentences above a table give it."""
+_LONGEST_LINE = 1_000_000
+"""Characters of a line; no table of readings has more."""
+_IN_QUOTES = 5
+"""Lines over which the quoted cells of one row may go; more are due to a quotation mark that nothing closes."""
 _SAMPLED = 2000
 """Readings of a table in which the decimal mark is looked for."""
 
@@ -44,6 +48,7 @@ def read_tables(
     """
     reader = _Reader(str(path), tuple(needed))
     text = text.replace("\r\n", "\n").replace("\r", "\n")
+    _refuse_long_lines(str(path), text)
     stated = re.match(r"sep=(.)\n", text)
     separator = stated.group(1) if stated else _separator(text)
     if separator == "," and "," not in text:
@@ -51,11 +56,30 @@ def read_tables(
         separator, text = "\t", re.sub(r"(?<=\S) {2,}(?=\S)", "\t", text)
     lines = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
     try:
+        before = 0
         for cells in lines:
-            reader.take(lines.line_num, tuple([cell.strip() for cell in cells]))
+            if lines.line_num - before > _IN_QUOTES:
+                where = f"{path}:{before + 1}"
+                raise InputError("quotation mark", where=where, expected="one that closes it", found="none")
+            before = lines.line_num
+            reader.take(before, tuple([cell.strip() for cell in cells]))
     except csv.Error as error:
         raise InputError("no CSV text", where=f"{path}:{lines.line_num}", found=str(error)) from None
     return reader.tables(separator)
+
+
+def _refuse_long_lines(path: str, text: str) -> None:
+    """InputError for a line that would become millions of cells."""
+    begin = 0
+    while len(text) - begin > _LONGEST_LINE:
+        end = text.rfind("\n", begin, begin + _LONGEST_LINE)
+        if end < 0:
+            line = text.count("\n", 0, begin) + 1
+            found = "more"
+            raise InputError(
+                "line", where=f"{path}:{line}", expected=f"≤ {_LONGEST_LINE} characters", found=found
+            )
+        begin = end + 1
 
 
 def _separator(text: str) -> str:
@@ -179,6 +203,13 @@ class _Reader:
         found = factor(quantity, next((part for part in parts[1:] if part), None))
         number = parts[0].replace(",", ".") if parts else ""
         if found is not None and _looks_like_number(number):
+            if not float(number) > 0:
+                raise InputError(
+                    f"'{label:.60}'",
+                    where=f"{self.path}:{line}",
+                    expected="a number above zero",
+                    found=number,
+                )
             self.settings[quantity] = float(number) * found[1]
 
     def _read_sentence(self, line: int, text: str) -> None:
@@ -203,8 +234,9 @@ class _Reader:
                 found=f"{names:.160}",
             )  # fmt: skip
         if not tables:
+            where = f"{self.path}:{self.found[-1].header}" if self.found else self.path
             raise InputError(
-                "readings", where=self.path, expected="a line of column names and rows", found="none"
+                "readings", where=where, expected="a line of column names and rows", found="none"
             )
         for table, rows in zip(self.found, self.rows, strict=True):
             again = [other for other in tables if other.names == table.names]

@@ -127,7 +127,7 @@ def one_unit(table: MeasuredTable, columns: dict[str, Column]) -> None:
     for column in lengths[1:]:
         if column.factor != lengths[0].factor:
             raise InputError(
-                "mixed units of length", where=table.path, expected="one unit in a file",
+                "mixed units of length", where=f"{table.path}:{table.header}", expected="one unit in a file",
                 found=f"{lengths[0].name} and {column.name}",
             )  # fmt: skip
 

@@ -11,7 +11,8 @@ import lzma
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,9 @@ def _test(direction: Fields, along: Direction, cycle: Cycle) -> tuple[StretchTes
 def _physics(path: Path) -> Iterator[Fields]:
     """The object with raw data: a JSON file, or the one of an archive that has it."""
     if not zipfile.is_zipfile(path):
+        with path.open("rb") if path.is_file() else nullcontext(BytesIO()) as file:
+            if file.read(2) == b"PK":
+                raise InputError("archive is cut off or damaged", where=path, expected="a whole zip archive")
         with json_file(path) as table:
             yield _holding_raw_data(table)
         return

@@ -47,9 +47,11 @@ def read_source(
         )
     if other_encodings and (encoding := _utf_16(content)) is not None:
         try:
-            return content.decode(encoding).removeprefix("\ufeff")
+            text = content.decode(encoding).removeprefix("\ufeff")
         except UnicodeDecodeError as error:
             raise InputError("file is not text", where=path, expected="UTF-16", found=error.reason) from None
+        if "\0" not in text:
+            return text
     if b"\0" in content:
         raise InputError("file is not text", where=path, expected="text", found="binary data")
     try:

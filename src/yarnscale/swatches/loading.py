@@ -81,10 +81,10 @@ def loading(
         # One reading beyond the range, to which curves are interpolated.
         kept = int(beyond[0]) + max(1, len(rising) // (2 * _BINS))
         columns, rising = [column[:kept] for column in columns], rising[:kept]
-    if len(rising) < 3 or not rising[-1] > rising[0]:
+    if len(rising) < 3 or not rising[-1] > rising[0] or not np.ptp(columns[1]) > 0:
         raise InputError(
             "loading",
-            expected="three readings or more whose force grows",
+            expected="three readings or more whose force and length grow",
             found=_fault(force, length, len(rising), largest_force),
         )
     longer = isotonic_regression(columns[1]).x
@@ -94,6 +94,8 @@ def loading(
 
 def _fault(force: Array, length: Array, count: int, largest_force: float) -> str:
     """What is wrong with readings that hold no loading."""
+    if len(force) > 2 and not min(np.ptp(force), np.ptp(length)) > 0:
+        return f"{len(force)} readings of one {'length' if np.ptp(force) > 0 else 'force'}"
     if force[np.argmin(length)] > force[np.argmax(length)]:
         return "a force that grows while the length falls"
     if force.max() > 10 * largest_force:

@@ -154,7 +154,7 @@ class StretchCurve:
         """The curve up to a line load [N/m]."""
         if load >= self.load[-1]:
             return self
-        grid = np.append(self.load[self.load < load], load)
+        grid = np.append(self.load[self.load < (1.0 - 1e-9) * load], load)
 
         def cut(values: Array | None) -> Array | None:
             return None if values is None else np.interp(grid, self.load, values)
