@@ -241,6 +241,16 @@ BROKEN = {
         archive({"a.json": b'"raw_data"' + b" " * 70_000_000}),
         ("file is too large", "≤ 67108864 bytes"),
     ),
+    "summary values": (
+        "a.json",
+        '{"custom": {"browzwear": {"bend": {"length": 16}, "stretch": {"length": 72}}}}',
+        ("raw_data", "summary values in 'custom.browzwear'", "not published"),
+    ),
+    "presets": (
+        "a.zfab",
+        archive({"a.fab": b"1"}),
+        ("fabric of CLO", "a table of readings", "not published"),
+    ),
     "no archive": ("a.u3m", PICTURE, ("file is not text",)),
     "no file": ("a.toml", "stretch = 'b.csv'\n", ("b.csv: file does not exist",)),
 }

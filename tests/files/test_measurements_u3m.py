@@ -14,6 +14,7 @@ from yarnscale.errors import InputError
 from yarnscale.files import measurements_u3m
 from yarnscale.files.measurements import read_measurements
 from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.strip_bending import arch_push
 
 
 def cycles(stiffness: float) -> list[list[float]]:
@@ -35,6 +36,17 @@ def physics() -> dict:
     return {"schema": "1.1", "custom": None, "raw_data": {**tests, "M": 210}}
 
 
+def arch(rigidity: float, friction: float, drift: float) -> list[list[float]]:
+    """One cycle of a strip of 2 by 4 cm pushed to an arch and back, in cm and g; the weight pushes by 0.1 g."""
+    far = np.linspace(0.0, 0.7, 15)
+    push = rigidity * 0.04 / 0.02**2 / 9.80665e-3 * arch_push(far / 2.0)
+    ways = [2.0, drift, 2.0, drift], [2.0, drift]
+    loading, unloading = (
+        np.column_stack([2.0 - far[1:], drift - push[1:] - s * friction])[::s].ravel() for s in (1, -1)
+    )
+    return [[*ways[0], *loading], [*unloading, *ways[1]]]
+
+
 def written(tmp_path: Path, content: object) -> Path:
     path = tmp_path / "physics.json"
     path.write_text(json.dumps(content, indent=1))
@@ -51,6 +63,7 @@ def test_directions_units_cycles_and_lost_work(tmp_path):
         assert test.swatch_length == pytest.approx(0.08, rel=0.02)
         assert test.curve.load_at(np.array([0.25]))[0] == pytest.approx(k * 4 * 9.80665e-3 / 0.04, rel=0.05)
         assert test.lost_work == pytest.approx(0.5, abs=0.03)
+    assert not found.short and not found.rigidity
     assert any("of 2 loadings the second" in note for note in found.notes)
     archive = tmp_path / "fabric.u3m"
     with zipfile.ZipFile(archive, "w") as file:
@@ -95,6 +108,27 @@ def test_the_line_is_that_of_the_field_within_its_direction(tmp_path):
     assert '"width": -4' in path.read_text().splitlines()[line - 1]
 
 
+def test_bending_of_strips_is_told_from_friction_drift_and_weight(tmp_path):
+    content = physics()
+    for name, rigidity in (("L", 2e-6), ("W", 1e-6)):
+        for key, drift in (("U1", 0.4), ("D1", -0.7)):
+            weak = [[2.0, 0.0, 1.9, -1.0, 1.8, -1.0], [1.8, -1.0, 1.9, -1.0, 2.0, 0.0]]
+            content["raw_data"][name][key] = {
+                "width": 4,
+                "samplesTree": [*weak, *arch(rigidity, 0.3, drift), *arch(rigidity, 0.3, drift + 0.1)],
+            }
+        content["raw_data"][name]["S1"] = {"width": 4, "samplesTree": cycles(9.0)}
+    content["raw_data"]["B"]["U1"] = {"width": 4, "samplesTree": [[2.0, 0.0, 1.9, -1.0, 1.8, -1.0]] * 2}
+    found = read_measurements(written(tmp_path, content))
+    measured = {bend.direction: bend for bend in found.rigidity}
+    assert set(measured) == {Direction.WEFT, Direction.WARP}
+    assert measured[Direction.WARP].rigidity == pytest.approx(2e-6, rel=1e-3)
+    assert measured[Direction.WEFT].rigidity == pytest.approx(1e-6, rel=1e-3)
+    assert measured[Direction.WEFT].spread < 1e-9
+    assert any("bias (B): bending is not used" in note for note in found.notes)
+    assert [test.direction for test in found.short] == [Direction.WEFT, Direction.WARP]
+
+
 def test_archives_without_end_or_measurements_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "bomb.u3m"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -117,6 +151,10 @@ def test_the_published_example(shared):
     # As read from the published readings of the fourth cycle at 136 g, over 8.2 cm.
     assert reached[Direction.WEFT] == pytest.approx(0.47, abs=0.02)
     assert reached[Direction.WARP] == pytest.approx(0.28, abs=0.02)
+    # The machine's own numbers are 16 and 24 dyn cm along length and width, both with the warning "low-force".
+    bent = {bend.direction: bend.rigidity for bend in found.rigidity}
+    assert all(1e-6 < rigidity < 2.5e-6 for rigidity in bent.values()) and len(bent) == 3
+    assert [test.swatch_length for test in found.short] == pytest.approx([0.02, 0.02, 0.021], abs=1e-3)
     assert all(test.lost_work is not None and 0.1 < test.lost_work < 0.4 for test in found.stretch)
 
 

@@ -176,7 +176,7 @@ def test_pear_loops_fix_the_bending_that_forces_leave_open():
     model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
     truth, stretch = np.array([0.35, 0.5, 0.4, 0.6, 0.6]), np.array([0.05, 0.1])
     forces = ErrorWeights(contraction=0.0)
-    bends = tuple(UniformBend(d, 1.0, 100.0) for d in (Direction.WEFT, Direction.WARP))
+    bends = tuple(UniformBend(d, 1.0) for d in (Direction.WEFT, Direction.WARP))
     blank = UniformData("twin", (UniformCurve(Direction.WEFT, stretch, stretch, stretch, 0.1),), bends)
     twin = YarnObjective(model, blank, weights=replace(forces, bending=0.01)).evaluate(truth)
     curve = replace(blank.curves[0], stress=twin.curves[0].stress)

@@ -165,8 +165,8 @@ def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
         yield f"  {name}: {said}" + (f", without {failed} states that are not at rest" if failed else "")
     if (deviation := found.deviation) is not None:
         yield f"  {deviation}"
-    for direction, error in found.bending.items():
-        yield f"bending along {direction.value}: off by {100 * error:.0f} %"
+    for direction, (own, measured) in found.bending.items():
+        yield f"bending rigidity along {direction.value}: {1e6 * own:.3g} µN m, measured {1e6 * measured:.3g}"
     if found.fit.evaluation.rested.relaxed:
         yield f"{folder / PATTERN}: the fabric at rest with this yarn; {folder / YARN}: the yarn alone"
     yield f"{folder / 'index.html'}: the report"

@@ -129,8 +129,10 @@ def relax(options: argparse.Namespace) -> int:
     yarn.say()
     PeriodicCell(tile, yarn.materials).warm_up(strain)
     source = at_rest(options, tile, yarn.materials).repeated(*options.size)
-    cell = PeriodicCell(source, yarn.materials, options.free_sliding)
-    cell = cell.with_options(starts=options.starts, watch=line.note_solve)
+    cell = PeriodicCell(
+        source, yarn.materials, options.free_sliding, starts=options.starts,
+        watch=line.note_solve,
+    )  # fmt: skip
     state = cell.relax(strain)
     line.end()
     if options.out is not None:

@@ -28,6 +28,7 @@ _COUNTS = {
     "tex": ("yarn_count", 1e-6),
 }
 """Field → what of the construction it gives, and factor to SI."""
+_PRESETS = (".zfab", ".jfab", ".fab")
 _LOG_FIELDS = ("file", "direction", "run", "swatch_width_mm", "swatch_length_mm", "cycle")
 
 
@@ -43,6 +44,11 @@ def read_measurements(
     Raises InputError with file, row and column.
     """
     path = Path(path)
+    if path.suffix.lower() in _PRESETS:
+        expected = (
+            "a table of readings: such files hold presets of a simulation, whose units are not published"
+        )
+        raise InputError("fabric of CLO", where=path, expected=expected, found=path.suffix)
     if path.suffix.lower() in U3M_SUFFIXES:
         settings = settings or LogSettings()
         unused = {

@@ -2,7 +2,7 @@
 
 The machine (Browzwear FAB) pulls strips along the length (L), width (W) and bias (B) of a fabric from two distances of
 the clamps, in cycles that go farther each time, loading and unloading apart. Readings alternate between distance [cm]
-and force [g]. Strips of 8 cm are read; of 2 cm, clamps cause most of the force.
+and force [g]. In strips of 2 cm clamps cause most of the force, which tells how the fabric resists contraction.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from pathlib import Path
 
 import numpy as np
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.fields import Fields, json_file, json_text
 from yarnscale.swatches.loading import Cycle, stretch_run
-from yarnscale.swatches.measurements import Direction, StretchTest, SwatchMeasurements
+from yarnscale.swatches.measurements import BendingRigidity, Direction, StretchTest, SwatchMeasurements
+from yarnscale.swatches.strip_bending import mean_rigidity
 
 SUFFIXES = (".u3m", ".u3ma", ".json")
 SCHEMA = "1.1"
 DIRECTIONS = {"W": Direction.WEFT, "B": Direction.BIAS, "L": Direction.WARP}
 """Names of the format → directions of a knit or weave, whose warp runs along the length."""
-_TEST = "S2"
-_UNUSED = "stretch from 2 cm (S1), bending (U1, D1, D2) and thickness (T)"
+_LONG, _SHORT, _BENT = "S2", "S1", ("U1", "D1")
+_UNUSED = "bending from 8 cm (D2), which is mostly weight, and thickness (T)"
 _LARGEST, _MOST = 64 * 1024 * 1024, 10_000
 """Largest size of a JSON file in an archive when unpacked, and most files in one."""
 _CENTIMETRE, _GRAM = 1e-2, 9.80665e-3
@@ -39,17 +41,30 @@ def read_u3m(path: Path, *, cycle: Cycle, single_run: bool) -> SwatchMeasurement
         if table.text("schema") != SCHEMA:
             raise table.fault("schema", expected=f"'{SCHEMA}'", found=quoted(table.get("schema")))
         raw, tests, notes = table.fields("raw_data"), [], [f"not used: {_UNUSED}"]
+        short, rigidity = [], []
         for name, direction in DIRECTIONS.items():
-            if name in raw.content:
-                test, remarks = _test(raw.fields(name), direction, cycle)
-                tests.append(test)
-                notes += [f"{direction.value} ({name}): {remark}" for remark in remarks]
+            if name not in raw.content:
+                continue
+            strips = raw.fields(name)
+            test, remarks = _test(strips.fields(_LONG), direction, cycle)
+            tests.append(test)
+            notes += [f"{direction.value} ({name}): {remark}" for remark in remarks]
+            if _SHORT in strips.content:
+                short.append(_test(strips.fields(_SHORT), direction, cycle)[0])
+            if bent := [strips.fields(key) for key in _BENT if key in strips.content]:
+                try:
+                    rigidity.append(BendingRigidity(direction, *mean_rigidity(*_cycles(bent))))
+                except InputError as error:
+                    notes.append(f"{direction.value} ({name}): bending is not used: {error}")
         if not tests:
             raise table.fault("raw_data", expected=f"one of {', '.join(DIRECTIONS)}", found="none")
         if not single_run:
             notes.append("one strip a direction, whose spread is unknown")
         mass = 1e-3 * raw.number("M", positive=True) if "M" in raw.content else None
-        return SwatchMeasurements(_name(table, path), tuple(tests), area_density=mass, notes=tuple(notes))
+        return SwatchMeasurements(
+            _name(table, path), tuple(tests), area_density=mass, notes=tuple(notes), short=tuple(short),
+            rigidity=tuple(rigidity),
+        )  # fmt: skip
 
 
 def _name(table: Fields, path: Path) -> str:
@@ -59,9 +74,28 @@ def _name(table: Fields, path: Path) -> str:
     return name if isinstance(name, str) and name.strip() else path.stem
 
 
-def _test(direction: Fields, along: Direction, cycle: Cycle) -> tuple[StretchTest, tuple[str, ...]]:
-    part = direction.fields(_TEST)
-    width = _CENTIMETRE * part.number("width", positive=True)
+def _test(part: Fields, along: Direction, cycle: Cycle) -> tuple[StretchTest, tuple[str, ...]]:
+    """The stretch test of one strip, and remarks."""
+    width, branches = _CENTIMETRE * part.number("width", positive=True), _branches(part)
+    length, force = np.concatenate(branches).T
+    try:
+        run, remarks = stretch_run("1", force, length, None, swatch_width=width, cycle=cycle)
+    except InputError as error:
+        raise part.fault("samplesTree", expected=error.expected, found=error.found) from None
+    return StretchTest(along, width, (run,)), remarks
+
+
+def _cycles(tests: list[Fields]) -> tuple[list[tuple[Array, Array]], float]:
+    """Ways in and out of strips bent up and down, in whose mean their weight has no part, and their width [m]."""
+    cycles: list[tuple[Array, Array]] = []
+    for test in tests:
+        branches = [branch for branch in _branches(test) if len(branch) > 2]
+        cycles += list(zip(branches[::2], branches[1::2], strict=False))
+    return cycles, _CENTIMETRE * tests[0].number("width", positive=True)
+
+
+def _branches(part: Fields) -> list[Array]:
+    """Ways in and out of every cycle: length [m] and force [N], (n, 2) each."""
     readings = part.get("samplesTree")
     if not isinstance(readings, list) or not readings:
         raise part.fault(
@@ -76,15 +110,10 @@ def _test(direction: Fields, along: Direction, cycle: Cycle) -> tuple[StretchTes
             raise part.fault(key, expected=expected, found=f"{len(branch)} numbers")
         if (branch[::2] <= 0).any():
             raise part.fault(key, expected="distances above zero [cm]", found=float(branch[::2].min()))
-        pairs.append(branch.reshape(-1, 2))
+        pairs.append(branch.reshape(-1, 2) * [_CENTIMETRE, _GRAM])
     if not any(len(branch) for branch in pairs):
         raise part.fault("samplesTree", expected="three readings or more", found="none")
-    length, force = np.concatenate(pairs).T * [[_CENTIMETRE], [_GRAM]]
-    try:
-        run, remarks = stretch_run("1", force, length, None, swatch_width=width, cycle=cycle)
-    except InputError as error:
-        raise part.fault("samplesTree", expected=error.expected, found=error.found) from None
-    return StretchTest(along, width, (run,)), remarks
+    return pairs
 
 
 @contextmanager
@@ -141,10 +170,13 @@ def _unpacked(path: Path) -> tuple[str, str]:
 def _holding_raw_data(table: Fields) -> Fields:
     """The object itself, or the first one within it that has the field raw_data."""
     waiting: list[tuple[object, str]] = [(table.content, "")]
+    found = "none"
     while waiting:
         content, label = waiting.pop(0)
         if isinstance(content, dict):
             if "raw_data" in content:
                 return Fields(content, table.path, label)
+            if {"bend", "stretch"} <= content.keys():
+                found = f"summary values in '{label}', whose units are not published"
             waiting += [(v, f"{label}.{k}" if label else k) for k, v in content.items()]
-    raise table.fault("raw_data", expected="measurements of the U3M format", found="none")
+    raise table.fault("raw_data", expected="measurements of the U3M format", found=found)

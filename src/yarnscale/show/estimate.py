@@ -225,6 +225,8 @@ def _construction(estimate: FabricEstimate) -> Table:
         ["area density [g/m²]", 1e3 * found.area_density, _scaled(measured.area_density, 1e3)],
         ["thickness [mm]", 1e3 * found.thickness, None],
     ]
+    for direction, (own, given) in estimate.bending.items():
+        rows.append([f"bending rigidity B along {direction.value} [µN m]", 1e6 * own, 1e6 * given])
     for test in measured.stretch:
         if test.lost_work is not None:
             rows.append([f"work lost in unloading, {test.direction.value}", None, _percent(test.lost_work)])
@@ -274,8 +276,6 @@ def _words(estimate: FabricEstimate) -> list[str]:
         )
     if fit.at_bounds:
         text.append("At the ends of their ranges: " + ", ".join(fit.at_bounds) + ".")
-    for direction, error in estimate.bending.items():
-        text.append(f"Bending along {direction.value}: off by {100 * error:.0f} %.")
     return text + list(estimate.measurements.notes)
 
 

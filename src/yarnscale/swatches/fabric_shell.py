@@ -12,7 +12,13 @@ from yarnscale.swatches.bend_fit import BendFit, fit_bending
 from yarnscale.swatches.measurements import SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
 from yarnscale.swatches.shell_fit import ShellFit, fit_membrane
-from yarnscale.swatches.uniform_data import UniformData, corrected_data, uniform_bending, uniform_data
+from yarnscale.swatches.uniform_data import (
+    UniformBend,
+    UniformData,
+    corrected_data,
+    uniform_bending,
+    uniform_data,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +44,9 @@ class FabricShell:
             raise InputError("follow", expected="shell or measured", found=follow)
         translate = uniform_data if follow == "shell" else corrected_data
         data = translate(self.membrane, self.measurements)
-        return data if self.bending is None else replace(data, bending=uniform_bending(self.bending))
+        strips = self.measurements.rigidity
+        bent = tuple(UniformBend(strip.direction, 0.5 * strip.rigidity) for strip in strips)
+        return replace(data, bending=bent if self.bending is None else uniform_bending(self.bending))
 
 
 @checked

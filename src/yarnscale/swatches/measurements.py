@@ -258,6 +258,18 @@ class BendTest:
 
 
 @dataclass(frozen=True)
+class BendingRigidity:
+    """Rigidity B of a cylinder bent along one direction [N m], moment B κ per width; spread: over cycles and sides."""
+
+    direction: Direction
+    rigidity: float
+    spread: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive(f"bending rigidity along {self.direction.value}", self.rigidity, "a positive number [N m]")
+
+
+@dataclass(frozen=True)
 class YarnComposition:
     """One yarn of a fabric (EST22 §4.1).
 
@@ -289,7 +301,8 @@ class SwatchMeasurements:
 
     area_density: mass of the fabric [kg/m²]; pear loops need it. pattern: name of its chart or yarn geometry,
     photographs: of both sides; only names, for the record. notes: sentences on how the numbers were read.
-    known: what was counted on the fabric.
+    known: what was counted on the fabric. short: stretch tests of strips shorter than wide, which tell how the fabric
+    resists contraction. rigidity: of bending, measured by other means than pear loops.
     """
 
     name: str
@@ -301,12 +314,14 @@ class SwatchMeasurements:
     photographs: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     known: KnownConstruction = field(default_factory=lambda: KnownConstruction())
+    short: tuple[StretchTest, ...] = ()
+    rigidity: tuple[BendingRigidity, ...] = ()
 
     def __post_init__(self) -> None:
         where = f"measurements of '{self.name}'"
         if not self.stretch and not self.bend:
             raise InputError(where, expected="a stretch or bend test", found="none")
-        for kind in (self.stretch, self.bend):
+        for kind in (self.stretch, self.bend, self.short, self.rigidity):
             directions = [test.direction for test in kind]
             if len(set(directions)) < len(directions):
                 raise InputError(where, expected="one test of a kind per direction", found="two")
@@ -341,9 +356,9 @@ class SwatchMeasurements:
 
     def only(self, *directions: Direction) -> SwatchMeasurements:
         """The same fabric with the tests along these directions alone. Raises InputError where none is left."""
-        stretch = tuple(test for test in self.stretch if test.direction in directions)
-        bend = tuple(test for test in self.bend if test.direction in directions)
-        return replace(self, stretch=stretch, bend=bend)
+        kinds = ("stretch", "bend", "short", "rigidity")
+        chosen = {kind: tuple(t for t in getattr(self, kind) if t.direction in directions) for kind in kinds}
+        return replace(self, **chosen)
 
 
 def _between(points: Array, x: Array, y: Array) -> Array:

@@ -74,7 +74,9 @@ class YarnObjective:
 
     def __post_init__(self) -> None:
         if self.weights.bending > 0 and not self.data.bending:
-            raise InputError(f"bending of '{self.data.name}'", expected="pear loops", found="none measured")
+            raise InputError(
+                f"bending of '{self.data.name}'", expected="pear loops or bent strips", found="none measured"
+            )
 
     def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
         """Rest shape and states of a yarn; ``near``: of a similar yarn, whose states are started from."""

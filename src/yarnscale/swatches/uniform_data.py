@@ -72,12 +72,11 @@ class UniformCurve:
 class UniformBend:
     """Cylindrical bending along one direction: energy k κ² per area, moment dψ/dκ = 2 k κ [N] (EST22 §5.2).
 
-    stiffness: k [J]; largest_curvature: of the loops that were measured [1/m].
+    stiffness: k [J], half of the rigidity B.
     """
 
     direction: Direction
     stiffness: float
-    largest_curvature: float
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ class UniformErrors:
 
 @dataclass(frozen=True, eq=False)
 class UniformData:
-    """Uniform curves of one fabric, one per direction, and its bending along directions where loops were measured."""
+    """Uniform curves of one fabric, one per direction, and its bending along directions where that was measured."""
 
     name: str
     curves: tuple[UniformCurve, ...]
@@ -209,9 +208,7 @@ def uniform_bending(fit: BendFit) -> tuple[UniformBend, ...]:
         Direction.BIAS: fit.material.bend_bias,
         Direction.WARP: fit.material.bend_warp,
     }
-    return tuple(
-        UniformBend(loop.direction, stiffness[loop.direction], loop.largest_curvature) for loop in fit.loops
-    )
+    return tuple(UniformBend(loop.direction, stiffness[loop.direction]) for loop in fit.loops)
 
 
 def _stretches(test: StretchTest) -> tuple[Array, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -13,14 +13,14 @@ import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.swatches.cloth_check import ClothCheck
+from yarnscale.swatches.cloth_check import ClothCheck, check_cloth
 from yarnscale.swatches.construction import FabricConstruction, sized, weighed
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
 from yarnscale.swatches.fabric_shell import FabricShell, fit_shell
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective, errors_of
-from yarnscale.swatches.uniform_data import UniformBend, UniformData, UniformErrors
+from yarnscale.swatches.uniform_data import UniformData, UniformErrors
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_fit import FitOptions, YarnFit, fit_yarn
 from yarnscale.swatches.yarn_model import YarnModel
@@ -48,8 +48,8 @@ class FabricEstimate:
     follow: what the yarn was fitted to. shell: fitted to the directions that the yarn was fitted to. measured: the
     measured curves of these directions without the effect of the clamps, which the errors refer to. held_out: the
     measured curves of the other directions, likewise, and what the yarn does there; None where there are none.
-    bending: errors of the bending stiffness by direction, as fractions. cloth: the swatches simulated as cloth of the
-    homogenized yarn, if any.
+    short: strips shorter than wide, simulated as cloth of the shell, if any. cloth: the swatches simulated as cloth of
+    the homogenized yarn, if any.
     """
 
     measurements: SwatchMeasurements
@@ -59,7 +59,7 @@ class FabricEstimate:
     measured: UniformData
     held_out: UniformData | None
     prediction: Evaluation | None
-    bending: dict[Direction, float]
+    short: ClothCheck | None = None
     cloth: ClothCheck | None = None
 
     @cached_property
@@ -70,6 +70,17 @@ class FabricEstimate:
             sized(self.fit.evaluation.rested.cell, self.scale),
             area_density=measured.area_density, yarn_count=measured.yarn_count,
         )  # fmt: skip
+
+    @cached_property
+    def bending(self) -> dict[Direction, tuple[float, float]]:
+        """Rigidity B of the yarn's fabric and of the measured one by direction [N m]."""
+        bends = self.measured.bending if self.fit.evaluation.rested.relaxed else ()
+        own = bending_stiffness(self.cell, [bend.direction for bend in bends]) if bends else ()
+        return {
+            bend.direction: (2.0 * float(k), 2.0 * bend.stiffness)
+            for bend, k in zip(bends, own, strict=True)
+            if np.isfinite(k)
+        }
 
     @property
     def scale(self) -> float:
@@ -125,6 +136,8 @@ class FabricEstimate:
         if self.held_out_error is not None and self.prediction is not None:
             yield "held out, predicted", self.held_out_error, self.prediction.failed
         yield "stage 1: shell against the measurement", self.shell_error, None
+        if self.short is not None:
+            yield "shell against strips shorter than wide, not fitted", self.short.errors, None
         yield (
             f"stage 2: yarn against the {'shell' if self.follow == 'shell' else 'measurement'}",
             self.yarn_error,
@@ -209,9 +222,9 @@ class FabricEstimate:
             found.append("resistance to shear: no swatch was pulled along the bias")
         if missing := [t.direction.value for t in tests if t.curve.contraction is None]:
             found.append(f"contraction along {', '.join(missing)}: no width was measured")
-        if not self.measurements.bend:
+        if not self.bending:
             found.append(
-                "bending: no loops were measured, so it follows from the yarn that the tensile curves suggest"
+                "bending: it was not measured, so it follows from the yarn that the tensile curves suggest"
             )
         if self.measurements.area_density is None and self.measurements.yarn_count is None:
             found.append(
@@ -235,6 +248,7 @@ class FabricEstimate:
                     "swatch_load": self.shell.membrane.load_error,
                     "swatch_contraction": self.shell.membrane.contraction_error,
                     "clamp_effect": self.clamp_effect,
+                    "short_strips": None if self.short is None else self.short.errors.summary(),
                 },
                 "yarn": {"follows": self.follow, **self.yarn_error.summary()},
             },
@@ -243,7 +257,13 @@ class FabricEstimate:
             "lost_work": {t.direction.value: t.lost_work for t in self.measurements.stretch},
             "notes": [*self.measurements.notes],
             "parameters": self.parameters,
-            "bending_error": float(np.mean(list(self.bending.values()))) if self.bending else None,
+            "bending_error": float(np.mean([abs(own / B - 1.0) for own, B in self.bending.values()]))
+            if self.bending
+            else None,
+            "bending_rigidity": {
+                along.value: {"estimated": own, "measured": measured}
+                for along, (own, measured) in self.bending.items()
+            },
             "solves": fit.solves,
             "seconds": fit.seconds + self.shell.membrane.seconds,
             "evaluations": fit.evaluations,
@@ -294,8 +314,11 @@ def fit_fabric(
         held_out = fit_shell(measurements, model=shell_model).uniform_data(follow="measured").only(holdout)
         unknowns = fit.evaluation.unknowns
         prediction = evaluate(YarnObjective(model, held_out), unknowns, None)
-    bending = _bending(fit, data.bending)
-    return FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, bending)
+    short = None
+    if shell.measurements.short:
+        strips = replace(shell.measurements, stretch=shell.measurements.short)
+        short = check_cloth(shell.membrane.material, strips)
+    return FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, short)
 
 
 def fitted_directions(
@@ -319,19 +342,6 @@ def fitted_directions(
 
 def check_bending(measurements: SwatchMeasurements, weights: ErrorWeights | None) -> None:
     """InputError where bending is to weigh but no pear loops were measured."""
-    if weights is not None and weights.bending > 0 and not measurements.bend:
-        raise InputError(
-            "weight of bending", where=measurements.name, expected="measured pear loops", found="none"
-        )
-
-
-def _bending(fit: YarnFit, measured: Sequence[UniformBend]) -> dict[Direction, float]:
-    """|stiffness of the cell / measured − 1| by direction."""
-    if not measured or not fit.evaluation.rested.relaxed:
-        return {}
-    stiffness = bending_stiffness(fit.evaluation.rested.cell, [bend.direction for bend in measured])
-    return {
-        bend.direction: abs(float(k) / bend.stiffness - 1.0)
-        for bend, k in zip(measured, stiffness, strict=True)
-        if np.isfinite(k)
-    }
+    if weights is not None and weights.bending > 0 and not (measurements.bend or measurements.rigidity):
+        expected = "measured pear loops or bent strips"
+        raise InputError("weight of bending", where=measurements.name, expected=expected, found="none")
