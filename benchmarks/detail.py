@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cell.equilibrium import Start
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.overlap import Overlap
 from yarnscale.detail.yarns import YarnDetail
@@ -80,7 +81,7 @@ def truth(cell: PeriodicCell, table: FluctuationTable, count: int = 30) -> None:
             energy = cell.energy(strain)
             free = energy.start()
             free[: shape.size] = shape.ravel() / radius
-            truth = cell.relax_from(strain, (strain, shape, cell.pattern.twist))
+            truth = cell.relax(strain, start=Start(strain, shape, cell.pattern.twist))
             errors.append(np.linalg.norm(truth.fluctuation - shape, axis=1).mean() / radius)
             here.append(energy.gaps(free).min())
             relaxed.append(truth.min_distance_over_diameter)

@@ -10,7 +10,8 @@ import numpy as np
 
 import yarnscale as ys
 
-cell = ys.PeriodicCell(ys.patterns.build("plain"), ys.YarnMaterial.preset("hylc2020-basket"), tolerance=1e-9)
+cell = ys.PeriodicCell(ys.patterns.build("plain"), ys.YarnMaterial.preset("hylc2020-basket"))
+cell = cell.with_options(tolerance=1e-9)
 strain = ys.ShellStrain(s_x=0.05, s_a=0.03, s_y=0.04, II11=20.0)
 state = cell.relax(strain)
 moduli = cell.moduli(state)

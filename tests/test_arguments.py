@@ -29,7 +29,10 @@ CLOTH = ys.OrthotropicMaterial(10.0, 1.0, 10.0, 1.0, bend_weft=1e-5, bend_warp=1
         (lambda: ys.PeriodicCell(PATTERN, [YARN, 3]), "expected YarnMaterial"),
         (lambda: ys.PeriodicCell(PATTERN), "PeriodicCell: missing a required argument: 'material'"),
         (lambda: CELL.relax([0.1, 0, 0, 0, 0, 0]), "relax: argument strain; expected ShellStrain"),
-        (lambda: CELL.relax(ys.ShellStrain(), start="rest"), "argument start; expected Equilibrium"),
+        (
+            lambda: CELL.relax(ys.ShellStrain(), start="rest"),
+            "argument start; expected Start (an Equilibrium is one)",
+        ),
         (lambda: CELL.moduli(ys.ShellStrain()), "argument state; expected Equilibrium"),
         (lambda: ys.ShellStrain("0.1"), "argument s_x; expected a number; found str '0.1'"),
         (lambda: ys.settled("plain", YARN), "argument pattern; expected YarnPattern"),

@@ -35,7 +35,7 @@ def fabric(name: str) -> YarnPattern:
 
 
 def relaxed(pattern: YarnPattern, strain: ShellStrain) -> Equilibrium:
-    state = PeriodicCell(pattern, MATERIAL, tolerance=1e-8).relax(strain)
+    state = PeriodicCell(pattern, MATERIAL).with_options(tolerance=1e-8).relax(strain)
     assert state.converged
     return state
 
@@ -149,7 +149,7 @@ def test_size_does_not_matter() -> None:
     pattern = library.build("stockinette")
     reference = relaxed(pattern, TENSION)
     tenth = replace(MATERIAL, contact_stiffness=MATERIAL.contact_stiffness / 10)
-    small = PeriodicCell(pattern.scaled(0.1), tenth, tolerance=1e-8).relax(TENSION)
+    small = PeriodicCell(pattern.scaled(0.1), tenth).with_options(tolerance=1e-8).relax(TENSION)
     assert small.energy_density == pytest.approx(0.1 * reference.energy_density, rel=1e-7)
     np.testing.assert_allclose(small.stress[:3], 0.1 * reference.stress[:3], rtol=1e-6)
     np.testing.assert_allclose(small.stress[3:], 0.01 * reference.stress[3:], rtol=1e-5, atol=1e-12)
@@ -159,7 +159,7 @@ def test_equilibria_do_not_depend_on_the_factorisation() -> None:
     pytest.importorskip("cvxopt")
     pattern = library.build("stockinette")
     states = [
-        PeriodicCell(pattern, MATERIAL, tolerance=1e-8, backend=backend).relax(TENSION)
+        PeriodicCell(pattern, MATERIAL).with_options(tolerance=1e-8, backend=backend).relax(TENSION)
         for backend in ("cholmod", "superlu")
     ]
     assert states[0].energy_density == pytest.approx(states[1].energy_density, rel=1e-9)
@@ -167,7 +167,7 @@ def test_equilibria_do_not_depend_on_the_factorisation() -> None:
 
 
 def test_a_warm_start_ends_in_the_same_state() -> None:
-    cell = PeriodicCell(library.build("stockinette"), MATERIAL, tolerance=1e-8)
+    cell = PeriodicCell(library.build("stockinette"), MATERIAL).with_options(tolerance=1e-8)
     near = cell.relax(ShellStrain(0.08, 0.05, 0.05))
     cold, warm = cell.relax(TENSION), cell.relax(TENSION, start=near)
     assert warm.energy_density == pytest.approx(cold.energy_density, rel=1e-8)

@@ -34,7 +34,7 @@ def parallel_yarns(axis: int, *, vertices: int = 8, yarns: int = 1, height: floa
 
 
 def cell(axis: int, **options) -> PeriodicCell:  # type: ignore[no-untyped-def]
-    return PeriodicCell(parallel_yarns(axis, **options), YARN, tolerance=1e-7)
+    return PeriodicCell(parallel_yarns(axis, **options), YARN).with_options(tolerance=1e-7)
 
 
 def strain(axis: int, along: float = 0.0, across: float = 0.0, **other: float) -> ShellStrain:
@@ -115,7 +115,7 @@ def test_yarns_out_of_the_midsurface_stretch_when_it_bends() -> None:
     """At height h a yarn is strained by −κ h: EA h²/p more, or a relaxed state that moves back to the middle."""
     height, curvature = 0.5e-3, 2.0
     raised = parallel_yarns(0, height=height)
-    state = PeriodicCell(raised, YARN, tolerance=1e-7).relax(ShellStrain(II11=curvature))
+    state = PeriodicCell(raised, YARN).with_options(tolerance=1e-7).relax(ShellStrain(II11=curvature))
     # Fluctuations have zero mean, so the yarn cannot leave its height.
     expected = 0.5 * TENSION * (curvature * height) ** 2 + 0.5 * BENDING * curvature**2
     assert state.energy_density == pytest.approx(expected, rel=2e-3)

@@ -54,7 +54,7 @@ def test_stress_is_the_derivative_of_equilibrium_energies(case: str) -> None:
 
 @pytest.mark.parametrize("name", ["stockinette", "twill-2x1"])
 def test_moduli_are_the_derivative_of_stress(name: str) -> None:
-    cell = PeriodicCell(library.build(name), MATERIAL, tolerance=1e-10)
+    cell = PeriodicCell(library.build(name), MATERIAL).with_options(tolerance=1e-10)
     strain = ShellStrain(0.15, 0.06, 0.05)
     state = cell.relax(strain)
     moduli = cell.moduli(state)
@@ -78,7 +78,7 @@ def test_moduli_are_the_derivative_of_stress(name: str) -> None:
 
 def test_stress_without_load_is_the_prestress_of_the_rest_shape() -> None:
     """The rest state is not free of stress, but its stress is that of its energy: half a step both ways agree."""
-    cell = PeriodicCell(library.build("plain"), MATERIAL, tolerance=1e-9)
+    cell = PeriodicCell(library.build("plain"), MATERIAL).with_options(tolerance=1e-9)
     state = cell.relax()
     ahead, behind = (cell.relax(ShellStrain(s)).energy_density for s in (1e-4, -1e-4))
     assert state.stress[0] == pytest.approx((ahead - behind) / 2e-4, rel=1e-4)

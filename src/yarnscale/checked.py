@@ -28,6 +28,7 @@ MAKERS = {
     "YarnPattern": "read_pattern or patterns.build makes one",
     "YarnMaterial": "YarnMaterial.preset or read_yarn_material makes one",
     "PeriodicCell": "PeriodicCell(pattern, material) makes one",
+    "Start": "an Equilibrium is one",
     "ShellStrain": "ShellStrain(s_x=0.1) makes one",
     "ElementMaterial": "a shell material, which read_material reads",
     "ShellMaterial": "read_material reads one",

@@ -54,7 +54,7 @@ def solved(request: pytest.FixtureRequest) -> Solved:
     pattern = library.build("stockinette")
     rng, n = np.random.default_rng(1), len(pattern.edges)
     curved = {"rest_curvature": rng.normal(0, 0.1, (n, 2)), "rest_twist": rng.normal(0.1, 0.1, n)}
-    cell = PeriodicCell(replace(pattern, **curved), YARN, tolerance=1e-12)
+    cell = PeriodicCell(replace(pattern, **curved), YARN).with_options(tolerance=1e-12)
     state = cell.relax(request.param)
     assert state.converged
     return cell, state, cell.sensitivities(state)
@@ -80,7 +80,7 @@ def test_every_parameter(solved: Solved, name: str) -> None:
 def test_each_of_two_materials() -> None:
     other = replace(YARN, young_modulus=2e6, contact_stiffness=60.0, stretch=StretchRule())
     pattern = knit(["k"], wale_spacing=10, course_spacing=6.5, yarns=["AB"], vertices_per_stitch=18)
-    cell = PeriodicCell(pattern, (YARN, other), tolerance=1e-12)
+    cell = PeriodicCell(pattern, (YARN, other)).with_options(tolerance=1e-12)
     state = cell.relax(ShellStrain(0.2, 0.0, 0.2))
     found = cell.sensitivities(state)
     step = 1e-3

@@ -27,7 +27,7 @@ MATERIAL = YarnMaterial.preset("hylc2020-stockinette")
 def test_the_same_equilibrium_as_a_small_cell(
     name: str, strain: ShellStrain, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cell = PeriodicCell(library.build(name), MATERIAL, tolerance=1e-9)
+    cell = PeriodicCell(library.build(name), MATERIAL).with_options(tolerance=1e-9)
     small = cell.relax(strain)
     moduli = cell.moduli(small)
     monkeypatch.setattr(cell_energy, "LARGE", 0)

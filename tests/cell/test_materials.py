@@ -70,7 +70,7 @@ def test_materials_do_not_depend_on_their_numbers() -> None:
 def test_straight_yarns_add_up() -> None:
     """Tension Σ E A/p, bending Σ E I/p and mass Σ ρ A/p of a soft and two stiff yarns."""
     pattern, materials = straight(0, 1, 1), (SOFT, STIFF, STIFF)
-    cell = PeriodicCell(pattern, (SOFT, STIFF), tolerance=1e-8)
+    cell = PeriodicCell(pattern, (SOFT, STIFF)).with_options(tolerance=1e-8)
     width = SPACING * len(materials)
     tension = sum(m.stretch_stiffness(RADIUS) for m in materials) / width
     bending = sum(m.bending_stiffness(RADIUS) for m in materials) / width
@@ -124,7 +124,7 @@ def test_derivatives_against_differences(state: str, materials: tuple[YarnMateri
 def test_a_straight_two_phase_yarn(stretch: float, energy: float, force: float) -> None:
     """EST22 eq. 5 with k_s2 = 8 k_s1 and ε̄ = 0.05, in units of k_s1."""
     unit = SOFT.stretch_stiffness(RADIUS) / SPACING
-    state = PeriodicCell(straight(0), TWO_PHASE, tolerance=1e-8).relax(ShellStrain(stretch))
+    state = PeriodicCell(straight(0), TWO_PHASE).with_options(tolerance=1e-8).relax(ShellStrain(stretch))
     assert state.converged
     assert state.energy_density == pytest.approx(energy * unit, rel=1e-6)
     assert state.stress[0] == pytest.approx(force * unit, rel=1e-6)
@@ -132,7 +132,7 @@ def test_a_straight_two_phase_yarn(stretch: float, energy: float, force: float) 
 
 @pytest.mark.parametrize("partner", [STIFF, TWO_PHASE], ids=["stiff", "two-phase"])
 def test_a_plated_knit_relaxes_and_its_stress_is_the_slope_of_its_energy(partner: YarnMaterial) -> None:
-    cell = PeriodicCell(plated(), (SOFT, partner), tolerance=1e-9)
+    cell = PeriodicCell(plated(), (SOFT, partner)).with_options(tolerance=1e-9)
     strain = np.array([0.12, 0.05, 0.1, 0, 0, 0])
     state = cell.relax(ShellStrain.from_vector(strain))
     assert state.outcome == "converged" and state.contacts > 0

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from yarnscale.cell import PeriodicCell, periodic
+from yarnscale.cell import PeriodicCell, continuation
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.passages import (
     has_passages,
@@ -224,7 +224,7 @@ def test_a_state_that_a_straight_motion_takes_for_crossed_is_good(monkeypatch: p
     """Loops may swing around each other on their way; no step of the solver cuts, and its equilibrium is kept."""
     pattern = library.build("stockinette")
     monkeypatch.setattr(
-        periodic, "has_passages", lambda *_: True
+        continuation, "has_passages", lambda *_: True
     )  # as where the straight motion is of no use
     cell = PeriodicCell(pattern, MATERIAL)
     rest = cell.relax()

@@ -29,7 +29,7 @@ def state(cell: PeriodicCell) -> Equilibrium:
 
 def test_readings(cell: PeriodicCell, state: Equilibrium) -> None:
     n = len(cell.pattern.edges)
-    assert state.converged and state.status is Status.CONVERGED and state.residual <= cell.tolerance
+    assert state.converged and state.status is Status.CONVERGED and state.residual <= cell.options.tolerance
     assert state.strain == STRAIN
     assert state.positions.shape == state.fluctuation.shape == (n, 3)
     assert state.twist.shape == (n,) and state.stress.shape == (6,)
@@ -63,7 +63,7 @@ def test_repeated_solves_agree_bit_by_bit(cell: PeriodicCell, state: Equilibrium
 
 
 def test_a_solve_that_is_cut_short_says_so(cell: PeriodicCell) -> None:
-    short = replace(cell, max_iterations=1).relax(ShellStrain(0.4))
+    short = cell.with_options(max_iterations=1).relax(ShellStrain(0.4))
     assert short.status is Status.ITERATION_LIMIT and not short.converged
     assert np.isfinite(short.energy_density) and np.isfinite(short.stress).all()
 
@@ -90,9 +90,13 @@ def test_the_twist_of_every_yarn_has_no_mean(cell: PeriodicCell, state: Equilibr
 def test_a_slow_solve_is_given_time() -> None:
     """What stops at the limit of iterations on every way is taken on from there."""
     usual = PeriodicCell(library.build("stockinette"), MATERIAL).relax()
-    hasty = PeriodicCell(
-        library.build("stockinette"), MATERIAL, max_iterations=usual.iterations // 2 + 1
-    ).relax()
+    few = usual.iterations // 2 + 1
+    hasty = PeriodicCell(library.build("stockinette"), MATERIAL).with_options(max_iterations=few).relax()
     assert hasty.converged and hasty.iterations > usual.iterations // 2 + 1
     assert hasty.energy_density == pytest.approx(usual.energy_density, rel=1e-6)
-    assert not PeriodicCell(library.build("stockinette"), MATERIAL, max_iterations=1).relax().converged
+    assert (
+        not PeriodicCell(library.build("stockinette"), MATERIAL)
+        .with_options(max_iterations=1)
+        .relax()
+        .converged
+    )

@@ -37,7 +37,7 @@ def drawn_energy(cell):
 @pytest.mark.parametrize("name", ["stockinette", "plain", "seed", "rib-2x2"])
 def test_a_rebased_equilibrium_has_the_same_energy_and_no_force(name):
     pattern = library.build(name)
-    cell = PeriodicCell(pattern, WOOL, tolerance=1e-8)
+    cell = PeriodicCell(pattern, WOOL).with_options(tolerance=1e-8)
     state = cell.relax(ShellStrain(s_x=0.04, s_y=-0.02))
     assert state.converged
     redrawn = rebased(pattern, state)
@@ -53,7 +53,7 @@ def test_a_rebased_equilibrium_has_the_same_energy_and_no_force(name):
 
 def test_gradient_of_a_rebased_pattern_vanishes_where_sliding_is_free():
     pattern = library.build("plain")
-    cell = PeriodicCell(pattern, WOOL, sliding=True, tolerance=1e-9)
+    cell = PeriodicCell(pattern, WOOL, sliding=True).with_options(tolerance=1e-9)
     state = cell.relax(ShellStrain(s_x=0.02, s_y=0.01))
     assert state.converged
     _, residual = drawn_energy(replace(cell, pattern=rebased(pattern, state)))
@@ -62,7 +62,7 @@ def test_gradient_of_a_rebased_pattern_vanishes_where_sliding_is_free():
 
 def test_stress_of_a_rebased_pattern_follows_the_chain_rule():
     pattern = library.build("stockinette")
-    cell = PeriodicCell(pattern, WOOL, tolerance=1e-8)
+    cell = PeriodicCell(pattern, WOOL).with_options(tolerance=1e-8)
     state = cell.relax(ShellStrain(s_x=0.05, s_y=0.03))
     again = replace(cell, pattern=rebased(pattern, state)).relax()
     # dE/ds' = (1 + s) dE/ds with energies of the period.
@@ -72,7 +72,7 @@ def test_stress_of_a_rebased_pattern_follows_the_chain_rule():
 
 def test_rebasing_twice_is_rebasing_once():
     pattern = library.build("garter")
-    cell = PeriodicCell(pattern, WOOL, tolerance=1e-8)
+    cell = PeriodicCell(pattern, WOOL).with_options(tolerance=1e-8)
     state = cell.relax(ShellStrain(s_x=0.03))
     once = rebased(pattern, state)
     twice = rebased(once, replace(cell, pattern=once).relax())
@@ -108,7 +108,7 @@ def test_a_part_of_the_setting_scales_curvature_only():
 
 
 def test_shrinking_finds_the_minimum_of_the_energy_over_both_periods():
-    cell = PeriodicCell(library.build("stockinette"), WOOL, tolerance=1e-7)
+    cell = PeriodicCell(library.build("stockinette"), WOOL).with_options(tolerance=1e-7)
     shape = shrunk_to_rest(cell, shortening=0.03)
     assert shape.status is RestStatus.CONVERGED
     assert shape.stress.largest < 1e-3
@@ -180,7 +180,7 @@ def test_a_search_that_is_cut_short_says_so():
     shape = shrunk_to_rest(cell, max_rounds=1)
     assert shape.status is RestStatus.ROUND_LIMIT and not shape.converged
     assert estimated_rest(cell, max_rounds=2).status is RestStatus.ROUND_LIMIT
-    hopeless = shrunk_to_rest(replace(cell, max_iterations=1))
+    hopeless = shrunk_to_rest(cell.with_options(max_iterations=1))
     assert hopeless.status is RestStatus.NOT_RELAXED
 
 

@@ -28,7 +28,7 @@ def solved(request: pytest.FixtureRequest) -> tuple[PeriodicCell, Equilibrium, S
     pattern = library.build("stockinette")
     rng, n = np.random.default_rng(1), len(pattern.edges)
     curved = {"rest_curvature": rng.normal(0, 0.1, (n, 2)), "rest_twist": rng.normal(0.1, 0.1, n)}
-    cell = PeriodicCell(replace(pattern, **curved), MATERIAL, sliding, tolerance=1e-12)
+    cell = PeriodicCell(replace(pattern, **curved), MATERIAL, sliding).with_options(tolerance=1e-12)
     state = cell.relax(strain)
     return cell, state, cell.sensitivities(state)
 

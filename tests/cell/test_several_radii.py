@@ -59,14 +59,13 @@ def test_yarns_touch_at_the_sum_of_their_radii() -> None:
 def test_sensitivities_follow_each_radius(rule: ContactRule) -> None:
     material = replace(WOOL, contact=rule)
     pattern = woven()
-    state = PeriodicCell(pattern, material, tolerance=1e-10).relax(ShellStrain(s_x=0.05))
+    state = PeriodicCell(pattern, material).with_options(tolerance=1e-10).relax(ShellStrain(s_x=0.05))
     found = PeriodicCell(pattern, material).sensitivities(state)
     for name in ("young_modulus", "bending_scale"):
         step = 1e-4 * getattr(material, name)
         energies = [
-            PeriodicCell(
-                pattern, replace(material, **{name: getattr(material, name) + sign * step}), tolerance=1e-10
-            )
+            PeriodicCell(pattern, replace(material, **{name: getattr(material, name) + sign * step}))
+            .with_options(tolerance=1e-10)
             .relax(ShellStrain(s_x=0.05), start=state)
             .energy_density
             for sign in (1, -1)

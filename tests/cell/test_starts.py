@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,15 +16,15 @@ STRAIN = ShellStrain(-0.2, 0.0, -0.15)
 
 
 def test_more_starts_are_never_worse_and_deterministic() -> None:
-    one, several = CELL.relax(STRAIN), replace(CELL, starts=4).relax(STRAIN)
+    one, several = CELL.relax(STRAIN), CELL.with_options(starts=4).relax(STRAIN)
     assert several.converged and not several.passages
     assert several.energy_density <= one.energy_density * (1 + 1e-12)
     assert several.iterations > one.iterations
-    again = replace(CELL, starts=4).relax(STRAIN)
+    again = CELL.with_options(starts=4).relax(STRAIN)
     assert again.energy_density == several.energy_density
     np.testing.assert_array_equal(again.positions, several.positions)
 
 
 def test_at_least_one_start() -> None:
     with pytest.raises(InputError, match="starts"):
-        replace(CELL, starts=0)
+        CELL.with_options(starts=0)

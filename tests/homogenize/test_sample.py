@@ -164,9 +164,9 @@ def test_only_the_same_run_resumes(cell: PeriodicCell, tmp_path: Path) -> None:
         (softer, "another material"),
         (other, "another pattern hash"),
         (replace(cell, sliding=True), "another sliding"),
-        (replace(cell, tolerance=1e-3), "another tolerance"),
-        (replace(cell, starts=2), "another number of starts"),
-        (replace(cell, seed=1), "another seed"),
+        (cell.with_options(tolerance=1e-3), "another tolerance"),
+        (cell.with_options(starts=2), "another number of starts"),
+        (cell.with_options(seed=1), "another seed"),
     ):
         with pytest.raises(InputError, match=f"cannot resume: {message}") as caught:
             check_resumable(store, wrong, GRID.axes)

@@ -27,7 +27,7 @@ def model() -> YarnModel:
 def rested(model):
     found = at_rest(model.cell(model.values(UNKNOWNS)), RestRule())
     assert found.relaxed
-    return replace(found.cell, tolerance=1e-9)
+    return found.cell.with_options(tolerance=1e-9)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4, np.pi / 2])
@@ -86,7 +86,7 @@ def test_the_step_that_is_not_solved_for_takes_away_what_stress_is_left(rested):
 def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
     """Followed stage by stage from a yarn nearby, with the same outcome as from the drawing, and sooner."""
     rule, other = RestRule(), UNKNOWNS + np.array([0.0, 0.0, 1e-3, -1e-3, 1e-3])
-    cells = [replace(model.cell(model.values(u)), tolerance=1e-9) for u in (UNKNOWNS, other)]
+    cells = [model.cell(model.values(u)).with_options(tolerance=1e-9) for u in (UNKNOWNS, other)]
     here = at_rest(cells[0], rule, draw_in=0.4)
     alone, beside = at_rest(cells[1], rule, draw_in=0.4), at_rest(cells[1], rule, draw_in=0.4, near=here)
     assert alone.relaxed and beside.relaxed
@@ -107,7 +107,7 @@ def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
 @pytest.mark.parametrize(("here", "there"), [(0.0, 1e-3), (1e-3, 0.0)])
 def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here, there):
     """A stage that one of them leaves out is no other stage."""
-    cell, rule = replace(model.cell(model.values(UNKNOWNS)), tolerance=1e-9), RestRule(release=release)
+    cell, rule = model.cell(model.values(UNKNOWNS)).with_options(tolerance=1e-9), RestRule(release=release)
     near, alone = at_rest(cell, rule, draw_in=here), at_rest(cell, rule, draw_in=there)
     beside = at_rest(cell, rule, draw_in=there, near=near)
     assert beside.relaxed and len(beside.stages) == len(near.stages)

@@ -53,14 +53,14 @@ class CellEnergy:
     """Energy of a pattern under one macroscopic state; an objective for ``numerics.newton``.
 
     The free vector is [û (3n, in radii), θ (n)]. sliding: whether yarns may slide along themselves as a whole.
-    symmetric: count every contact pair from both sides, half each; needed off singly curved states only.
+    symmetric: count every contact pair from both sides, half each; needed off singly curved states only, None: there.
     """
 
     pattern: YarnPattern
     material: Materials
     strain: ShellStrain
     sliding: bool = False
-    symmetric: bool = False
+    symmetric: bool | None = None
     nodes: CopiedNodes = field(init=False)
     constraints: LinearConstraints | ChainConstraints = field(init=False)
     residual_scale: float = field(init=False, default=1.0)
@@ -82,7 +82,8 @@ class CellEnergy:
         turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
         self.nodes = CopiedNodes(source, turned, offset, n, n)
         self.rods = RodEnergy(
-            self.stiffness, self.strands, copies=self.nodes, symmetric=self.symmetric,
+            self.stiffness, self.strands, copies=self.nodes,
+            symmetric=not self.strain.is_flat if self.symmetric is None else self.symmetric,
             turning=None if self.strain.is_flat else self.turning, margin=PATTERN_MARGIN if large else WIDE_MARGIN,
         )  # fmt: skip
         anchors, self._anchor_slope = self._anchors(rotation)

@@ -83,14 +83,14 @@ def settled(
         raise InputError("setting is out of range", expected="0 to 1", found=setting)
     start = set_as_drawn(pattern, share=setting, lengths=False)
     shape = shrunk_to_rest(
-        PeriodicCell(start, material, watch=watch), shortening=shortening, progress=progress
+        PeriodicCell(start, material).with_options(watch=watch), shortening=shortening, progress=progress
     )
     if shape.status is not RestStatus.SKEWED:
         return shape
     attempts = [shape]
     # At the periods that shrinking found; where that is too tight to lose its shear stress, at those of the drawing.
     for source, share, rounds in ((shape.pattern, 0.0, 60), (start, 0.1, 200)):
-        cell = PeriodicCell(source, material, watch=watch)
+        cell = PeriodicCell(source, material).with_options(watch=watch)
         attempts.append(estimated_rest(cell, shortening=share, max_rounds=rounds, progress=progress))
         if attempts[-1].converged:
             break

@@ -84,8 +84,8 @@ class _Estimation:
         before = None
         for index in range(max_rounds):
             short = index < short_rounds
-            limit = short_iterations if short else self.cell.max_iterations
-            state = replace(self.cell, max_iterations=limit).relax()
+            limit = short_iterations if short else self.cell.options.max_iterations
+            state = self.cell.with_options(max_iterations=limit).relax()
             self.cell = replace(self.cell, pattern=rebased(self.cell.pattern, state))
             note_round(self.history, self.drawn, self.cell.pattern, state, progress=self.progress)
             if not (short or state.converged):

@@ -71,7 +71,7 @@ def study(
         raise InputError("cell sizes", expected="at least one, e.g. 2x1", found="none")
     for size in sizes:
         check_size(cell, size)
-    cell = replace(cell, starts=starts)
+    cell = cell.with_options(starts=starts)
     began = time.perf_counter()
     single = cell.relax(strain)
     alone = time.perf_counter() - began

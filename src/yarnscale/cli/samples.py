@@ -45,7 +45,7 @@ def sample(options: argparse.Namespace) -> int:
         if not options.resume:
             shutil.rmtree(store.path)
     tile = read_pattern(kept) if begun else at_rest(options, pattern, yarn.materials)
-    cell = PeriodicCell(tile, yarn.materials, options.free_sliding, starts=options.starts)
+    cell = PeriodicCell(tile, yarn.materials, options.free_sliding).with_options(starts=options.starts)
     cell = supercell(cell, options.size)
     store = _load_store(options, cell) if grid is None else _grid_store(options, cell, grid)
     if not begun:

@@ -129,10 +129,8 @@ def relax(options: argparse.Namespace) -> int:
     yarn.say()
     PeriodicCell(tile, yarn.materials).warm_up(strain)
     source = at_rest(options, tile, yarn.materials).repeated(*options.size)
-    cell = PeriodicCell(
-        source, yarn.materials, options.free_sliding, starts=options.starts,
-        watch=line.note_solve,
-    )  # fmt: skip
+    cell = PeriodicCell(source, yarn.materials, options.free_sliding)
+    cell = cell.with_options(starts=options.starts, watch=line.note_solve)
     state = cell.relax(strain)
     line.end()
     if options.out is not None:

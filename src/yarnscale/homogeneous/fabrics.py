@@ -68,10 +68,8 @@ class CellFabric:
         strain = np.array(strain, np.float64)
         if np.abs(strain[3:]).max() * self.cell.pattern.radius > TIGHTEST:
             return Response(strain, np.nan, np.full(6, np.nan), usable=False)
-        seed = None
-        if start is not None and start.state is not None:
-            seed = start.state.strain, start.state.fluctuation, start.state.twist
-        state = self.cell.relax_from(ShellStrain.from_vector(strain), seed, nearby=True)
+        near = None if start is None else start.state
+        state = self.cell.relax(ShellStrain.from_vector(strain), start=near, nearby=True)
         return Response(strain, state.energy_density, state.stress, state.usable, state)
 
     def moduli(self, response: Response) -> Array:

@@ -75,10 +75,10 @@ def provenance(cell: PeriodicCell, tiles: tuple[int, int] = (1, 1)) -> dict[str,
         "thickness": float(np.ptp(cell.pattern.vertices[:, 2])) + 2.0 * cell.pattern.radius,
         "material": _plain_material(cell),
         "sliding": "free" if cell.sliding else "fixed",
-        "tolerance": cell.tolerance,
+        "tolerance": cell.options.tolerance,
         "tiles": list(tiles),
-        "starts": cell.starts,
-        "seed": cell.seed,
+        "starts": cell.options.starts,
+        "seed": cell.options.seed,
         "versions": {name: version(name) for name in packages} | {"python": platform.python_version()},
     }
 

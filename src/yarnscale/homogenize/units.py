@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from yarnscale.cell.equilibrium import Start
 from yarnscale.homogenize.plan import bends_twice, solve_order
 from yarnscale.homogenize.rays import Ray
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.homogenize.worker import CODE_OF, LoadedStart, Start, sample_level, solve, strain_of
+from yarnscale.homogenize.worker import CODE_OF, LoadedStart, sample_level, solve, strain_of
 from yarnscale.kinematics import ShellStrain
 
 Task = tuple[Callable[..., Any], tuple[Any, ...]]

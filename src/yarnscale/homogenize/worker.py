@@ -13,7 +13,7 @@ from threading import Thread
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.equilibrium import Equilibrium, Start
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.fabrics import CellFabric, Response
 from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
@@ -84,15 +84,6 @@ def _follow(sentinel: int) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """The equilibrium that a solve starts from: its strain, fluctuation (n, 3) [m] and twist (n,) [rad]."""
-
-    strain: ShellStrain
-    fluctuation: Array
-    twist: Array
-
-
-@dataclass(frozen=True, eq=False)
 class LoadedStart(Start):
     """A start of which energy density [J/m²], stress (6,) and moduli (6, 6) are known too."""
 
@@ -105,8 +96,7 @@ def solve(
     cell: PeriodicCell, state: Array, start: Start | None, moduli: bool = False
 ) -> tuple[dict[str, object], float]:
     """One solve, run by a worker: its record, with moduli if asked, and the worker's peak memory [MB]."""
-    seed = None if start is None else (start.strain, start.fluctuation, start.twist)
-    equilibrium = cell.relax_from(strain_of(state), seed)
+    equilibrium = cell.relax(strain_of(state), start=start)
     extra = {"moduli": moduli_of(cell, equilibrium)} if moduli else {}
     return record(equilibrium) | extra, _peak_megabytes()
 

@@ -152,7 +152,9 @@ class YarnModel:
             aspect, shortening = (float(value) for value in values[5:7])
             pattern = reshaped(pattern, aspect)
             pattern = replace(pattern, rest_length=pattern.rest_length * (1.0 - shortening))
-        return PeriodicCell(pattern, self.material(values), tolerance=TOLERANCE, max_iterations=ITERATIONS)
+        return PeriodicCell(pattern, self.material(values)).with_options(
+            tolerance=TOLERANCE, max_iterations=ITERATIONS
+        )
 
     def draw_in(self, values: Array) -> float | None:
         """How far the fabric draws in before its rest shape is estimated; None for drawings of known shape."""
