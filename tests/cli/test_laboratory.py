@@ -40,6 +40,11 @@ def test_a_shell_is_tested_and_compared(shell, tmp_path, capsys):
     assert len(content["natural_curvature"]) == 2
     assert content["difference"]["stretch"] == 0.0
     assert json.loads((out / "tests.json").read_text())["subject"] == str(shell)
+    assert (
+        (out / "tests.csv")
+        .read_text(encoding="utf-8")
+        .startswith("test,direction [degrees],given,at,unit,measured")
+    )
     page = (out / "index.html").read_text()
     assert "Virtual tests" in page and "data:image/png" in page
 

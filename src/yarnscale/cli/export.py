@@ -10,18 +10,23 @@ from yarnscale.cli.console import report, say, writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.shell.materials.compact import CompactMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 
-_ENDINGS = {"hylc": ".json", "c": ".c", "warp": ".py"}
+_ENDINGS = {"hylc": ".json", "c": ".c", "warp": ".py", "newton": ".json"}
 
 
 def export(options: argparse.Namespace) -> int:
-    """Write HYLC JSON, C or Warp source; what the published form loses goes to the standard error."""
+    """Write HYLC JSON, C or Warp source, or parameters of Newton's cloth; losses go to the standard error."""
     writable_file(options.out, _ENDINGS[options.format])
+    if options.loads is not None and options.format != "newton":
+        raise InputError("--loads", expected="--format newton with it", found=f"--format {options.format}")
     material = read_material(options.material)
     lost: list[str] = []
     if options.format == "hylc":
         lost.append(_hylc(options, material))
+    elif options.format == "newton":
+        lost.extend(_newton(options, material))
     else:
         if not isinstance(material, CompactMaterial):
             raise InputError(
@@ -36,6 +41,25 @@ def export(options: argparse.Namespace) -> int:
     summary = {"out": str(options.out), "format": options.format, "lost": lost}
     report(options, summary, f"{options.out}: exported from {options.material}")
     return 0
+
+
+def _newton(options: argparse.Namespace, material: ShellMaterial) -> list[str]:
+    """Write Newton's cloth and, beside it, the table of the material's tests; what that cloth cannot do."""
+    from yarnscale.files.newton_cloth import errors_by_test, write_newton_cloth, write_tests_table
+    from yarnscale.laboratory.style3d import MISSING, RANGE, fit_style3d
+
+    table = options.out.with_suffix(".csv")
+    writable_file(table, ".csv")
+    fit = fit_style3d(material, options.loads or RANGE)
+    write_tests_table(table, fit.tests)
+    write_newton_cloth(options.out, fit, str(options.material))
+    say(f"{table}: all tests of the material, for other engines")
+    say(f"errors of Newton's cloth, median and largest, from {fit.loads[0]:g} to {fit.loads[1]:g} N/m:")
+    for name, (median, largest) in errors_by_test(fit.deviations).items():
+        say(f"  {name}: {median:.3g} %, {largest:.3g} %")
+    for loss in MISSING:
+        say(f"yarnscale: note: not in Newton's cloth: {loss}")
+    return list(MISSING)
 
 
 def _hylc(options: argparse.Namespace, material: object) -> str:

@@ -13,6 +13,7 @@ from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material
+from yarnscale.files.newton_cloth import write_tests_table
 from yarnscale.files.patterns import is_drawing
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogeneous.fabrics import fabric_of
@@ -23,7 +24,7 @@ from yarnscale.shell.materials.material import ShellMaterial
 
 
 def test(options: argparse.Namespace) -> int:
-    """Test one fabric, or two side by side; write ``tests.json`` and ``index.html``."""
+    """Test one fabric, or two side by side; write ``tests.json``, ``tests.csv`` and ``index.html``."""
     from yarnscale.show.laboratory import write_page
 
     programme = Programme(
@@ -44,7 +45,7 @@ def test(options: argparse.Namespace) -> int:
         )
     if options.radius is not None and not drawn:
         raise InputError("--radius", expected="a pattern to test", found="shell materials alone")
-    makes = ("tests.json", "index.html", "tension.png", "bending.png", "drape.png")
+    makes = ("tests.json", "tests.csv", "index.html", "tension.png", "bending.png", "drape.png")
     results = RunFolder(options.out, "test", makes, overwrite=options.overwrite)
     tested: list[PeriodicCell | ShellMaterial] = []
     for name in subjects:
@@ -74,6 +75,7 @@ def test(options: argparse.Namespace) -> int:
         content |= {"against": found[1].plain(), "difference": asdict(compared)}
     with results as folder:
         write_text(folder / "tests.json", plain_json(content, indent=1) + "\n")
+        write_tests_table(folder / "tests.csv", found[0])
         write_page(folder, found, compared)
     failed = sum(tests.failed for tests in found)
     report(options, content, *_lines(found, compared), f"{folder / 'index.html'}: curves and numbers")

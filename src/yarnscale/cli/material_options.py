@@ -61,12 +61,14 @@ def add_material_commands(add: Add) -> None:
     option("store", type=Path, metavar="STORE", help="store written by 'sample' or 'homogenize'")
     option("--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write")
 
-    about = "Write a shell material for other programs: HYLC JSON, C or NVIDIA Warp source."
+    about = "Write a shell material for other programs: HYLC JSON, C or NVIDIA Warp source, Newton's cloth."
     option = add("export", "export", about, add_json)
     option("material", type=Path, metavar="MATERIAL.json", help=MATERIAL)
-    form = "published layout, one C file, or a function of NVIDIA Warp"
-    option("--format", choices=("hylc", "c", "warp"), required=True, help=form)
+    form = "published layout, one C file, a function of NVIDIA Warp, or parameters of Newton's cloth with their errors"
+    option("--format", "--to", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
     option("--out", type=Path, required=True, metavar="FILE", help="file to write, .json, .c or .py")
+    loads = "range of loads that Newton's cloth is fitted to [N/m] (0.05,5)"
+    option("--loads", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help=loads)
 
     about = "Energy density and stress of a shell material at a strain."
     option = add("evaluate", "materials", about, add_json)

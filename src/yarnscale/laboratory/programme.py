@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -140,23 +140,33 @@ class FabricTests:
         return content
 
 
+class TestedCloth(HomogeneousFabric, Protocol):
+    """Homogeneous fabric with a weight: the cloth of another engine."""
+
+    @property
+    def density(self) -> float:
+        """Mass per area [kg/m²]."""
+        ...
+
+
 def run_tests(
-    subject: PeriodicCell | ShellMaterial,
+    subject: PeriodicCell | ShellMaterial | TestedCloth,
     *,
     name: str | None = None,
     programme: Programme | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> FabricTests:
-    """Run a programme on a cell of yarns or on a shell material, by the same tests.
+    """Run a programme on a cell of yarns, on a shell material or on another cloth, by the same tests.
 
     name: of the subject, for tables; ``progress`` gets the tests done and in all. A point without equilibrium says so
     in its ``status`` and has NaN for numbers.
     """
-    fabric, kind, density, own = fabric_of(subject), "shell", 0.0, type(subject).__name__
+    kind: Kind = "shell"
     if isinstance(subject, PeriodicCell):
-        kind, density, own = "cell", subject.area_density, subject.pattern.name
+        fabric, kind, density, own = fabric_of(subject), "cell", subject.area_density, subject.pattern.name
     else:
-        density = subject.density
+        fabric = fabric_of(subject) if isinstance(subject, ShellMaterial) else subject
+        density, own = subject.density, type(subject).__name__
     found: dict[str, list[Any]] = {}
     steps = list((programme or Programme()).steps())
     for number, (test_name, test) in enumerate(steps):
