@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from yarnscale.cell.equilibrium import Equilibrium
+    from yarnscale.cell.friction import CellHistory, path_with_friction
     from yarnscale.cell.periodic import PeriodicCell
     from yarnscale.cell.rest import RestShape, settled
     from yarnscale.detail.fluctuations import FluctuationTable
@@ -61,12 +62,14 @@ if TYPE_CHECKING:
     from yarnscale.swatches.fabric_shell import FabricShell, fit_shell
     from yarnscale.swatches.measurements import SwatchMeasurements
     from yarnscale.swatches.yarn_estimate import FabricEstimate
+    from yarnscale.yarn.friction import YarnFriction
     from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
     from yarnscale.yarn.pattern import YarnPattern
 
 _HOME = {
     "BoundingVolume": "fabric.volume",
     "COMPONENTS": "kinematics",
+    "CellHistory": "cell.friction",
     "Cloth": "shell.dynamics.cloth",
     "CompactMaterial": "shell.materials.compact",
     "ContactRule": "yarn.material",
@@ -100,6 +103,7 @@ _HOME = {
     "SwatchMeasurements": "swatches.measurements",
     "TriangleMesh": "shell.mesh",
     "YarnDetail": "detail.yarns",
+    "YarnFriction": "yarn.friction",
     "YarnMaterial": "yarn.material",
     "YarnPattern": "yarn.pattern",
     "YarnSheet": "fabric.sheet",
@@ -115,6 +119,7 @@ _HOME = {
     "homogenize_cell": "homogenize.homogenize:homogenize",
     "jersey": "fabric.spline_knit",
     "knit": "drawing.knit",
+    "path_with_friction": "cell.friction",
     "patterns": "drawing.library:",
     "read_grid": "files.grid_toml",
     "read_material": "files.material_json",
@@ -141,18 +146,18 @@ _HOME = {
 module itself. The imports above say the same to type checkers."""
 
 __all__ = [  # noqa: RUF022
-    "BoundingVolume", "COMPONENTS", "Cloth", "CompactMaterial", "ContactRule", "Equilibrium", "FabricEstimate",
-    "FabricResult", "FabricShell", "FabricTests", "FluctuationTable", "Homogenization", "InputError",
+    "BoundingVolume", "COMPONENTS", "CellHistory", "Cloth", "CompactMaterial", "ContactRule", "Equilibrium",
+    "FabricEstimate", "FabricResult", "FabricShell", "FabricTests", "FluctuationTable", "Homogenization", "InputError",
     "OrthotropicMaterial", "PeriodicCell", "Programme", "RestShape", "RodFabric", "RodScene", "SampleStore", "Scene",
     "Schedule", "ShellMaterial", "ShellStrain", "SplineFabric", "SplineMaterial", "SplineScene", "Status",
     "StiffeningMaterial", "StrainGrid", "StrainRange", "StretchRule", "SwatchMeasurements",
-    "TriangleMesh", "YarnDetail",
-    "YarnMaterial",
+    "TriangleMesh", "YarnDetail", "YarnFriction", "YarnMaterial",
     "YarnPattern", "YarnSheet", "__version__", "axes_and_planes", "create_store", "estimate", "fabric_model",
     "fit", "fit_compact_material", "fit_published", "fit_shell", "fit_spline_material", "homogenize_cell", "jersey",
-    "knit", "patterns", "read_grid", "read_material", "read_measurements", "read_pattern", "read_yarn_material",
-    "read_yarns", "run", "run_scene", "run_tests", "sample", "scenes", "settled", "sheet_scenes", "simulate",
-    "spline_fabric", "structure_of", "weave", "write_material", "write_pattern", "write_yarn_material",
+    "knit", "path_with_friction", "patterns", "read_grid", "read_material", "read_measurements", "read_pattern",
+    "read_yarn_material", "read_yarns", "run", "run_scene", "run_tests", "sample", "scenes", "settled",
+    "sheet_scenes", "simulate", "spline_fabric", "structure_of", "weave", "write_material",
+    "write_pattern", "write_yarn_material",
 ]  # fmt: skip
 
 

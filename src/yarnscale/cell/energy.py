@@ -13,6 +13,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.cell.constraints import constraint_chains, constraint_rows, independent
+from yarnscale.cell.grip import Grip
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
@@ -53,7 +54,8 @@ class CellEnergy:
     """Energy of a pattern under one macroscopic state; an objective for ``numerics.newton``.
 
     The free vector is [û (3n, in radii), θ (n)]. sliding: whether yarns may slide along themselves as a whole.
-    symmetric: count every contact pair from both sides, half each; needed off singly curved states only, None: there.
+    symmetric: count every contact pair from both sides, half each; needed off singly curved states and by ``grip``;
+    None: there. grip: pairs that resist slip since an earlier state.
     """
 
     pattern: YarnPattern
@@ -61,6 +63,7 @@ class CellEnergy:
     strain: ShellStrain
     sliding: bool = False
     symmetric: bool | None = None
+    grip: Grip | None = None
     nodes: CopiedNodes = field(init=False)
     constraints: LinearConstraints | ChainConstraints = field(init=False)
     residual_scale: float = field(init=False, default=1.0)
@@ -77,17 +80,22 @@ class CellEnergy:
         self.strands = Strands.around(pattern, self._reach(SLACK))
         self.reference = self.placed(self.strands)
         offset, rotation = self.surface.at(self.reference)
+        self.frames = rotation[:n]
         self.turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
         source = np.tile(np.arange(n), len(self.strands.tiles))
-        turned = np.empty((0, 3, 3)) if self.strain.is_flat else rotation
+        bent = not self.strain.is_flat
+        turned = rotation if bent else np.empty((0, 3, 3))
         self.nodes = CopiedNodes(source, turned, offset, n, n)
         self.rods = RodEnergy(
             self.stiffness, self.strands, copies=self.nodes,
-            symmetric=not self.strain.is_flat if self.symmetric is None else self.symmetric,
-            turning=None if self.strain.is_flat else self.turning, margin=PATTERN_MARGIN if large else WIDE_MARGIN,
+            symmetric=bent or self.grip is not None if self.symmetric is None else self.symmetric,
+            turning=self.turning if bent else None, margin=PATTERN_MARGIN if large else WIDE_MARGIN,
         )  # fmt: skip
         anchors, self._anchor_slope = self._anchors(rotation)
         self.rods.set_anchors(anchors, pattern.reference_twist)
+        if self.grip is not None:
+            self._friction = self.grip.stencils(self.strands, self.frames)
+            self.rods.set_others(self._friction)
         self.constraints = self._constraints(large)
         positions, twists = self.stiffness.position_scale(), self.stiffness.twist_scale()
         self._scale = np.concatenate([np.repeat(positions, 3), twists])
@@ -224,6 +232,12 @@ class CellEnergy:
         total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum(
             "ni,nij->j", by_anchors, self._anchor_slope
         )
+        if self.grip is not None and self._friction.count:
+            vertices, vectors = self.grip.turned(self.strands)
+            by_vectors = self._friction.by_parameters(full, ("offset", "normal")).reshape(-1, 2, 3)
+            for k in (0, 1):
+                turned = self.surface.frames_by_state(self.reference[vertices], vectors[:, k])
+                total += np.einsum("ni,nij->j", by_vectors[:, k], turned)
         return total * self.unit / self.pattern.area
 
     def gaps(self, x: Array) -> Array:

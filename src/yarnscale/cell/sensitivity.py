@@ -154,7 +154,8 @@ def _moved(energy: CellEnergy, component: int, step: float) -> CellEnergy:
     """The energy a step away in one component; a step from a flat state may bend it both ways."""
     vector = energy.strain.vector.copy()
     vector[component] += step
-    return CellEnergy(energy.pattern, energy.material, ShellStrain.from_vector(vector), energy.sliding, True)
+    strain = ShellStrain.from_vector(vector)
+    return CellEnergy(energy.pattern, energy.material, strain, energy.sliding, True, energy.grip)
 
 
 def _constraint_work(energy: CellEnergy, multipliers: Array, x: Array) -> Array:

@@ -1,7 +1,7 @@
 """Friction of yarns on each other: Coulomb's law with the pressures of the beginning of a step (lagged).
 
-Implicit steps minimise a smoothed potential of the slip since the step began. Explicit ones are far too short for
-that: within them slip is stopped by impulses up to μ N Δt a pair, one pair after the other (as Moreau and Jean 1992
+Steps of equilibria and implicit ones minimise the potential of a spring and a slider. Explicit ones are far too short
+for that: within them slip is stopped by impulses up to μ N Δt a pair, one pair after the other (as Moreau and Jean 1992
 do), which takes energy away whatever the step.
 """
 
@@ -30,7 +30,10 @@ def _rub(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
     s, t = p["place"][0], p["place"][1]
     slip = (1 - s) * v["a0"] + s * v["a1"] - (1 - t) * v["b0"] - t * v["b1"] - p["offset"]
     across = slip - p["normal"] * ca.dot(p["normal"], slip)
-    return p["grip"] * (ca.sqrt(ca.dot(across, across) + p["smooth"] ** 2) - p["smooth"])
+    square, limit = ca.dot(across, across), p["smooth"] ** 2
+    return p["grip"] * (
+        0.5 * ca.fmin(square, limit) / p["smooth"] + ca.sqrt(ca.fmax(square, limit)) - p["smooth"]
+    )
 
 
 FRICTION = StencilEnergy(
@@ -39,25 +42,34 @@ FRICTION = StencilEnergy(
     {"place": 2, "offset": 3, "normal": 3, "grip": 1, "smooth": 1},
     _rub,  # type: ignore[arg-type]
 )
-"""μ N (√(|u|² + h²) − h): u the slip across the pressure since the step began; ``grip`` μ N, ``smooth`` h."""
+"""Spring and slider: μ N |u|²/2h where |u| < h, μ N (|u| − h/2) beyond; ``grip`` μ N, ``smooth`` h.
+
+u is the slip across the pressure since ``offset``. It is the least, over the slid way p, of ½ k |u − p|² + μ N |p| with
+k = μ N/h, and the force is never more than μ N.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Rubbing:
     """Pairs of segments that press on each other: their stencil variables (k, 12) and vertices (k, 4), where on either
     segment they do (k, 2), in shares of it, the direction (k, 3) in which the first is pushed, and how hard (k,).
+
+    stiffness: of contact where segments begin to touch (k,).
     """
 
     variables: Indices
     place: Array
     normal: Array
     pressure: Array
+    stiffness: Array
 
     @classmethod
     def of(cls, contacts: StencilSet, x: Array) -> Rubbing:
         """The pairs of contact stencils that press at a state."""
         if contacts.count == 0:
-            return cls(np.empty((0, 12), np.int64), np.empty((0, 2)), np.empty((0, 3)), np.empty(0))
+            return cls(
+                np.empty((0, 12), np.int64), np.empty((0, 2)), np.empty((0, 3)), np.empty(0), np.empty(0)
+            )
         columns = run_columns(contacts.energy.gradient, x[contacts.variables], contacts.parameters)
         force = columns[1].reshape(-1, 4, 3)
         push = force[:, 0] + force[:, 1]
@@ -69,7 +81,8 @@ class Rubbing:
         place = np.stack(
             [np.einsum("nj,nj->n", force[:, k], sign * normal) / size for k, sign in ((1, 1.0), (3, -1.0))], 1
         )
-        return cls(contacts.variables[kept], np.clip(place, 0.0, 1.0), normal, size)
+        stiffness = 8.0 * contacts.parameters[kept, :2].prod(axis=1)
+        return cls(contacts.variables[kept], np.clip(place, 0.0, 1.0), normal, size, stiffness)
 
     @property
     def nodes(self) -> Indices:
