@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from one_yarn import SharedEvaluations, with_one_yarn
 from scipy.stats import qmc
-from swarm import published_search
 
 from yarnscale.drawing.library import build
 from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
@@ -114,14 +113,11 @@ def ablations(options: argparse.Namespace, executor) -> list[dict]:
             "local": (model, replace(default, solver="local"), RestRule()),
             "linear": (replace(model, two_phase=False), default, RestRule()),
             "as-drawn": (model, default, RestRule(rounds=0, release=False)),
-            "paper": (model, default, RestRule()),
+            "paper": (model, replace(default, solver="paper"), RestRule()),
         }
         for name in options.cases:
             case, settings, rule = cases[name]
-            fit = fit_yarn(
-                case, data, options=settings, rule=rule, executor=executor, store=_store(options),
-                search=published_search if name == "paper" else None,
-            )  # fmt: skip
+            fit = fit_yarn(case, data, options=settings, rule=rule, executor=executor, store=_store(options))
             errors = fit.evaluation.errors
             rows.append({"sample": sample, "case": name, "objective": fit.objective, "comfort": errors.comfort,
                          "full": errors.full, "compression": errors.compression, "solves": fit.solves,

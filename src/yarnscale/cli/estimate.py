@@ -32,6 +32,7 @@ from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import ErrorWeights
 from yarnscale.swatches.yarn_estimate import FabricEstimate, check_bending, fitted_directions
 from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
+from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT
 
 HOMOGENIZED = "homogenized"
 """Folder of the homogenized yarn within that of the report."""
@@ -61,10 +62,15 @@ def estimate(options: argparse.Namespace) -> int:
     )
     for note in measurements.notes:
         _say(note)
+    published = options.solver == "paper"
+    if published:
+        options.follow, options.shell_model, options.shape = "shell", "stvk", "drawn"
     model = fabric_model(
         measurements, options.pattern, radius=options.radius, yarn_length=options.yarn_length,
         stiffness=options.stiffness, free_shape=None if options.shape is None else options.shape == "free",
     )  # fmt: skip
+    if published:
+        model = replace(model, stiffest_contact=PUBLISHED_CONTACT)
     search = FitOptions(
         options.solver, options.seed, options.starts, options.refined, iterations=options.iterations
     )

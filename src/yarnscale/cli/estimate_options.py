@@ -9,7 +9,7 @@ from pathlib import Path
 from yarnscale.cli.shared_options import Add, add_dask, add_json, add_overwrite, add_radius, add_workers
 from yarnscale.cli.values import not_negative, positive, positive_integer
 
-SOLVERS = ("sobol", "local")
+SOLVERS = ("sobol", "local", "paper")
 SOLVES = 600
 DIRECTIONS = ("weft", "bias", "warp")
 FOLLOW = ("measured", "shell")
@@ -63,7 +63,8 @@ def add_estimate_options(add: Add) -> None:
     option("--holdout", choices=DIRECTIONS, help="direction that is not fitted but predicted")
     option(
         "--solver", choices=SOLVERS, default="sobol",
-        help="sobol: scattered starts, then Gauss-Newton; local: Gauss-Newton alone (sobol)",
+        help="sobol: scattered starts, then Gauss-Newton; local: Gauss-Newton alone; paper: all as published, a "
+        "swarm and COBYLA, with --follow shell, --shell-model stvk, --shape drawn and the published ranges (sobol)",
     )  # fmt: skip
     option("--seed", type=int, default=0, help="of the search (0)")
     option(

@@ -15,15 +15,16 @@ from yarnscale.errors import InputError
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
 from yarnscale.swatches.gauss_newton import gauss_newton, jacobian
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective, coarser
+from yarnscale.swatches.published_search import PARTICLES, STEPS, cobyla, swarm
 from yarnscale.swatches.scattered import race, sobol_starts
 from yarnscale.swatches.uniform_data import UniformData
 from yarnscale.swatches.yarn_model import PARAMETERS, YarnModel
 from yarnscale.swatches.yarn_rest import RestRule
 
-Solver = Literal["sobol", "local"]
-SOLVERS = ("sobol", "local")
+Solver = Literal["sobol", "local", "paper"]
+SOLVERS = ("sobol", "local", "paper")
 """``sobol``: scattered starts, Gauss–Newton from those that come down fastest; ``local``: Gauss–Newton from the middle
-of the ranges."""
+of the ranges; ``paper``: a swarm, then COBYLA at all stretches, as published."""
 SEARCHED = 7
 """Stretches per direction during the search (EST22 §7.3.3)."""
 STARTS, REFINED = 64, 12
@@ -114,27 +115,30 @@ def fit_yarn(
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
     progress: Callable[[Evaluations], None] | None = None,
-    search: Callable[[Evaluations, FitOptions], Array] | None = None,
 ) -> YarnFit:
     """Find the parameters with which a yarn model follows uniform data.
 
     executor: runs evaluations side by side. store: keeps evaluations, so that a killed run can continue.
-    progress: called after every evaluation. search: another method than that of ``options.solver``, which returns the
-    best unknowns. The result depends on ``options.seed``, not on workers.
+    progress: called after every evaluation. The result depends on ``options.seed``, not on workers.
     """
     options, began = options or FitOptions(), time.perf_counter()
     objective = YarnObjective(
         model, coarser(data, options.samples), rule or RestRule(), weights or ErrorWeights()
     )
-    evaluations = Evaluations(objective, executor, None if store is None else store(objective), progress)
-    unknowns = (search or searched)(evaluations, options)
-    slopes = jacobian(evaluations, unknowns)
-    value = evaluations.many([unknowns])[0].objective
+    searches = [Evaluations(objective, executor, None if store is None else store(objective), progress)]
+    if options.solver == "paper":
+        fine = replace(objective, data=data)
+        searches.append(Evaluations(fine, executor, None if store is None else store(fine), progress))
+        unknowns = cobyla(searches[1], swarm(searches[0], seed=options.seed))
+    else:
+        unknowns = searched(searches[0], options)
+    slopes = jacobian(searches[-1], unknowns)
+    value = searches[-1].many([unknowns])[0].objective
     final = evaluate(replace(objective, data=data), unknowns, None)
     return YarnFit(
         model, data, model.values(unknowns), final, ParameterSpread.of(model.names, slopes), options, value,
-        evaluations.count + 1, evaluations.solves + final.solves, evaluations.seconds + final.seconds,
-        time.perf_counter() - began,
+        sum(s.count for s in searches) + 1, sum(s.solves for s in searches) + final.solves,
+        sum(s.seconds for s in searches) + final.seconds, time.perf_counter() - began,
     )  # fmt: skip
 
 
@@ -168,6 +172,8 @@ def usual_starts(model: YarnModel) -> list[Array]:
 
 def work_ahead(options: FitOptions, unknowns: int) -> int:
     """About how many evaluations a search takes, for the time left."""
+    if options.solver == "paper":
+        return PARTICLES * STEPS
     # A Jacobian and a pair of tries now and then, pairs of tries in between.
     steps = min(12, options.iterations) * (0.4 * unknowns + 2)
     refined = options.refined + (1 if unknowns > len(PARAMETERS) else 0)

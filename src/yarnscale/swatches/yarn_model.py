@@ -42,7 +42,9 @@ LARGEST_KNEE = 0.15
 _LEAST_KNEE = 1e-9
 """Knees below are zero: a search comes near the end of the range without reaching it."""
 SOFTEST_CONTACT, STIFFEST_CONTACT = 1e-2, 3e3
-"""Range of k_c1 [kg/s²]. EST22's ends at 1e2, where fits of thick spun yarns in tight hand knits end too and fail."""
+"""Range of k_c1 [kg/s²]. EST22's ends at ``PUBLISHED_CONTACT``, where fits of thick spun yarns in tight hand
+knits end too and fail."""
+PUBLISHED_CONTACT = 1e2
 LARGEST_ASPECT = 3.0
 LARGEST_SHORTENING = 0.15
 _NEIGHBOURS = 3

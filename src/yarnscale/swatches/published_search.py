@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.swatches.evaluations import Evaluations
-from yarnscale.swatches.yarn_fit import FitOptions
-
-Array = NDArray[np.float64]
 
 PARTICLES, STEPS = 64, 10
 INERTIA = 0.9, 0.1
@@ -17,11 +14,6 @@ _PULL = 1.5
 """Largest share of the way to its own best and to the best of all that a particle is drawn in a step."""
 _NEAR = 0.02
 """Particles closer than this to the best of all are driven off, so that they go on searching."""
-
-
-def published_search(evaluations: Evaluations, options: FitOptions) -> Array:
-    """The best unknowns by EST22's search."""
-    return cobyla(evaluations, swarm(evaluations, seed=options.seed))
 
 
 def swarm(evaluations: Evaluations, *, seed: int, particles: int = PARTICLES, steps: int = STEPS) -> Array:
