@@ -21,7 +21,6 @@ from yarnscale.cell.rest import settled
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_static import Holds, equilibrium
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
@@ -75,20 +74,21 @@ def direct(size: float, equilibria: int) -> tuple[YarnSheet, np.ndarray]:
     sheet = sheet.moved(cell.placement(state)(sheet.source, sheet.tile), twist=state.twist[sheet.source])
     energy = FabricEnergy(sheet, material, springs=glue(sheet, material))
     x = energy.start()
-    count, began = PassageCount(energy, x), time.perf_counter()
+    energy.count_passages()
+    began = time.perf_counter()
     tile = sheet.tile - np.median(sheet.tile, axis=0)
     nodes = np.flatnonzero((np.abs(tile) <= 1).all(axis=1) & (sheet.source == 5))[:3]
     for number in range(equilibria):
         energy.rub(x, YarnFriction(FRICTION))
         holds = Holds(nodes, sheet.vertices[nodes])
-        x = equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=25, count=count).x
+        x = equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=25).x
         if (number + 1) % 25 == 0:
             inside = interior(pattern, energy, x, share=0.5)
             shape, heights = upright(sheet.vertices, energy.positions(x) * sheet.radius)
             print(
                 f"direct {number + 1}: {told(heights)}; all {1e3 * float(np.ptp(shape[:, 2])):.1f} mm; bend "
                 f"{inside.strain.II11:.1f} {inside.strain.II22:.1f} /m, yarn {inside.yarn:.4f}, "
-                f"passages {count.passages}, {1e6 * energy.value(x) * energy.unit:.2f} µJ, "
+                f"passages {energy.passage_count}, {1e6 * energy.value(x) * energy.unit:.2f} µJ, "
                 f"{time.perf_counter() - began:.0f} s",
                 flush=True,
             )

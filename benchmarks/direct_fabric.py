@@ -29,7 +29,6 @@ from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
-from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.direct_static import equilibrium
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
@@ -143,13 +142,14 @@ def measure(name: str, options: argparse.Namespace) -> str:
     sheet, x = energy.sheet, energy.start()
     told(f"{name}: {sheet.vertex_count} vertices, {len(energy.springs)} springs of glue")
     hessian, analysis, factor = parts(energy)
-    scene, count = scene_of(sheet, options.scene), PassageCount(energy, x)
+    scene = scene_of(sheet, options.scene)
+    energy.count_passages()
     friction = YarnFriction(options.friction) if options.friction else None
     settings = MotionSettings(scene.gravity, DAMPING, friction, iterations=options.iterations)
-    around = scene.holds, scene.pushes(energy), count
+    around = scene.holds, scene.pushes(energy)
     dynamics = FabricDynamics(energy, settings, *around)
     # Borders that were just glued snap together; that is no part of the scene.
-    rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING, count=count)
+    rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING)
     told(f"{name}: borders at rest after {rest.iterations} iterations, {rest.seconds:.1f} s")
     steps = run(name, dynamics, FabricMotion(rest.x, 0.0 * rest.x), options)
     stable = dynamics.stable_step(steps.motion)
@@ -162,7 +162,7 @@ def measure(name: str, options: argparse.Namespace) -> str:
         f"{name:18s} {sheet.vertex_count:8d} {hessian:7.2f} {analysis:8.2f} {factor:6.2f} {memory:5.1f} {each:7.1f} "
         f"{steps.processor / steps.made:6.1f} {steps.iterations / steps.made:6.1f} "
         f"{steps.factorisations / steps.made:7.1f} {steps.met:4d}/{steps.made:<4d} {frame:8.1f} "
-        f"{explicit / stable * FRAME:8.0f} {cloth:8.2f} {frame / cloth:6.0f} {count.passages:5d}"
+        f"{explicit / stable * FRAME:8.0f} {cloth:8.2f} {frame / cloth:6.0f} {energy.passage_count:5d}"
     )
 
 

@@ -21,8 +21,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, safe_way
-from yarnscale.fabric.direct_static import Holds, Rest, equilibrium
+from yarnscale.fabric.direct_static import Holds, Rest, equilibrium, safe_way
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -96,12 +95,12 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         return goal
 
     start, shares = energy.start(), np.arange(0.05, amount + 1e-9, 0.05)
-    count = PassageCount(energy, start)
+    energy.count_passages()
     if not friction:
         state = cell.relax(first)
         goal = cell.placement(state)(whole.source, whole.tile)
         goal = goal + (places.mean(axis=0) - goal.mean(axis=0))
-        start = safe_way(energy, start, energy.vector(goal, state.twist[whole.source]), count)
+        start = safe_way(energy, start, energy.vector(goal, state.twist[whole.source]))
         shares, ahead_of = np.array([amount]), None
     else:
         ahead_of = ahead
@@ -118,7 +117,7 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         print(
             f"{vertices:3d} vertices, friction {friction:g}, grips {share:.2f}: {found.status.name} "
             f"({found.residual:.1e}) {found.iterations} iterations, {time.perf_counter() - began:.0f} s, "
-            f"passages {count.passages}\n"
+            f"passages {energy.passage_count}\n"
             f"  strain {s.s_x:.4f} {s.s_y:.4f} shear {s.s_a:.4f} bend {s.II11:.2f} {s.II22:.2f} /m, "
             f"yarn {inside.yarn:.4f} (slid {inside.slid:.4f}), {inside.stitches} stitches\n"
             f"  stress {inside.stress[0]:.4f} {inside.stress[1]:.4f}; "
@@ -135,11 +134,9 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
     for share in shares:
         solved = x
         if ahead_of is not None:
-            x = safe_way(energy, x, ahead_of(x, before, float(share)), count)
+            x = safe_way(energy, x, ahead_of(x, before, float(share)))
         energy.rub(solved, YarnFriction(friction) if friction else None)
-        rest = equilibrium(
-            energy, x, holds(float(share)), tolerance=2e-4, max_iterations=300, linear=solver, count=count
-        )
+        rest = equilibrium(energy, x, holds(float(share)), tolerance=2e-4, max_iterations=300, linear=solver)
         x, before = rest.x, float(share)
         told(before, rest)
 

@@ -15,7 +15,7 @@ import numpy as np
 from yarnscale.files.material_json import read_material
 from yarnscale.homogenize.compact_problem import CompactOptions
 from yarnscale.numerics.kernel import BLOCK
-from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.material import ShellMaterial, forms_of_strains
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -41,7 +41,7 @@ def random_compact_material() -> CompactMaterial:
     """As many units as a fit has."""
     rng, scale = np.random.default_rng(0), np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
     options = CompactOptions()
-    arrays = Springs(
+    arrays = SpringNetwork(
         *(rng.normal(size=tuple(shape)) for shape in shapes_of(options.steps, options.springs, 12))
     )
     positive = {n: np.abs(getattr(arrays, n)) for n in ("stiffnesses", "background", "wall_stiffnesses")}

@@ -41,7 +41,6 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
-from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, pulled_apart
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
@@ -249,14 +248,18 @@ def by_yarns(case: Case, asked: Scenario, folder: Path, options: argparse.Namesp
     dynamics = FabricDynamics(energy, settings, scene.holds, pushes)
     dynamics.step(dynamics.start(), 1e-4)  # compiles
     energy.anchor(energy.start())
-    count = PassageCount(energy, energy.start())
-    dynamics = FabricDynamics(energy, settings, scene.holds, pushes, count)
+    energy.count_passages()
     curves = CurveSet(sheet.offsets, sheet.yarn_radii, closed=sheet.closed, yarn=sheet.yarn)
 
     def seen(state: FabricMotion) -> dict[str, object]:
         places = energy.positions(state.x) * sheet.radius
         pull = scene.force(energy, state.x, state.time)
-        return {"positions": places, "surface": surface.at(places), "pull": pull, "faults": count.passages}
+        return {
+            "positions": places,
+            "surface": surface.at(places),
+            "pull": pull,
+            "faults": energy.passage_count,
+        }
 
     run.go_on(dynamics, dynamics.start(), CurveFolder(folder, curves, keep=run.kept), seen)
 

@@ -191,7 +191,7 @@ def test_free_flight_keeps_momentum_and_loses_energy_at_the_order_of_the_rule(
     """P = P0 + m g t exactly. Energy is lost, never gained, and angular momentum lost, by O(Δtᵖ) or less."""
     mesh = rectangle(0.05, 0.04, 0.012)
     cloth = Cloth(mesh, cloth_of(bend=2e-4))
-    options = SolverOptions(tolerance=1e-9, integrator=integrator, method="newton")
+    options = SolverOptions(tolerance=1e-9, integrator=integrator, minimiser="newton")
     flat = ClothState.flat(mesh).positions
     spin, drift = np.array([4.0, 7.0, 3.0]), np.array([0.3, -0.1, 0.5])
     start = ClothState(flat, np.cross(spin, flat) + drift)

@@ -7,7 +7,7 @@ import pytest
 
 from yarnscale.cli import main
 from yarnscale.files.material_json import read_material, write_material
-from yarnscale.shell.materials.compact import CompactMaterial, Springs
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.tables import CubicSpline
@@ -34,7 +34,7 @@ def test_hylc_json_gives_the_same_energy_and_says_what_is_lost(source, tmp_path,
 
 def test_source_is_written_of_a_compact_material_and_the_published_form_says_its_loss(tmp_path, capsys):
     springs = np.array([[2.0, 0, 1, 0, 0, 0], [1, 0, -1, 0.5, 0, 1], [0, 2, 0, 0, 0.3, 0.2]])
-    network = Springs(
+    network = SpringNetwork(
         np.zeros((0, 6)), np.zeros(0), springs, np.zeros((3, 0)), np.zeros(3), np.ones(3), np.full(6, 0.1),
         np.zeros((0, 6)), np.zeros(0), np.zeros(0),
     )  # fmt: skip

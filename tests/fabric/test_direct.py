@@ -12,9 +12,8 @@ import pytest
 
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings, rigid_motion
-from yarnscale.fabric.direct_moves import PassageCount, safe_way
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
+from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load, safe_way
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Plane
@@ -254,28 +253,26 @@ def test_a_yarn_that_is_forced_through_another_is_counted_and_safe_steps_stop_be
     start = energy.start()
     through = start.copy()
     energy.positions(through)[21:, 2] -= 5.0
-    count = PassageCount(energy, start)
-    count.follow(through)
-    assert count.passages == 1
-    count.follow(start)
-    assert count.passages == 0  # taken back
+    energy.count_passages()
+    energy.anchor(through)
+    assert energy.passage_count == 1
+    energy.anchor(start)
+    assert energy.passage_count == 0  # taken back
     stopped = safe_way(energy, start, through)
     above = energy.positions(stopped)[21:, 2].min()
     assert 0.0 < above < 0.1
-    watched = PassageCount(energy, start)
-    watched.follow(stopped)
-    assert watched.passages == 0
+    assert energy.passage_count == 0
 
 
 def test_steps_stop_yarns_that_fly_at_each_other(crossing: Crossing) -> None:
     energy = crossing(4.0)
-    count = PassageCount(energy, energy.start())
-    dynamics = FabricDynamics(energy, MotionSettings(gravity=(0.0, 0.0, 0.0), iterations=60), count=count)
+    energy.count_passages()
+    dynamics = FabricDynamics(energy, MotionSettings(gravity=(0.0, 0.0, 0.0), iterations=60))
     motion = dynamics.start()
     energy.positions(motion.velocity)[21:, 2] = -1000.0  # a metre a second
     for _ in range(12):
         motion = dynamics.step(motion, 1 / 500).state
-    assert count.passages == 0
+    assert energy.passage_count == 0
     middle = energy.positions(motion.x)
     assert middle[31, 2] > middle[10, 2]
 

@@ -14,7 +14,6 @@ from yarnscale.drawing import library
 from yarnscale.fabric.adaptive_volume import AdaptiveRule, AdaptiveVolume
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
-from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import drape, stretch
@@ -39,13 +38,8 @@ def rods(scene: str, *, volume: bool = False, explicit: bool = False) -> Made:
     settings = MotionSettings(
         made.gravity, 1.0, YarnFriction(0.1), method="explicit" if explicit else "implicit"
     )
-    parts = (
-        energy,
-        settings,
-        made.holds,
-        made.pushes(energy),
-        PassageCount(energy, energy.start()),
-    )
+    energy.count_passages()
+    parts = energy, settings, made.holds, made.pushes(energy)
     body = (
         VolumeDynamics(*parts, volume=RodVolume(energy, BoundingVolume.around(energy.sheet.vertices, (4, 4))))
         if volume

@@ -14,7 +14,7 @@ from yarnscale.fabric.boundary import CROSSING, LOOPED, border_distance, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.close_pairs import close_pairs, closest_points
+from yarnscale.yarn.close_pairs import close_pairs, nearest_places
 from yarnscale.yarn.frames import signed_angle, unit_edges
 from yarnscale.yarn.material import YarnMaterial
 
@@ -125,7 +125,7 @@ def test_close_pairs_are_those_of_a_plain_search() -> None:
             if yarn[i] == yarn[g] and g - i <= 3:
                 continue
             ends = (positions[i], positions[following[i]], positions[g], positions[following[g]])
-            if closest_points(np.array(ends), 0, 1, 2, 3)[2] < 2.5**2:
+            if nearest_places(np.array(ends), 0, 1, 2, 3)[2] < 2.5**2:
                 expected.add((int(i), int(g)))
     assert found == expected and len(found) > 400
 

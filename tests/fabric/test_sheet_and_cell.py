@@ -11,8 +11,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, safe_way
-from yarnscale.fabric.direct_static import Holds, equilibrium
+from yarnscale.fabric.direct_static import Holds, equilibrium, safe_way
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -32,18 +31,18 @@ def test_stretched_between_grips_its_inside_is_as_the_cell() -> None:
     rows = sheet.radius * np.minimum(sheet.tile[:, 1], 10 - sheet.tile[:, 1])
     springs = glue(sheet, SOFT, distance=rows, width=0.5 * sheet.radius, stiffness=0.05)
     energy = FabricEnergy(sheet, SOFT, springs=springs)
-    count = PassageCount(energy, energy.start())
+    energy.count_passages()
     state = CELL.relax(ShellStrain(s_x=0.15, s_y=-0.1))
     goal = energy.vector(CELL.placement(state)(sheet.source, sheet.tile), state.twist[sheet.source])
-    x = safe_way(energy, energy.start(), goal, count)
+    x = safe_way(energy, energy.start(), goal)
     grips = np.flatnonzero((sheet.tile[:, 0] == 0) | (sheet.tile[:, 0] == 7))
     holds = Holds(grips, energy.positions(x)[grips] * sheet.radius, (True, False, True))
     energy.rub(x, YarnFriction(0.2))
-    found = equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=60, count=count)
+    found = equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=60)
     inside = interior(PATTERN, energy, found.x, share=0.5)
     own = PeriodicCell(replace(PATTERN, rest_length=PATTERN.rest_length * inside.yarn), SOFT)
     cell = own.relax(replace(inside.strain, II11=0.0, II12=0.0, II22=0.0))
-    assert count.passages == 0
+    assert energy.passage_count == 0
     assert inside.energy == pytest.approx(cell.energy_density, rel=0.05)
     assert inside.stress[0] == pytest.approx(cell.stress[0], rel=0.1)
 

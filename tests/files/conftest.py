@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import PLANES
 from yarnscale.shell.materials.tables import BicubicSpline, CubicSpline
@@ -38,7 +38,7 @@ def material() -> SplineMaterial:
 def compact() -> CompactMaterial:
     """A small network with every kind of unit."""
     rng = np.random.default_rng(3)
-    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(4, 6, 2)))
+    arrays = SpringNetwork(*(rng.normal(size=tuple(shape)) for shape in shapes_of(4, 6, 2)))
     positive = {
         name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")
     }

@@ -9,7 +9,7 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import material_text, read_material, write_material
-from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.materials.stiffening import StiffeningMaterial
 
@@ -17,7 +17,7 @@ from yarnscale.shell.materials.stiffening import StiffeningMaterial
 def compact_material(steps: int, springs: int, walls: int, *, mirrored: bool = True) -> CompactMaterial:
     """Random numbers of everything."""
     rng = np.random.default_rng(3)
-    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(steps, springs, walls)))
+    arrays = SpringNetwork(*(rng.normal(size=tuple(shape)) for shape in shapes_of(steps, springs, walls)))
     positive = {
         name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")
     }

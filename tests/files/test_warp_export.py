@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from yarnscale.files.warp_export import write_warp_source
-from yarnscale.shell.materials.compact import Springs, shapes_of
+from yarnscale.shell.materials.compact import SpringNetwork, shapes_of
 
 PROGRAM = """
 
@@ -23,7 +23,7 @@ def at_all(strains: wp.array(dtype=vec6), numbers: wp.array(dtype=wp.float64), f
 def test_energy_and_its_gradient_agree(tmp_path, compact, states):
     # More units than loops that Warp unrolls: in longer ones it differentiates sums alone.
     rng = np.random.default_rng(2)
-    numbers = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(18, 20, 17)))
+    numbers = SpringNetwork(*(rng.normal(size=tuple(shape)) for shape in shapes_of(18, 20, 17)))
     positive = {n: np.abs(getattr(numbers, n)) for n in ("stiffnesses", "background", "wall_stiffnesses")}
     compact = replace(compact, springs=numbers._replace(**positive))
     wp = pytest.importorskip("warp")

@@ -13,7 +13,7 @@ from yarnscale.homogenize.compact_fit import (
 )
 from yarnscale.homogenize.spring_jacobian import Directional, sizes_of, springs_of, unknowns_of
 from yarnscale.kinematics import strain_units
-from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
+from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNetwork
 
 RADIUS = 1e-3
 SCALE = strain_units(RADIUS)
@@ -29,7 +29,7 @@ def known(*, skewed: bool = False) -> CompactMaterial:
     if skewed:
         directions[2, 1], thresholds[2] = 1.0, 1.0
     none = np.zeros((0, 6)), np.zeros(0)
-    springs = Springs(
+    springs = SpringNetwork(
         *none, directions, np.zeros((7, 0)), thresholds,
         np.array([5.0, 8.0, 0.3, 0.2, 0.2, 0.01, 0.02]), np.full(6, 0.005), *none, np.zeros(0),
     )  # fmt: skip

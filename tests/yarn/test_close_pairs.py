@@ -11,7 +11,7 @@ from yarnscale.drawing import library
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.close_pairs import close_pairs, closest_points, pair_gaps, safe_fraction
+from yarnscale.yarn.close_pairs import close_pairs, nearest_places, pair_gaps, safe_fraction
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
 
@@ -37,7 +37,7 @@ def segments(seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_distance_of_closest_points(seed: int) -> None:
     for a, b, c, d in segments(seed):
-        found = np.sqrt(closest_points(np.array([a, b, c, d]), 0, 1, 2, 3)[2])
+        found = np.sqrt(nearest_places(np.array([a, b, c, d]), 0, 1, 2, 3)[2])
         assert found == pytest.approx(gap_by_optimisation(a, b, c, d), rel=1e-6, abs=1e-7)
 
 
@@ -83,7 +83,7 @@ def brute(
                     if (j, a, b) in walks:
                         continue
                     ends = np.array([start[i], end[i], start[j] + move, end[j] + move])
-                    if closest_points(ends, 0, 1, 2, 3)[2] < reach**2:
+                    if nearest_places(ends, 0, 1, 2, 3)[2] < reach**2:
                         pairs.add((i, j, a, b))
     return pairs
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.close_pairs import close_pairs, closest_points, safe_fraction
+from yarnscale.yarn.close_pairs import close_pairs, nearest_places, safe_fraction
 from yarnscale.yarn.strands import Strands
 
 _JIT = {"cache": True, "error_model": "numpy"}
@@ -208,7 +208,7 @@ def _forces(x, end, tile, rest, copies, source, ends, first, second, diameter, f
         e, g = first[m], second[m]
         a, b, h, k = source[e], source[ends[e]], source[g], source[ends[g]]
         p, q, o, w = copies[e], copies[ends[e]], copies[g], copies[ends[g]]
-        s, t, gap = closest_points(copies, e, ends[e], g, ends[g])
+        s, t, gap = nearest_places(copies, e, ends[e], g, ends[g])
         gap = np.sqrt(gap)
         touch = 0.5 * (diameter[a] + diameter[h])
         if gap >= touch:

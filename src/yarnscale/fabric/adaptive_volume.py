@@ -74,10 +74,10 @@ class AdaptiveVolume(Body[YarnMotion]):
         self.take_up(state)
         return self.moving.distances_from_places(state)
 
-    def longest_step(self, state: YarnMotion) -> float:
+    def stable_step(self, state: YarnMotion) -> float:
         """As the moving fabric."""
         self.take_up(state)
-        return self.moving.longest_step(state)
+        return self.moving.stable_step(state)
 
     def renewed(self, state: YarnMotion, duration: float) -> YarnMotion:
         """The motion in a volume adapted to the next steps."""

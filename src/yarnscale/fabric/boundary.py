@@ -34,7 +34,7 @@ _ONE_CROSSING = 25.0
 
 
 @dataclass(frozen=True, eq=False)
-class Springs:
+class BorderSprings:
     """Springs between vertices: pairs (k, 2), rest length (k,) [m], stiffness (k,) [N/m]."""
 
     pairs: Indices
@@ -42,7 +42,7 @@ class Springs:
     stiffness: Array
 
     @classmethod
-    def none(cls) -> Springs:
+    def none(cls) -> BorderSprings:
         """No springs."""
         return cls(np.empty((0, 2), np.int64), np.empty(0), np.empty(0))
 
@@ -87,7 +87,7 @@ def glue(
     stiffness: float | None = None,
     distance: Array | None = None,
     normals: Array | None = None,
-) -> Springs:
+) -> BorderSprings:
     """Springs between the yarns of a border where they touch, shortened through the thickness.
 
     width: of the border [m], by default ``WIDTH`` radii. reach: distance of yarns that are glued [r]. pull: rest length
@@ -126,4 +126,4 @@ def glue(
     through = (vector * up).sum(axis=1) / np.maximum(np.linalg.norm(up, axis=1), 1e-12)
     rest = np.sqrt(np.maximum(length**2 - (1.0 - pull**2) * through**2, 0.0))
     of_yarn = material.stretch_stiffness(sheet.radius) / sheet.radius
-    return Springs(pairs, np.maximum(rest, 0.1 * length), strengths * of_yarn)
+    return BorderSprings(pairs, np.maximum(rest, 0.1 * length), strengths * of_yarn)

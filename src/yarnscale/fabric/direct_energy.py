@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.fabric.boundary import Springs
+from yarnscale.fabric.boundary import BorderSprings
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.energy import StencilEnergy, Symbol
@@ -22,6 +22,7 @@ from yarnscale.yarn.contact_list import PlacedPairs
 from yarnscale.yarn.energy import NOT_TURNED, RodEnergy
 from yarnscale.yarn.frames import carried, reference_twist, unit_edges
 from yarnscale.yarn.friction import YarnFriction, no_friction
+from yarnscale.yarn.passages import Passages
 from yarnscale.yarn.rod import STRETCH
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
 
@@ -58,13 +59,16 @@ class EdgeFrames:
 class FabricEnergy(RodEnergy):
     """Energy of a sheet as a function of [positions / r, twists].
 
-    springs: hold boundaries together.
+    springs: hold boundaries together. passages: those on the straight ways from each anchored state to the next, None
+    where they are not counted. Yarns are linked after the way as before it exactly where none is left.
     """
 
-    def __init__(self, sheet: YarnSheet, material: Materials, *, springs: Springs | None = None) -> None:
+    def __init__(
+        self, sheet: YarnSheet, material: Materials, *, springs: BorderSprings | None = None
+    ) -> None:
         super().__init__(PatternStiffness.of(sheet, material), sheet.strands)
         self.sheet, self.force_unit = sheet, self.unit / self.radius
-        self.springs = Springs.none() if springs is None else springs
+        self.springs = BorderSprings.none() if springs is None else springs
         ties = np.column_stack(
             [
                 self.springs.rest_length / self.radius,
@@ -75,6 +79,8 @@ class FabricEnergy(RodEnergy):
         self._friction = no_friction()
         self.set_others(self.glue, self._friction)
         self._ties: tuple[PlacedPairs, Array] | None = None
+        self.passages: Passages | None = None
+        self._places = sheet.vertices / self.radius
         self._tangent = unit_edges(sheet.vertices, sheet.following)
         self._take(EdgeFrames(sheet.reference_director, sheet.reference_twist))
 
@@ -91,10 +97,13 @@ class FabricEnergy(RodEnergy):
     def anchor(self, x: Array, frames: EdgeFrames | None = None) -> None:
         """Carry all frames to this state; energies stay as they are, whatever turned since the last call.
 
-        frames: those of this state, where they are known.
+        frames: those of this state, where they are known; passages on the way to it are then not counted.
         """
-        tangent = unit_edges(self.positions(x), self.sheet.following)
+        before, self._places = self._places, self.positions(x).copy()
+        tangent = unit_edges(self._places, self.sheet.following)
         if frames is None:
+            if self.passages is not None:
+                self.passages = self.passages.along(before, self._places)
             director = carried(self._tangent, tangent, self.frames.director)
             twist = reference_twist(tangent, director, self.strands.before, self.frames.twist)
             frames = EdgeFrames(director, twist)
@@ -106,6 +115,15 @@ class FabricEnergy(RodEnergy):
         before, tangent, director = self.strands.before[joints], self._tangent, frames.director
         anchors = (tangent[before], tangent[joints], director[before], director[joints])
         self.set_anchors(np.concatenate(anchors, axis=1), frames.twist[joints])
+
+    def count_passages(self, rows: Array | None = None) -> None:
+        """Count passages from the anchored state on; rows: of ``Passages`` found before it."""
+        self.passages = Passages(self.strands, self.stiffness, np.empty((0, 6)) if rows is None else rows)
+
+    @property
+    def passage_count(self) -> int:
+        """Passages that no opposite one near the same place undid."""
+        return 0 if self.passages is None else len(self.passages.lasting().rows)
 
     # --- resistance -----------------------------------------------------------------------------------
 

@@ -15,7 +15,6 @@ import numpy as np
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.kinematics import GRAVITY
@@ -24,8 +23,8 @@ from yarnscale.motion.integrator import (
     Earlier,
     Integrator,
     checked_integrator,
+    longest_stable_step,
     remembered,
-    stable_step,
     step_rule,
 )
 from yarnscale.numerics.kkt import ConstrainedSolver
@@ -92,16 +91,14 @@ class MotionSettings:
 class FabricDynamics(Body[FabricMotion]):
     """A fabric that moves under gravity, holds that may move, and obstacles.
 
-    holds: what is held where at a time [s]. count: looks whether yarns pass through each other. Steps of a fabric with
-    many contacts seldom meet a tight tolerance in a few Newton iterations; all whose energy is a number are kept, and
-    are safe all the same.
+    holds: what is held where at a time [s]. Steps of a fabric with many contacts seldom meet a tight tolerance in a few
+    Newton iterations; all whose energy is a number are kept, and are safe all the same.
     """
 
     energy: FabricEnergy
     settings: MotionSettings = field(default_factory=MotionSettings)
     holds: Callable[[float], Holds] = field(default=lambda time: Holds.none())
     obstacles: tuple[NodeForce, ...] = ()
-    count: PassageCount | None = None
 
     def __post_init__(self) -> None:
         energy = self.energy
@@ -162,10 +159,6 @@ class FabricDynamics(Body[FabricMotion]):
         """How far each grip's farthest vertex is from its target [m]."""
         return self.holds(state.time).distances(self.energy, state.x)
 
-    def longest_step(self, state: FabricMotion) -> float:
-        """Of explicit steps [s]: yarns that are pressed together are stiffer."""
-        return self.stable_step(state) if self.method == "explicit" else math.inf
-
     def renewed(self, state: FabricMotion, duration: float) -> FabricMotion:
         """The same, with contacts listed anew, so that sums are taken in an order that the state alone decides."""
         self.energy.forget_contacts()
@@ -177,10 +170,10 @@ class FabricDynamics(Body[FabricMotion]):
         return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
 
     def take_up(self, motion: FabricMotion) -> None:
-        """Let the energy have the frames of a state, and the count its passages."""
+        """Let the energy have the frames and passages of a state."""
         self.energy.anchor(motion.x, motion.frames)
-        if self.count is not None:
-            self.count.begin(motion.x, motion.passages)
+        if self.energy.passages is not None:
+            self.energy.count_passages(motion.passages)
 
     def _begin(self, motion: FabricMotion, friction: YarnFriction | None, end: float) -> None:
         """Begin a step: frames, and all that resists to slip from here on; friction: as a potential."""
@@ -199,7 +192,8 @@ class FabricDynamics(Body[FabricMotion]):
         before: Earlier | None = None,
     ) -> FabricMotion:
         """The state at the end of a step, where the frames of the energy are."""
-        passages = motion.passages if self.count is None else self.count.found.rows
+        found = self.energy.passages
+        passages = motion.passages if found is None else found.rows
         return FabricMotion(x, velocity, time, shift, self.energy.frames, passages, before)
 
     def _minimised(
@@ -208,7 +202,7 @@ class FabricDynamics(Body[FabricMotion]):
         """The least of a step's energy, from where the fabric is."""
         return minimise(
             objective, motion.x, options, bound=self.energy.bound,
-            after_step=lambda x: arrive(self.energy, x, self.count), linear=self._linear,
+            after_step=self.energy.anchor, linear=self._linear,
         )  # fmt: skip
 
     def _explicit(self, motion: FabricMotion, duration: float) -> Step[FabricMotion]:
@@ -231,7 +225,7 @@ class FabricDynamics(Body[FabricMotion]):
         step = duration * velocity
         share = min(1.0, energy.bound(motion.x, step))
         x = motion.x + share * step
-        arrive(energy, x, self.count)
+        energy.anchor(x)
         moved = self._moved(motion, x, velocity, motion.time + duration, motion.shift)
         # Yarns that would pass through each other stop before; such a step counts as loose.
         return Step(moved, Status.CONVERGED if share == 1.0 else Status.STALLED, duration)
@@ -246,19 +240,19 @@ class FabricDynamics(Body[FabricMotion]):
         for obstacle in self.obstacles:
             moves[:] = obstacle.slowed(moves, yielding, duration)
 
-    def stable_step(self, motion: FabricMotion, *, iterations: int = 40) -> float:
-        """A stable explicit step at a state [s], a share of 2/ω of the fastest vibration (power iteration).
+    def stable_step(self, state: FabricMotion) -> float:
+        """A stable explicit step at a state [s]: yarns that are pressed together are stiffer.
 
         Friction, which only takes velocities away, makes it no shorter.
         """
-        self.energy.anchor(motion.x, motion.frames)
-        self.energy.rub(motion.x, None)
-        _, _, block, entries = self.energy.hessian(motion.x)
+        self.energy.anchor(state.x, state.frames)
+        self.energy.rub(state.x, None)
+        _, _, block, entries = self.energy.hessian(state.x)
 
         def times(vector: Array) -> Array:
             return block.pattern.multiply(entries, vector) / self.mass
 
-        return _STABLE_SHARE * stable_step(times, len(motion.x), iterations)
+        return _STABLE_SHARE * longest_stable_step(times, len(state.x), 40)
 
     def _damped(self, x: Array, velocity: Array, duration: float) -> Array:
         """Velocity at a state whose non-rigid part, patch by patch, has decayed."""

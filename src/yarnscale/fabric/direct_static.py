@@ -10,7 +10,6 @@ import numpy as np
 
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.kkt import ConstrainedSolver
@@ -18,8 +17,8 @@ from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 
-LinearSolver = ConstrainedSolver
-
+_MOST_PIECES = 400
+"""Pieces of a way that is walked safely."""
 HOLD = 1000.0
 """Stiffness of what holds a vertex, over that of its yarn in tension."""
 
@@ -112,13 +111,12 @@ def equilibrium(
     obstacles: tuple[NodeForce, ...] = (),
     tolerance: float = 1e-5,
     max_iterations: int = 300,
-    linear: LinearSolver | None = None,
-    count: PassageCount | None = None,
+    linear: ConstrainedSolver | None = None,
 ) -> Rest:
     """The equilibrium reached from a state (4n,); frames are transported with the edges.
 
     load: (4n,), see ``gravity_load``. tolerance: forces left over where the terms' forces count as 1. linear: a solver
-    from an earlier call. count: looks at every step.
+    from an earlier call.
     """
     began = time.perf_counter()
     load = np.zeros(len(start)) if load is None else load
@@ -130,20 +128,31 @@ def equilibrium(
 
     solution: Solution = minimise(
         objective, start, NewtonOptions(tolerance, max_iterations=max_iterations, check_minimum=False),
-        bound=energy.bound, after_step=lambda x: arrive(energy, x, count), linear=solver,
+        bound=energy.bound, after_step=energy.anchor, linear=solver,
     )  # fmt: skip
     return Rest(
         solution.x, solution.status, solution.residual, solution.iterations, time.perf_counter() - began
     )
 
 
-def relaxed_sheet(
-    energy: FabricEnergy, *, max_iterations: int = 25, count: PassageCount | None = None
-) -> YarnSheet:
+def relaxed_sheet(energy: FabricEnergy, *, max_iterations: int = 25) -> YarnSheet:
     """The energy's sheet after some Newton iterations towards equilibrium: drawn yarns no longer overlap."""
-    rest = equilibrium(
-        energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations, count=count
-    )
+    rest = equilibrium(energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations)
     sheet = energy.sheet.moved(energy.positions(rest.x) * energy.radius, twist=rest.x[3 * energy.count :])
     # Twists are those against the frames of the solve, carried step by step, not in one.
     return replace(sheet, reference_director=energy.frames.director, reference_twist=energy.frames.twist)
+
+
+def safe_way(energy: FabricEnergy, start: Array, goal: Array) -> Array:
+    """The farthest state on the straight way to ``goal`` (4n,) that is reached without yarns passing each other."""
+    x = start
+    for _ in range(_MOST_PIECES):
+        step = goal - x
+        if not step.any():
+            break
+        fraction = energy.bound(x, step)
+        x = goal if fraction >= 1.0 else x + fraction * step
+        energy.anchor(x)
+        if fraction < 1e-3:
+            break
+    return x

@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 from yarnscale.arrays import Array
 from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
-from yarnscale.fabric.boundary import Springs
+from yarnscale.fabric.boundary import BorderSprings
 from yarnscale.fabric.knitted_border import CARRY_STEP, cast_on, last_row, selvedge, tail
 from yarnscale.fabric.knitted_course import KnittedCourses, Strand, not_knitted
 from yarnscale.fabric.sheet import LARGEST_SHEET, NO_PATTERN, YarnSheet
@@ -75,7 +75,7 @@ def knitted_sheet(
     return _assembled(pattern, yarns, columns, courses / len(pattern.yarns))
 
 
-def woven_in(sheet: YarnSheet, material: YarnMaterial) -> Springs:
+def woven_in(sheet: YarnSheet, material: YarnMaterial) -> BorderSprings:
     """Springs that fasten both ends of each yarn of a piece to the fabric at their places, as ends that are woven in.
 
     Each end is tied to the nearest vertex of the pattern proper.
@@ -84,7 +84,7 @@ def woven_in(sheet: YarnSheet, material: YarnMaterial) -> Springs:
     fabric = np.flatnonzero(sheet.source != NO_PATTERN)
     apart, nearest = KDTree(sheet.vertices[fabric]).query(sheet.vertices[ends])
     stiffness = material.stretch_stiffness(sheet.radius) / sheet.radius
-    return Springs(np.stack([ends, fabric[nearest]], 1), apart, np.full(len(ends), stiffness))
+    return BorderSprings(np.stack([ends, fabric[nearest]], 1), apart, np.full(len(ends), stiffness))
 
 
 class _Knitting:

@@ -10,7 +10,7 @@ import numpy as np
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.drawing.stitches import StitchChart
-from yarnscale.fabric.boundary import Springs, glue
+from yarnscale.fabric.boundary import BorderSprings, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_static import relaxed_sheet
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
@@ -28,7 +28,7 @@ class RodFabric:
 
     sheet: YarnSheet
     material: Materials
-    borders: Springs = field(default_factory=Springs.none)
+    borders: BorderSprings = field(default_factory=BorderSprings.none)
 
     @classmethod
     @checked

@@ -12,7 +12,6 @@ from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
-from yarnscale.fabric.direct_moves import PassageCount
 from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.rod_fabric import RodFabric
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
@@ -53,8 +52,8 @@ class RodScene(FabricScene[FabricMotion]):
         settings = MotionSettings(
             self.gravity, self.damping, friction, method=self.method, integrator=self.integrator
         )
-        count = PassageCount(self.energy, self.energy.start())
-        parts = self.energy, settings, self.loads.holds, self.loads.pushes(self.energy), count
+        self.energy.count_passages()
+        parts = self.energy, settings, self.loads.holds, self.loads.pushes(self.energy)
         if self.volume is None:
             return FabricDynamics(*parts)
         return VolumeDynamics(*parts, volume=RodVolume(self.energy, self.volume))
@@ -97,11 +96,10 @@ class RodScene(FabricScene[FabricMotion]):
     def measures(self, state: FabricMotion) -> dict[str, float]:
         """``penetration``, ``extension``, ``passages``, and ``force`` [N] where grips pull."""
         self.body.take_up(state)
-        passed = self.body.count
         found = {
             "penetration": self.energy.penetration(state.x),
             "extension": float(np.abs(self.energy.extensions(state.x)).max()),
-            "passages": 0 if passed is None else passed.passages,
+            "passages": self.energy.passage_count,
         }
         if self.loads.axis is not None:
             led = self.method == "explicit"

@@ -15,7 +15,6 @@ from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion
-from yarnscale.fabric.direct_moves import PassageCount, arrive
 from yarnscale.fabric.direct_objective import FabricObjective
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.numerics.affine import FreeUnknowns, MappedObjective, NodeMap
@@ -58,9 +57,7 @@ class RodVolume:
         moves = self.weights @ (self._inverse @ (self.weights.T @ moves))
         return np.concatenate([moves.ravel(), np.zeros(self.energy.count)])
 
-    def minimised(
-        self, objective: Objective, start: Array, options: NewtonOptions, *, count: PassageCount | None = None
-    ) -> Solution:
+    def minimised(self, objective: Objective, start: Array, options: NewtonOptions) -> Solution:
         """Minimise an objective of the yarns by the volume alone, from a state (4n,); the solution is a state."""
         energy, (nodes, positions) = self.energy, self.maps_from(start)
 
@@ -74,7 +71,7 @@ class RodVolume:
 
         solution = minimise(
             MappedObjective(MappedObjective(objective, positions), nodes), np.zeros(self.unknowns),
-            replace(options, shift=_SHIFT), bound=bound, after_step=lambda free: arrive(energy, state(free), count),
+            replace(options, shift=_SHIFT), bound=bound, after_step=lambda free: energy.anchor(state(free)),
         )  # fmt: skip
         return replace(solution, x=state(solution.x))
 
@@ -93,7 +90,7 @@ class VolumeDynamics(FabricDynamics):
     def _minimised(
         self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions
     ) -> Solution:
-        return self.volume.minimised(objective, motion.x, options, count=self.count)
+        return self.volume.minimised(objective, motion.x, options)
 
     def _damped(self, x: Array, velocity: Array, duration: float) -> Array:
         return self.volume.projected(super()._damped(x, velocity, duration))

@@ -25,8 +25,8 @@ from yarnscale.motion.integrator import (
     Integrator,
     StepRule,
     checked_integrator,
+    longest_stable_step,
     remembered,
-    stable_step,
     step_rule,
 )
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
@@ -143,10 +143,6 @@ class SplineMotion(Body[YarnMotion]):
         away = self._held @ self.yarns(state).positions.ravel() - self._held_at
         return {"held row": float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))}
 
-    def longest_step(self, state: YarnMotion) -> float:
-        """Of explicit steps [s]."""
-        return math.inf if self.method == "implicit" else _STABLE_SHARE * self.stable_step(state)
-
     def times_mass(self, vector: Array) -> Array:
         """M v of yarn control points, (3n,)."""
         return (self._mass @ vector.reshape(-1, 3)).ravel()
@@ -206,11 +202,11 @@ class SplineMotion(Body[YarnMotion]):
         away = np.linalg.norm(self.yarns(found).positions - yarns.positions, axis=1).max()
         return found, float(away)
 
-    def stable_step(self, motion: YarnMotion, *, iterations: int = 60) -> float:
-        """Longest stable explicit step at a state [s]: 2/ω of the fastest vibration, by power iteration."""
-        self._aim_constraints(motion)
+    def stable_step(self, state: YarnMotion) -> float:
+        """A stable explicit step at a state [s]."""
+        self._aim_constraints(state)
         solver = self._mass_solver()
-        _, _, model = self.energy.quadratic(self.yarns(motion).positions.ravel())
+        _, _, model = self.energy.quadratic(self.yarns(state).positions.ravel())
 
         def times(vector: Array) -> Array:
             full = vector
@@ -218,7 +214,7 @@ class SplineMotion(Body[YarnMotion]):
                 full = np.asarray(self.map.weights @ vector.reshape(-1, 3)).ravel()
             return solver.step(self._pulled(model.pattern.multiply(model.entries, full)), None)
 
-        return stable_step(times, motion.positions.size, iterations)
+        return _STABLE_SHARE * longest_stable_step(times, state.positions.size, 60)
 
     def _explicit(self, motion: YarnMotion, duration: float) -> Step[YarnMotion]:
         solver = self._mass_solver()

@@ -17,7 +17,7 @@ from yarnscale.errors import InputError, located
 from yarnscale.files.atomic import write_text
 from yarnscale.files.fields import Fields, read_json
 from yarnscale.files.hylc_json import hylc_material, hylc_text, is_hylc
-from yarnscale.shell.materials.compact import CompactMaterial, Springs, shapes_of
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial, OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -141,7 +141,7 @@ def _read_compact(fields: Fields) -> CompactMaterial:
     terms, trusted = fields.fields("terms"), fields.fields("trusted")
     counts = [len(terms.numbers(f"{name}_offsets")) for name in ("step", "spring", "wall")]
     shapes = shapes_of(*counts)._asdict()
-    springs = Springs(**{name: _matrix(terms, name, shape) for name, shape in shapes.items()})
+    springs = SpringNetwork(**{name: _matrix(terms, name, shape) for name, shape in shapes.items()})
     found = trusted.get("samples")
     rows = len(found) if isinstance(found, list) else 0
     with located(fields.path):

@@ -139,7 +139,7 @@ def _timing(
     section: Section, usual: Schedule | None = None, options: SolverOptions = SOLVER
 ) -> tuple[Schedule, SolverOptions]:
     """The schedule and how steps are solved; ``usual`` and ``options`` are the defaults of the file."""
-    solving = ("tolerance", "iterations", "integrator", "method")
+    solving = ("tolerance", "iterations", "integrator", "minimiser")
     plan = usual or section.build(lambda: Schedule(section.number("duration"), 0.02, to_rest=False))
     return read_schedule(section, plan, solving), section.changed(options, *solving)
 

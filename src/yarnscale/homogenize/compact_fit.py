@@ -25,7 +25,7 @@ from yarnscale.homogenize.compact_problem import (
 from yarnscale.homogenize.compact_start import start_of
 from yarnscale.kinematics import strain_units
 from yarnscale.numerics.threads import on_one_thread
-from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs
+from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNetwork
 
 __all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
@@ -114,16 +114,16 @@ def _representative(x: Array, mirrored: bool, *, count: int = 200) -> tuple[Arra
     return x[chosen], float(max(distance.max(), np.percentile(nearest, 95)))
 
 
-def _filled(springs: Springs, count: int) -> Springs:
+def _filled(springs: SpringNetwork, count: int) -> SpringNetwork:
     """The network with springs of no stiffness up to a number, so that all materials share their compiled kernels."""
-    none = Springs(*(np.zeros((count, *part.shape[1:])) for part in springs))
+    none = SpringNetwork(*(np.zeros((count, *part.shape[1:])) for part in springs))
     own = ("springs", "bends", "spring_offsets", "stiffnesses")
     return springs._replace(
         **{n: np.concatenate([getattr(springs, n), getattr(none, n)])[:count] for n in own}
     )
 
 
-def _walled(springs: Springs, data: Samples, mirrored: bool) -> Springs:
+def _walled(springs: SpringNetwork, data: Samples, mirrored: bool) -> SpringNetwork:
     """The network with walls around all samples: outside, no state is softer than at the border.
 
     Walls stand along both directions of every strain, where the samples end.

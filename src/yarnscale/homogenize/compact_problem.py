@@ -21,7 +21,7 @@ from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.homogenize.spring_jacobian import Directional, springs_of
 from yarnscale.numerics.threads import available_threads, run_parts
-from yarnscale.shell.materials.compact import Springs
+from yarnscale.shell.materials.compact import SpringNetwork
 
 STRESS_FLOOR = 0.02
 """Stress [N/m], by strains in units, below which errors stop being relative: the weight of a centimetre of fabric."""
@@ -184,7 +184,7 @@ class Problem:
         self.states = Directional(self.x, self.v, mirrored=mirrored)
         self.coarse = Directional(self.x.astype(_SINGLE), self.v.astype(_SINGLE), mirrored=mirrored)
 
-    def network(self, unknowns: Array) -> tuple[Springs, float]:
+    def network(self, unknowns: Array) -> tuple[SpringNetwork, float]:
         """The springs, and the constant, of a vector of unknowns."""
         steps = self.options.steps
         return springs_of(unknowns, steps, (len(unknowns) - 7 * steps - 7) // (8 + steps))
@@ -306,6 +306,6 @@ class NonNegative(NamedTuple):
         return found
 
 
-def coarse(springs: Springs) -> Springs:
+def coarse(springs: SpringNetwork) -> SpringNetwork:
     """The network in single precision, which takes half of the time."""
-    return Springs(*(part.astype(_SINGLE) for part in springs))
+    return SpringNetwork(*(part.astype(_SINGLE) for part in springs))

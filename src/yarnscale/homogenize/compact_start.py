@@ -14,7 +14,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.homogenize.compact_problem import FIT_FLOOR, NonNegative, Problem, coarse
 from yarnscale.homogenize.spring_jacobian import step, unknowns_of
-from yarnscale.shell.materials.compact import Springs
+from yarnscale.shell.materials.compact import SpringNetwork
 
 _FIRST_FLOOR, _LOWERED = 0.3, 0.85
 """Floor of the first round [N/m], and what each round leaves of it."""
@@ -33,7 +33,7 @@ def start_of(problem: Problem, rng: np.random.Generator) -> Array:
     steps *= rng.uniform(1.0, 4.0, (options.steps, 1)) / np.linalg.norm(steps, axis=1, keepdims=True)
     thresholds = -np.einsum("ki,ki->k", steps, x[rng.integers(len(x), size=options.steps)])
     none = np.zeros((0, 6)), np.zeros(0)
-    springs = Springs(
+    springs = SpringNetwork(
         steps,
         thresholds,
         none[0],
@@ -55,12 +55,12 @@ def start_of(problem: Problem, rng: np.random.Generator) -> Array:
     return unknowns_of(springs, constant)
 
 
-def _inputs(springs: Springs, x: Array) -> Array:
+def _inputs(springs: SpringNetwork, x: Array) -> Array:
     """What springs read of states, (n, 6 + steps)."""
     return np.column_stack([x, step(x @ springs.steps.T + springs.step_offsets)[0]])
 
 
-def _joined(springs: Springs, rows: Array, x: Array) -> Springs:
+def _joined(springs: SpringNetwork, rows: Array, x: Array) -> SpringNetwork:
     """With further springs, rows (Q, W, q)."""
     top = (_inputs(springs, x) @ rows[:, :-1].T + rows[:, -1]).max(axis=0)
     return springs._replace(
@@ -82,7 +82,7 @@ def _drawn(x: Array, steps: int, count: int, rng: np.random.Generator) -> Array:
     return np.column_stack([directions, np.zeros((count, steps)), offsets])
 
 
-def _varied(x: Array, springs: Springs, spread: float, rng: np.random.Generator) -> Array:
+def _varied(x: Array, springs: SpringNetwork, spread: float, rng: np.random.Generator) -> Array:
     """Springs like these: turned about one of the states, bent, stretched and shifted, (count, 6 + steps + 1).
 
     Without any, new ones at random.
@@ -103,7 +103,7 @@ def _varied(x: Array, springs: Springs, spread: float, rng: np.random.Generator)
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _selected(problem: Problem, springs: Springs, weights: Array) -> tuple[Springs, float]:
+def _selected(problem: Problem, springs: SpringNetwork, weights: Array) -> tuple[SpringNetwork, float]:
     """The stiffest springs, at most ``options.springs``, with the best stiffnesses and background; the constant."""
     columns = np.concatenate([problem.coarse.by_stiffness(coarse(springs)), problem.coarse.by_background()])
     squares, count = NonNegative.of(columns, weights, problem.target), len(springs.springs)

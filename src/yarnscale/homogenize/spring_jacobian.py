@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.shell.materials.compact import MIRROR, Springs, shapes_of
+from yarnscale.shell.materials.compact import MIRROR, SpringNetwork, shapes_of
 
 OUTPUTS = 13
 """Per state: energy, six slopes, six second derivatives."""
@@ -27,20 +27,20 @@ def sizes_of(steps: int, springs: int) -> list[int]:
     return [int(np.prod(shape)) for shape in shapes] + [1]
 
 
-def unknowns_of(springs: Springs, constant: float) -> Array:
+def unknowns_of(springs: SpringNetwork, constant: float) -> Array:
     """The vector of unknowns of a network without walls."""
     parts = [*springs[:5], np.log(springs.stiffnesses), np.log(springs.background), [constant]]
     return np.concatenate([np.ravel(part) for part in parts])
 
 
-def springs_of(unknowns: Array, steps: int, springs: int) -> tuple[Springs, float]:
+def springs_of(unknowns: Array, steps: int, springs: int) -> tuple[SpringNetwork, float]:
     """The network without walls, and its constant."""
     parts = np.split(unknowns, np.cumsum(sizes_of(steps, springs))[:-1])
     shapes = shapes_of(steps, springs, 0)
     first, offsets, directions, bends, thresholds, stiffnesses, background = (
         part.reshape(tuple(shape)) for part, shape in zip(parts[:7], shapes[:7], strict=True)
     )
-    network = Springs(
+    network = SpringNetwork(
         first, offsets, directions, bends, thresholds, np.exp(stiffnesses), np.exp(background),
         np.zeros((0, 6)), np.zeros(0), np.zeros(0),
     )  # fmt: skip
@@ -63,12 +63,12 @@ class Directional:
         found.images = [(x[:, states], v[:, :, states]) for x, v in self.images]
         return found
 
-    def values(self, springs: Springs, constant: float) -> Array:
+    def values(self, springs: SpringNetwork, constant: float) -> Array:
         """(13, n)."""
         layers = np.mean([_Pass(x, v, springs).outputs().sum(axis=0) for x, v in self.images], axis=0)
         return layers + np.tensordot(np.append(springs.background, constant), self.by_background(), 1)
 
-    def by_stiffness(self, springs: Springs) -> Array:
+    def by_stiffness(self, springs: SpringNetwork) -> Array:
         """Outputs of the springs if their stiffness were one, (S, 13, n)."""
         alone = springs._replace(stiffnesses=np.ones_like(springs.stiffnesses))
         return np.mean([_Pass(x, v, alone).outputs() for x, v in self.images], axis=0)
@@ -81,7 +81,7 @@ class Directional:
         result[:6, 1:7], result[:6, 7:] = v * x[:, None], v * v
         return result
 
-    def jacobian(self, springs: Springs) -> Array:
+    def jacobian(self, springs: SpringNetwork) -> Array:
         """Derivatives of ``values`` by the unknowns, (unknowns, 13, n)."""
         found = [_Pass(x, v, springs).jacobian() for x, v in self.images]
         layers = found[0] if len(found) == 1 else 0.5 * (found[0] + found[1])
@@ -93,7 +93,7 @@ class Directional:
 class _Pass:
     """One image of some states through the layers."""
 
-    def __init__(self, x: Array, v: Array, springs: Springs) -> None:
+    def __init__(self, x: Array, v: Array, springs: SpringNetwork) -> None:
         self.x, self.v, self.springs = x, v, springs
         self.sigma = step(springs.steps @ x + springs.step_offsets[:, None])
         self.a1 = np.tensordot(springs.steps, v, 1)

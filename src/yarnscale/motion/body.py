@@ -109,9 +109,13 @@ class Body(ABC, Generic[State]):
     def check_start(self, state: State) -> None:
         """Raise InputError where no motion can begin."""
 
-    def longest_step(self, state: State) -> float:
-        """Longest step at a state [s]: for explicit ones, what is safely stable."""
+    def stable_step(self, state: State) -> float:
+        """An explicit step that is safely stable at a state [s]."""
         return math.inf
+
+    def longest_step(self, state: State) -> float:
+        """Longest step at a state [s]."""
+        return self.stable_step(state) if self.method == "explicit" else math.inf
 
     def faults(self, state: State) -> Mapping[str, int]:
         """What is wrong with a frame: 1 or 0 for every kind of fault that is tested."""

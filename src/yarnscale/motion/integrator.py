@@ -38,7 +38,7 @@ def checked_integrator(name: str) -> Integrator:
     return name  # type: ignore[return-value]
 
 
-def stable_step(times: Callable[[Array], Array], size: int, iterations: int) -> float:
+def longest_stable_step(times: Callable[[Array], Array], size: int, iterations: int) -> float:
     """Longest stable step of symplectic Euler [s]: 2/ω of the fastest vibration, by power iteration.
 
     times: product of M⁻¹K with a vector (size,).

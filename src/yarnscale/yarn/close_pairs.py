@@ -52,7 +52,7 @@ def close_pairs(
 
 
 @numba.njit(**_JIT)
-def closest_points(x, a, b, c, d):
+def nearest_places(x, a, b, c, d):
     """Places s, t in [0, 1] on the segments x[a]–x[b] and x[c]–x[d] that are closest, and their squared distance."""
     ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     vx, vy, vz = x[d, 0] - x[c, 0], x[d, 1] - x[c, 1], x[d, 2] - x[c, 2]
@@ -158,7 +158,7 @@ def _find(
                         i, j, tiles[tile], neighbours, yarn, place, walked, lengths, shift
                     ):
                         continue
-                    gap = closest_points(nodes, i, ends[i], g, ends[g])[2]
+                    gap = nearest_places(nodes, i, ends[i], g, ends[g])[2]
                     if gap < limit * limit:
                         if found == pairs.shape[0]:
                             return -1
@@ -225,7 +225,7 @@ def pair_gaps(nodes, ends, first, second):
     gaps = np.empty(first.shape[0])
     for m in range(first.shape[0]):
         i, g = first[m], second[m]
-        gaps[m] = np.sqrt(closest_points(nodes, i, ends[i], g, ends[g])[2])
+        gaps[m] = np.sqrt(nearest_places(nodes, i, ends[i], g, ends[g])[2])
     return gaps
 
 
@@ -243,6 +243,6 @@ def safe_fraction(nodes, moves, ends, first, second, share):
                 largest = max(largest, x * x + y * y + z * z)
         if largest == 0.0:
             continue
-        gap = closest_points(nodes, i, e, g, f)[2]
+        gap = nearest_places(nodes, i, e, g, f)[2]
         fraction = min(fraction, share * np.sqrt(gap / largest))
     return fraction

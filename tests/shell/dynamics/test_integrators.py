@@ -39,7 +39,7 @@ def kicked(integrator: Integrator, *, stiffness_damping: float = 0.0) -> tuple[C
     """A small sheet without gravity that is stretched, sheared and bent by its first velocities."""
     mesh = rectangle(0.05, 0.04, 0.012)
     cloth = Cloth(mesh, fabric(), gravity=(0.0, 0.0, 0.0), stiffness_damping=stiffness_damping)
-    solver = ClothSolver(cloth, SolverOptions(tolerance=1e-8, integrator=integrator, method="newton"))
+    solver = ClothSolver(cloth, SolverOptions(tolerance=1e-8, integrator=integrator, minimiser="newton"))
     x, y = mesh.panel.T
     velocities = np.column_stack([6.0 * x + 2.0 * y, -3.0 * y, 60.0 * x * x])
     return solver, ClothState(ClothState.flat(mesh).positions, velocities)
@@ -111,7 +111,9 @@ def test_halved_steps_keep_the_history() -> None:
     side = np.flatnonzero(mesh.panel[:, 0] > 0.03 - 1e-9)
     flat = ClothState.flat(mesh).positions
     bar = Handle("bar", side, flat[side], Motion((0.05, 0.02, 0.03), 0.0, 0.04))
-    options = SolverOptions(tolerance=1e-6, acceptable=1e-6, iterations=6, integrator="bdf2", method="newton")
+    options = SolverOptions(
+        tolerance=1e-6, acceptable=1e-6, iterations=6, integrator="bdf2", minimiser="newton"
+    )
     solver = ClothSolver(Cloth(mesh, fabric(), (bar,)), options)
     state, shortened = ClothState.flat(mesh), False
     for _ in range(4):

@@ -7,7 +7,7 @@ import pytest
 
 from yarnscale.shell.elastic.energy import ShellEnergy
 from yarnscale.shell.elastic.out_of_range import out_of_range
-from yarnscale.shell.materials.compact import CompactMaterial, Springs
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh
 
@@ -17,7 +17,7 @@ TRIANGLES = np.array([[0, 1, 2], [1, 3, 2], [1, 4, 3], [4, 5, 3]])
 
 def material() -> CompactMaterial:
     none = np.zeros((0, 6)), np.zeros(0)
-    springs = Springs(
+    springs = SpringNetwork(
         *none, np.zeros((0, 6)), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.ones(6), *none, np.zeros(0)
     )
     scale = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])

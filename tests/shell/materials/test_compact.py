@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, Springs, shapes_of
+from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNetwork, shapes_of
 
 SCALE = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
 
 
 def material(*, steps: int = 3, springs: int = 5, walls: int = 2, mirrored: bool = True) -> CompactMaterial:
     rng = np.random.default_rng(7)
-    arrays = Springs(*(rng.normal(size=tuple(shape)) for shape in shapes_of(steps, springs, walls)))
+    arrays = SpringNetwork(*(rng.normal(size=tuple(shape)) for shape in shapes_of(steps, springs, walls)))
     positive = {n: np.abs(getattr(arrays, n)) for n in ("stiffnesses", "background", "wall_stiffnesses")}
     return CompactMaterial(0.2, SCALE, arrays._replace(**positive), density=0.2, mirrored=mirrored)
 

@@ -145,9 +145,11 @@ def test_scene_file_of_statics_ends_as_its_motion_does(scene_file: Path) -> None
     """Equilibria while the bar moves: the last one is where the motion comes to rest."""
     upwards = SCENE.replace("[0.0, 0.01, 0.0]", "[0.0, 0.0, 0.01]")
     exact = "tolerance = 1e-7\nrest_tolerance = 1e-5\nlongest_step = 10"
-    scene_file.write_text(upwards.replace("time_step = 0.02", 'method = "newton"\nto_rest = true\n' + exact))
+    scene_file.write_text(
+        upwards.replace("time_step = 0.02", 'minimiser = "newton"\nto_rest = true\n' + exact)
+    )
     scene = read_scene(scene_file)
-    assert scene.options.method == "newton"
+    assert scene.options.minimiser == "newton"
     moved = run_scene(scene)
     scene_file.write_text(upwards.replace("time_step = 0.02", "statics = true\nfirst_load = 0.25\n" + exact))
     scene = read_scene(scene_file)
@@ -239,7 +241,11 @@ position = [0, 0, -3]
         ("width = 0.1\n", "", "missing field 'mesh.width'"),
         ("width = 0.1", "width = -0.1", r"scene.toml:\d+: \[mesh\] width; expected a positive length"),
         ("width = 0.1", "width = nan", "field 'mesh.width'; expected a finite number"),
-        ("time_step = 0.02", 'method = "gauss"', r"\[schedule\] method; expected quasi-newton or newton"),
+        (
+            "time_step = 0.02",
+            'minimiser = "gauss"',
+            r"\[schedule\] minimiser; expected quasi-newton or newton",
+        ),
         ("time_step = 0.02", "rough_iterations = 0", r"\[schedule\] rough_iterations; expected at least 1"),
         ("time_step = 0.02", "animation = 1", "'schedule.animation'; expected true or false"),
         (

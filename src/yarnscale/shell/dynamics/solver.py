@@ -46,7 +46,7 @@ SHELL_SHIFT = ShiftRule(
 """From the positive model (shift 1) to the exact Hessian (0), once forces are within ten times the weight."""
 
 
-Method = Literal["quasi-newton", "newton"]
+Minimiser = Literal["quasi-newton", "newton"]
 
 NEWTON_BELOW = 1e-3
 """Residual from which on Newton, which doubles the digits, is faster than a kept factor."""
@@ -59,7 +59,7 @@ class SolverOptions:
     tolerance: of the residual, forces left over per norm of the vertices' weights. iterations: per step.
     acceptable: residual with which a step is kept though it did not get to the tolerance.
     halvings: how often a failed step is halved. integrator: of the dynamics, see ``integrator``.
-    method: ``quasi-newton`` keeps a factor for several iterations, and leaves the last digits, and steps that it
+    minimiser: ``quasi-newton`` keeps a factor for several iterations, and leaves the last digits, and steps that it
     cannot solve, to Newton; ``newton`` has a factor for every iteration. shift: of Newton; keep: of quasi-Newton.
     """
 
@@ -68,14 +68,14 @@ class SolverOptions:
     acceptable: float = 1.0
     halvings: int = 4
     integrator: Integrator = "euler"
-    method: Method = "quasi-newton"
+    minimiser: Minimiser = "quasi-newton"
     shift: ShiftRule = SHELL_SHIFT
     keep: KeepRule = field(default_factory=KeepRule)
 
     def __post_init__(self) -> None:
         checked_integrator(self.integrator)
-        if self.method not in get_args(Method):
-            raise InputError("method", expected=" or ".join(get_args(Method)), found=self.method)
+        if self.minimiser not in get_args(Minimiser):
+            raise InputError("minimiser", expected=" or ".join(get_args(Minimiser)), found=self.minimiser)
         if not (math.isfinite(self.tolerance) and 0 < self.tolerance <= self.acceptable):
             raise InputError("tolerance", expected=f"between 0 and {self.acceptable:g}", found=self.tolerance)
         if self.iterations < 1:
@@ -209,7 +209,7 @@ class ClothSolver(Body[ClothState]):
     def _minimise(self, objective: StepObjective, start: Array, limit: int, *, static: bool) -> Solution:
         tolerance, done = self.options.tolerance, 0
         hooks: Any = {"linear": self.linear, "bound": self._bound, "after_step": self._follow}
-        if self.options.method == "quasi-newton" and not static:
+        if self.options.minimiser == "quasi-newton" and not static:
             rough = NewtonOptions(max(tolerance, NEWTON_BELOW), max_iterations=limit)
             first = minimise_keeping_factors(objective, start, rough, self.options.keep, **hooks)
             start, done = first.x, first.iterations

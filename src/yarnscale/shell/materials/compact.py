@@ -23,7 +23,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -42,7 +42,7 @@ MIRROR = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """Signs of the strains of the mirror image of a state."""
 
 
-class Springs(NamedTuple):
+class SpringNetwork(NamedTuple):
     """The numbers of the energy, by the names of the module's text; all are dimensionless but energies [J/m²].
 
     steps P (R, 6), step_offsets p (R,), springs Q (S, 6), bends W (S, R), spring_offsets q (S,), stiffnesses e (S,),
@@ -61,9 +61,9 @@ class Springs(NamedTuple):
     wall_stiffnesses: Array
 
 
-def shapes_of(steps: int, springs: int, walls: int) -> Springs:
+def shapes_of(steps: int, springs: int, walls: int) -> SpringNetwork:
     """Shapes of the arrays in place of the arrays."""
-    return Springs(
+    return SpringNetwork(
         *((steps, 6), (steps,), (springs, 6), (springs, steps), (springs,), (springs,), (6,)),
         *((walls, 6), (walls,), (walls,)),
     )  # type: ignore[arg-type]
@@ -81,7 +81,7 @@ class CompactMaterial(ShellMaterial):
 
     constant: float
     scale: Array
-    springs: Springs
+    springs: SpringNetwork
     density: float
     mirrored: bool = True
     samples: Array = field(default_factory=lambda: np.zeros((1, 6)))
@@ -89,10 +89,10 @@ class CompactMaterial(ShellMaterial):
     provenance: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        given = Springs(*(np.array(array, dtype=np.float64) for array in self.springs))
+        given = SpringNetwork(*(np.array(array, dtype=np.float64) for array in self.springs))
         object.__setattr__(self, "springs", given)
         counts = len(given.step_offsets), len(given.spring_offsets), len(given.wall_offsets)
-        for name, array, shape in zip(Springs._fields, given, shapes_of(*counts), strict=True):
+        for name, array, shape in zip(SpringNetwork._fields, given, shapes_of(*counts), strict=True):
             if array.shape != tuple(shape) or not np.all(np.isfinite(array)):
                 raise InputError(name, expected=f"finite numbers of shape {tuple(shape)}", found=array.shape)
         for name in ("stiffnesses", "background", "wall_stiffnesses"):
@@ -167,16 +167,16 @@ def wall(u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def compact_energy(
-    strains: ca.SX, numbers: ca.SX, shapes: Springs, *, mirrored: bool
+    strains: ca.SX, numbers: ca.SX, shapes: SpringNetwork, *, mirrored: bool
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """ψ [J/m²] of the strains (6), its gradient (6) and second derivative (6, 6).
 
     numbers: ``CompactMaterial.constants``. Derivatives follow the layers, as the energy does: written out by reverse
     differentiation of the scalar graph they would take four times the operations.
     """
-    c = _unpacked(numbers, shapes)
-    x = strains * c.inverse_scale
-    energy = c.constant + 0.5 * ca.dot(c.background, x * x)
+    constant, scale, c = _unpacked(numbers, shapes)
+    x = strains * scale
+    energy = constant + 0.5 * ca.dot(c.background, x * x)
     gradient, hessian = c.background * x, ca.diag(c.background)
     images = (np.ones(6), MIRROR) if mirrored else (np.ones(6),)
     for signs in images:
@@ -185,12 +185,11 @@ def compact_energy(
         energy += a / len(images)
         gradient += sign * b / len(images)
         hessian += (sign @ sign.T) * d / len(images)
-    scale = c.inverse_scale
     return energy, scale * gradient, hessian * (scale @ scale.T)
 
 
-def _image(x: ca.SX, c: _Numbers) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Energy of the springs and walls at x, gradient and second derivative."""
+def _image(x: ca.SX, c: Any) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Energy of the springs and walls at x, gradient and second derivative; c: a network of symbols."""
     bent, bent_1, bent_2 = step(c.step_offsets + c.steps @ x)
     psi, psi_1, psi_2 = spring(c.spring_offsets + c.springs @ x + c.bends @ bent)
     psi_1, psi_2 = c.stiffnesses * psi_1, c.stiffnesses * psi_2
@@ -205,22 +204,8 @@ def _image(x: ca.SX, c: _Numbers) -> tuple[ca.SX, ca.SX, ca.SX]:
     return energy, gradient, hessian + c.walls.T @ (ca.repmat(c.wall_stiffnesses * out_2, 1, 6) * c.walls)
 
 
-class _Numbers(NamedTuple):
-    constant: ca.SX
-    inverse_scale: ca.SX
-    steps: ca.SX
-    step_offsets: ca.SX
-    springs: ca.SX
-    bends: ca.SX
-    spring_offsets: ca.SX
-    stiffnesses: ca.SX
-    background: ca.SX
-    walls: ca.SX
-    wall_offsets: ca.SX
-    wall_stiffnesses: ca.SX
-
-
-def _unpacked(numbers: ca.SX, shapes: Springs) -> _Numbers:
+def _unpacked(numbers: ca.SX, shapes: SpringNetwork) -> tuple[ca.SX, ca.SX, SpringNetwork]:
+    """The constant energy, the inverse scale and the network, of symbols."""
     parts, first = [], 0
     for shape in ((1,), (6,), *shapes):
         size = int(np.prod(shape))
@@ -228,7 +213,7 @@ def _unpacked(numbers: ca.SX, shapes: Springs) -> _Numbers:
         # Rows of our arrays lie one behind the other, CasADi's columns do.
         parts.append(ca.reshape(part, shape[1], shape[0]).T if len(shape) == 2 else part)
         first += size
-    return _Numbers(*parts)
+    return parts[0], parts[1], SpringNetwork(*parts[2:])
 
 
 @cache
