@@ -54,7 +54,7 @@ class Profile:
 
 def places() -> list[tuple[str, object, str]]:
     """(name in the table, owner, attribute) of what is measured."""
-    backend = factor.BACKENDS[factor.default_backend()]
+    backend = factor.Factorisation
     return [
         ("kernels and scatter: Hessian", assembly.StencilSet, "hessian"),
         ("kernels and scatter: gradient", assembly.StencilSet, "gradient"),
@@ -108,7 +108,7 @@ def report(source: str, states: int) -> None:
     cell = PeriodicCell(pattern, material_of(Path(source).stem))
     cell.relax(ShellStrain(0.05, 0.02, 0.0, 5.0))
     cell.relax(ShellStrain(0.05))
-    print(f"\n{Path(source).stem}: {len(pattern.edges)} vertices, {factor.default_backend()}")
+    print(f"\n{Path(source).stem}: {len(pattern.edges)} vertices")
     for strain in (ShellStrain(), ShellStrain(0.33), ShellStrain(s_y=0.33), ShellStrain(II11=60.0)):
         seconds, iterations, status = timed(cell, strain, 5)
         target = f"  (target {TARGET} s)" if strain.s_x == 0.33 else ""

@@ -91,7 +91,7 @@ class CountingSolver(ConstrainedSolver):
 def outcomes(material: ShellMaterial, states: Iterator[Floats]) -> tuple[Counter[str], CountingSolver]:
     """How steps from these positions ended, by status, and the factorisations that they took."""
     solver = ClothSolver(Cloth(rectangle(0.06, 0.05, 0.01), material))
-    solver.linear = counting = CountingSolver(None, None)
+    solver.linear = counting = CountingSolver()
     found: Counter[str] = Counter()
     for positions in states:
         result = solver.step(ClothState(positions, np.zeros_like(positions)), STEP)

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from yarnscale.files.material_json import read_material
-from yarnscale.numerics.factor import factorisation
+from yarnscale.numerics.factor import Factorisation
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.material import ShellMaterial
@@ -52,7 +52,7 @@ def iteration(material: ShellMaterial) -> None:
     linear = energy.linearise(positions)
     matrix = linear.hessian("positive")
     matrix[energy.pattern.diagonal] += np.repeat(solver.masses / 0.05**2, 3)
-    factor = factorisation(energy.pattern)
+    factor = Factorisation(energy.pattern)
     right = np.ones(energy.pattern.size)
     contact = ClothContact(mesh, ContactSettings())
     step = 1e-3 * np.random.default_rng(0).normal(size=positions.shape)
@@ -61,7 +61,7 @@ def iteration(material: ShellMaterial) -> None:
         ("energy, gradient, moduli", lambda: energy.linearise(positions, linear)),
         ("positive Hessian, assembled", lambda: linear.hessian("positive")),
         ("exact Hessian, assembled", lambda: linear.hessian("exact")),
-        ("symbolic analysis (once per pattern)", lambda: factorisation(energy.pattern)),
+        ("symbolic analysis (once per pattern)", lambda: Factorisation(energy.pattern)),
         ("factorisation", lambda: factor.factor(matrix)),
         ("solve", lambda: factor.solve(right)),
         ("self-contact: bound of a step", lambda: contact.bound(positions, step)),

@@ -34,7 +34,7 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.schedule import Schedule
-from yarnscale.numerics.factor import factorisation
+from yarnscale.numerics.factor import Factorisation
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.scenes import scene as cloth_scene
 from yarnscale.yarn.friction import YarnFriction
@@ -98,7 +98,7 @@ def parts(energy: FabricEnergy) -> tuple[float, float, float]:
     hessian, (_, _, block, entries) = timed(lambda: energy.hessian(x))
     entries = entries + 1e-2 * energy.ties(x)
     entries[block.pattern.diagonal] += 1e-2 * abs(entries[block.pattern.diagonal]).mean()
-    analysis, factor = timed(lambda: factorisation(block.pattern))
+    analysis, factor = timed(lambda: Factorisation(block.pattern))
     return hessian, analysis, timed(lambda: factor.factor(entries))[0]
 
 

@@ -130,7 +130,7 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         )
 
     print(f"{width:g} m, {whole.vertex_count} vertices", flush=True)
-    x, before, solver = start, 0.0, ConstrainedSolver(None, None)
+    x, before, solver = start, 0.0, ConstrainedSolver()
     for share in shares:
         solved = x
         if ahead_of is not None:

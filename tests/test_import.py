@@ -24,7 +24,6 @@ HEAVY = (
     "scipy",
     "jinja2",
     "distributed",
-    "cvxopt",
 )
 
 

@@ -155,17 +155,6 @@ def test_size_does_not_matter() -> None:
     np.testing.assert_allclose(small.stress[3:], 0.01 * reference.stress[3:], rtol=1e-5, atol=1e-12)
 
 
-def test_equilibria_do_not_depend_on_the_factorisation() -> None:
-    pytest.importorskip("cvxopt")
-    pattern = library.build("stockinette")
-    states = [
-        PeriodicCell(pattern, MATERIAL).with_options(tolerance=1e-8, backend=backend).relax(TENSION)
-        for backend in ("cholmod", "superlu")
-    ]
-    assert states[0].energy_density == pytest.approx(states[1].energy_density, rel=1e-9)
-    np.testing.assert_allclose(states[0].stress, states[1].stress, rtol=1e-6)
-
-
 def test_a_warm_start_ends_in_the_same_state() -> None:
     cell = PeriodicCell(library.build("stockinette"), MATERIAL).with_options(tolerance=1e-8)
     near = cell.relax(ShellStrain(0.08, 0.05, 0.05))

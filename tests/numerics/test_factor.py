@@ -1,16 +1,16 @@
-"""Factorisation back ends against dense linear algebra."""
+"""Factorisation against dense linear algebra."""
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
 
-from yarnscale.errors import InputError
-from yarnscale.numerics.factor import BACKENDS, SymmetricPattern, default_backend, factorisation
-
-INSTALLED = [name for name in BACKENDS if name != "cholmod" or find_spec("cvxopt") is not None]
+from yarnscale.numerics import fronts
+from yarnscale.numerics.block_pattern import BlockPattern
+from yarnscale.numerics.factor import Factorisation, SymmetricPattern
+from yarnscale.numerics.fronts import Fronts
 
 
 def system(n: int, seed: int) -> tuple[np.ndarray, SymmetricPattern, np.ndarray]:
@@ -23,11 +23,10 @@ def system(n: int, seed: int) -> tuple[np.ndarray, SymmetricPattern, np.ndarray]
     return matrix, pattern, matrix[lower[:, 0], lower[:, 1]]
 
 
-@pytest.mark.parametrize("backend", INSTALLED)
 @pytest.mark.parametrize("n", [1, 2, 7, 60])
-def test_solves(backend: str, n: int) -> None:
+def test_solves(n: int) -> None:
     matrix, pattern, values = system(n, n)
-    factor = factorisation(pattern, backend)
+    factor = Factorisation(pattern)
     rng = np.random.default_rng(0)
     for scale in (1.0, 3.0):  # the second time with the same symbolic analysis
         assert factor.factor(scale * values)
@@ -37,10 +36,9 @@ def test_solves(backend: str, n: int) -> None:
             np.testing.assert_allclose(scale * matrix @ solution, right, atol=1e-10)
 
 
-@pytest.mark.parametrize("backend", INSTALLED)
-def test_right_hand_sides_are_left_alone_in_any_memory_order(backend: str) -> None:
+def test_right_hand_sides_are_left_alone_in_any_memory_order() -> None:
     matrix, pattern, values = system(9, 2)
-    factor = factorisation(pattern, backend)
+    factor = Factorisation(pattern)
     assert factor.factor(values)
     columns = np.random.default_rng(1).normal(size=(3, 9)).T
     kept = columns.copy()
@@ -48,10 +46,9 @@ def test_right_hand_sides_are_left_alone_in_any_memory_order(backend: str) -> No
     np.testing.assert_array_equal(columns, kept)
 
 
-@pytest.mark.parametrize("backend", INSTALLED)
-def test_indefinite_singular_and_nan_are_told(backend: str) -> None:
+def test_indefinite_singular_and_nan_are_told() -> None:
     matrix, pattern, values = system(20, 3)
-    factor = factorisation(pattern, backend)
+    factor = Factorisation(pattern)
     worst = values.copy()
     worst[pattern.diagonal] -= 1.001 * np.linalg.eigvalsh(matrix)[0]
     assert not factor.factor(worst), "one slightly negative eigenvalue"
@@ -69,26 +66,52 @@ def test_indefinite_singular_and_nan_are_told(backend: str) -> None:
     np.testing.assert_allclose(matrix @ factor.solve(right), right, atol=1e-9)
 
 
-@pytest.mark.parametrize("backend", INSTALLED)
-def test_hidden_indefiniteness_is_told(backend: str) -> None:
+def test_hidden_indefiniteness_is_told() -> None:
     """Positive diagonal, indefinite matrix: pivoting must not hide the sign."""
     pattern = SymmetricPattern(3, np.array([0, 3, 5, 6]), np.array([0, 1, 2, 1, 2, 2]))
     values = np.array([1.0, 2.0, 0.0, 1.0, 2.0, 1.0])
-    assert not factorisation(pattern, backend).factor(values)
+    assert not Factorisation(pattern).factor(values)
     off_diagonal = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 1.0])
-    assert not factorisation(pattern, backend).factor(off_diagonal)
+    assert not Factorisation(pattern).factor(off_diagonal)
 
 
-@pytest.mark.skipif(len(INSTALLED) < 2, reason="one back end installed")
-def test_back_ends_agree() -> None:
-    _, pattern, values = system(50, 5)
-    right = np.random.default_rng(0).normal(size=(50, 3))
-    answers = []
-    for backend in INSTALLED:
-        factor = factorisation(pattern, backend)
+def _grid(width: int) -> tuple[SymmetricPattern, np.ndarray]:
+    """Random positive entries of the blocks of threes of a square grid with diagonals: many fronts on many levels."""
+    number = np.random.default_rng(3).permutation(width * width).reshape(width, width)
+    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
+    vertices = np.stack([c.ravel() for c in corners], axis=1)
+    unknowns = (3 * vertices[..., None] + np.arange(3)).reshape(-1, 12)
+    pattern = BlockPattern.of(np.full(width * width, 3), [unknowns]).pattern
+    values = np.random.default_rng(4).normal(size=pattern.entries)
+    values[pattern.diagonal] += 20.0
+    return pattern, values
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_a_large_matrix_is_solved_alike_by_any_number_of_threads(
+    threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fronts, "_LEAST_WORK", 0.0)
+    pattern, values = _grid(24)
+    right = np.random.default_rng(0).normal(size=(pattern.size, 3))
+    solutions = []
+    for factor in (Factorisation(pattern, threads=1), Factorisation(pattern, threads=threads)):
+        assert not factor.factor(-values)
         assert factor.factor(values)
-        answers.append(factor.solve(right))
-    np.testing.assert_allclose(answers[0], answers[1], rtol=1e-9, atol=1e-11)
+        solutions.append(factor.solve(right))
+    np.testing.assert_allclose(pattern.multiply(values, solutions[1]), right, atol=1e-11)
+    np.testing.assert_allclose(*solutions, rtol=1e-11, atol=1e-14)
+
+
+def test_order_and_fronts_fill_hardly_more_than_a_general_library() -> None:
+    """Entries of the factor, zeros of joined columns included, against those of SuperLU's factor."""
+    pattern, values = _grid(24)
+    lower = csc_array((values, pattern.rows, pattern.starts), shape=(pattern.size, pattern.size))
+    full = csc_array(lower + lower.T)
+    lu = splu(full, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    parts = Fronts.of(pattern.size, pattern.starts, pattern.rows, None, threads=1)
+    width, height = np.diff(parts.first), np.diff(parts.starts)
+    assert (width * (width + 1) // 2 + width * height).sum() < 1.2 * lu.L.nnz
 
 
 def test_multiply_is_the_symmetric_product() -> None:
@@ -96,13 +119,3 @@ def test_multiply_is_the_symmetric_product() -> None:
     rng = np.random.default_rng(0)
     for x in (rng.normal(size=15), rng.normal(size=(15, 4))):
         np.testing.assert_allclose(pattern.multiply(values, x), matrix @ x, rtol=1e-12, atol=1e-12)
-
-
-def test_an_unknown_back_end_is_an_input_error() -> None:
-    _, pattern, _ = system(2, 0)
-    with pytest.raises(InputError, match="superlu"):
-        factorisation(pattern, "umfpack")
-
-
-def test_the_default_is_installed() -> None:
-    assert default_backend() in INSTALLED

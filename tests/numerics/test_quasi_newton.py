@@ -47,7 +47,7 @@ class Chain:
 
 
 def test_the_minimum_is_found_with_few_factors() -> None:
-    chain, solver = Chain(), ConstrainedSolver(None, None)
+    chain, solver = Chain(), ConstrainedSolver()
     solution = minimise_keeping_factors(chain, np.zeros(SIZE), NewtonOptions(1e-8), linear=solver)
     assert solution.converged and solution.iterations > 10
     assert np.linalg.norm(chain.gradient(solution.x)[1]) <= 1e-8

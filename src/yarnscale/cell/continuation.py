@@ -164,7 +164,7 @@ class Continuation:
     def _minimised(self, energy: CellEnergy, start: Array, iterations: int | None = None) -> Solution:
         most = self.options.max_iterations if iterations is None else iterations
         options = NewtonOptions(self.options.tolerance, max_iterations=most, reuse=energy.reuse)
-        linear = linear_solver(energy.constraints, self.options.backend)
+        linear = linear_solver(energy.constraints)
         return minimise(energy, start, options, linear=linear, bound=energy.bound, watch=self.options.watch)
 
     def _continued(

@@ -17,14 +17,13 @@ from yarnscale.numerics.newton import Solution, Status, Watch
 class EquilibriumOptions:
     """How equilibria of a cell are found.
 
-    tolerance, max_iterations: of each solve. backend: of the factorisation (None: the fastest installed). starts: how
+    tolerance, max_iterations: of each solve. starts: how
     many starts compete for the lowest energy, the others being random perturbations of the first equilibrium, drawn
     with ``seed``. watch: called at every iteration of every solve with its number and the residual.
     """
 
     tolerance: float = 1e-6
     max_iterations: int = 400
-    backend: str | None = None
     starts: int = 1
     seed: int = 0
     watch: Watch | None = field(default=None, repr=False)

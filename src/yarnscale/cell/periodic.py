@@ -127,9 +127,9 @@ class PeriodicCell:
 
         One solve per component with one factorisation. Units follow ``stress``; valid at every equilibrium.
         """
-        return response(self.energy(state.strain), state, self.options.backend).moduli
+        return response(self.energy(state.strain), state).moduli
 
     @checked
     def sensitivities(self, state: Equilibrium) -> Sensitivities:
         """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium."""
-        return sensitivities(self.energy(state.strain), state, self.options.backend)
+        return sensitivities(self.energy(state.strain), state)

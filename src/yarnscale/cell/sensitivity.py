@@ -60,10 +60,10 @@ class Response:
     moduli: Array
 
 
-def response(energy: CellEnergy, state: Equilibrium, backend: str | None = None) -> Response:
+def response(energy: CellEnergy, state: Equilibrium) -> Response:
     """One solve per component with one factorisation; holds at flat, bent and doubly curved states.
 
-    energy: of which the state is an equilibrium. backend: of the factorisation (``numerics.factor``).
+    energy: of which the state is an equilibrium.
     The explicit parts W,zz and W,xz are one-sided differences of exact gradients at fixed x.
     """
     x = energy.start(state.fluctuation / energy.pattern.radius, state.twist)
@@ -74,7 +74,7 @@ def response(energy: CellEnergy, state: Equilibrium, backend: str | None = None)
         moved = _moved(energy, k, step)
         mixed[:, k] = (moved.gradient(x)[1] - gradient) / step
         explicit[k] = (moved.stress(x) - stress) / step
-    by_state = -ConstrainedInverse(model, energy.constraints, backend=backend).apply(mixed)
+    by_state = -ConstrainedInverse(model, energy.constraints).apply(mixed)
     exact = model.values(0.0)
     carried = mixed + np.column_stack([model.pattern.multiply(exact, column) for column in by_state.T])
     moduli = explicit + energy.unit / energy.pattern.area * mixed.T @ by_state
@@ -82,13 +82,12 @@ def response(energy: CellEnergy, state: Equilibrium, backend: str | None = None)
 
 
 @on_one_thread
-def sensitivities(energy: CellEnergy, state: Equilibrium, backend: str | None = None) -> Sensitivities:
+def sensitivities(energy: CellEnergy, state: Equilibrium) -> Sensitivities:
     """Derivatives of energy density and stress by material parameters and rest lengths, at an equilibrium of an energy.
 
-    backend: of the factorisation.
     The pattern's vertices, reference frames and integrated rest curvatures and twists are held.
     """
-    answer, pattern = response(energy, state, backend), energy.pattern
+    answer, pattern = response(energy, state), energy.pattern
     x, unit, r = answer.x, energy.unit / pattern.area, pattern.radius
     rows = constraint_rows(pattern, energy.sliding)
     forces = np.column_stack([energy.gradient(x)[1], answer.force_by_state])

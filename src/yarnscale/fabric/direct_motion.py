@@ -110,7 +110,7 @@ class FabricDynamics(Body[FabricMotion]):
         self.load = gravity_load(energy, np.array(self.settings.gravity))
         # Tolerances are counted in the weight on earth, whatever the gravity of the scene.
         self.force_scale = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, GRAVITY]))))
-        self._linear = ConstrainedSolver(None, None)
+        self._linear = ConstrainedSolver()
         self._patches = _patches(energy)
 
     def start(self) -> FabricMotion:

@@ -123,7 +123,7 @@ def equilibrium(
     objective = FabricObjective(
         energy, [holds.springs(energy)], load, obstacles, force_floor=1e-6 + float(np.linalg.norm(load))
     )
-    solver = ConstrainedSolver(None, None) if linear is None else linear
+    solver = ConstrainedSolver() if linear is None else linear
     energy.anchor(start)
 
     solution: Solution = minimise(

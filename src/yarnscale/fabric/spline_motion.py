@@ -291,7 +291,7 @@ class SplineMotion(Body[YarnMotion]):
     def _new_linear(self) -> ConstrainedSolver | SaddleSolver:
         if isinstance(self._constraints, SparseConstraints):
             return SaddleSolver(self._constraints)
-        return ConstrainedSolver(self._constraints, None)
+        return ConstrainedSolver(self._constraints)
 
     def _mass_solver(self) -> ConstrainedSolver | SaddleSolver:
         """The mass matrix with the constraints, factored; for a volume once, else once a step as contacts turn."""

@@ -24,7 +24,13 @@ PATIENCE = 60.0
 """How long a run waits for a cluster's first worker, or for the next one when all are gone [s]."""
 CONNECT = 10.0
 """How long a scheduler has to answer [s]."""
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_THREADS = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "YARNSCALE_THREADS",
+)
 
 
 @contextmanager

@@ -1,17 +1,25 @@
-"""Sparse Cholesky factorisation behind one small interface: CHOLMOD (extra ``fast``) or SuperLU (always there)."""
+"""Sparse symmetric positive definite matrices of one pattern: product, and multifrontal Cholesky factorisation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Protocol
 
 import numba
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError
+from yarnscale.numerics.fronts import Fronts
+from yarnscale.numerics.multifrontal import (
+    CONSTANTS,
+    DGEMM,
+    DPOTRF,
+    DSYRK,
+    DTRSM,
+    factor_fronts,
+    scatter,
+    solve_fronts,
+)
+from yarnscale.numerics.threads import available_threads, one_thread, run_parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,105 +87,55 @@ def _multiply(starts, rows, values, x, product):
         product[j] += total
 
 
-class Factorisation(Protocol):
-    """Cholesky factor of matrices that share one pattern."""
+class Factorisation:
+    """Cholesky factor of matrices that share one pattern; made with its symbolic analysis.
+
+    Large ones are shared by threads. Results do not depend on their number, but for round-off of BLAS on several.
+    """
+
+    def __init__(self, pattern: SymmetricPattern, *, threads: int | None = None) -> None:
+        threads = available_threads() if threads is None else threads
+        fronts = Fronts.of(pattern.size, pattern.starts, pattern.rows, pattern.stages, threads=threads)
+        self._fronts = fronts
+        self._factor, self._updates = np.empty(fronts.factor[-1]), np.empty(fronts.room)
+        by_parent = np.argsort(fronts.parent, kind="stable")
+        children = np.searchsorted(fronts.parent[by_parent], np.arange(len(fronts.parent) + 1))
+        self._tree = fronts.first, fronts.starts, fronts.places, fronts.factor, by_parent, children
 
     def factor(self, values: Array) -> bool:
         """Factor the matrix with these entries; False where it is not positive definite."""
-        ...
+        if not np.isfinite(values).all():
+            return False
+        fronts, data = self._fronts, (self._updates, self._factor)
+        scatter(values, fronts.entries, self._factor)
+
+        def work(share: Integers) -> bool:
+            places = fronts.raised, fronts.updates
+            return factor_fronts(share, *self._tree, *places, *data, *CONSTANTS, DPOTRF, DTRSM, DSYRK)
+
+        *side_by_side, last = fronts.shares
+        if side_by_side:
+            with one_thread():
+                if not all(run_parts(work, side_by_side)):
+                    return False
+        return work(last)
 
     def solve(self, right: Array) -> Array:
         """Solve for (n,) or (n, k); only after ``factor`` returned True."""
-        ...
-
-
-class CholmodFactorisation:
-    """Supernodal CHOLMOD through cvxopt; symbolic analysis once per pattern."""
-
-    def __init__(self, pattern: SymmetricPattern) -> None:
-        import cvxopt
-
-        cholmod = import_module("cvxopt.cholmod")  # compiled, without types
-        # Chosen by itself, CHOLMOD takes its simplicial method on these matrices, five times slower.
-        cholmod.options["supernodal"] = 2
-        self._matrix, self._cholmod = cvxopt.matrix, cholmod
-        columns = np.repeat(np.arange(pattern.size), np.diff(pattern.starts))
-        size = (pattern.size, pattern.size)
-        self._values = cvxopt.spmatrix(1.0, cvxopt.matrix(pattern.rows), cvxopt.matrix(columns), size)
-        if pattern.stages is None:
-            self._factor = cholmod.symbolic(self._values)
-            return
-        by_degree = np.array(import_module("cvxopt.amd").order(self._values)).ravel()
-        order = by_degree[np.argsort(pattern.stages[by_degree], kind="stable")]
-        self._factor = cholmod.symbolic(self._values, p=cvxopt.matrix(order))
-
-    def factor(self, values: Array) -> bool:
-        if not np.isfinite(values).all():  # CHOLMOD factors NaN without complaint
-            return False
-        self._values.V = self._matrix(values)
-        try:
-            self._cholmod.numeric(self._values, self._factor)
-        except ArithmeticError:
-            return False
-        return True
-
-    def solve(self, right: Array) -> Array:
-        solution = self._matrix(np.asfortranarray(right, dtype=np.float64))
-        self._cholmod.solve(self._factor, solution)
-        return np.array(solution).reshape(right.shape)
-
-
-class SuperLUFactorisation:
-    """SuperLU without pivoting; the signs of the pivots tell definiteness."""
-
-    def __init__(self, pattern: SymmetricPattern) -> None:
-        from scipy.sparse import csc_array
-        from scipy.sparse.linalg import splu
-
-        self._splu, self._csc = splu, csc_array
-        self._pattern = pattern
-        self._lu = None
-
-    def factor(self, values: Array) -> bool:
-        pattern = self._pattern
-        if not np.isfinite(values).all():
-            return False
-        lower = self._csc((values, pattern.rows, pattern.starts), shape=(pattern.size, pattern.size))
-        diagonal = self._csc((values[pattern.diagonal], (np.arange(pattern.size),) * 2), shape=lower.shape)
-        full = (lower + lower.T - diagonal).tocsc()
-        options = {"SymmetricMode": True}
-        try:
-            lu = self._splu(full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-        except RuntimeError:  # exactly singular
-            return False
-        if not (lu.U.diagonal() > 0).all() or not (lu.perm_r == lu.perm_c).all():
-            return False
-        self._lu = lu
-        return True
-
-    def solve(self, right: Array) -> Array:
-        if self._lu is None:
-            raise RuntimeError("solve before a factorisation succeeded")
-        return self._lu.solve(np.asarray(right, dtype=np.float64))
-
-
-BACKENDS = {"cholmod": CholmodFactorisation, "superlu": SuperLUFactorisation}
-
-
-def default_backend() -> str:
-    """``cholmod`` where cvxopt is installed, else ``superlu``."""
-    return "cholmod" if find_spec("cvxopt") is not None else "superlu"
-
-
-def factorisation(pattern: SymmetricPattern, backend: str | None = None) -> Factorisation:
-    """A factorisation for matrices of this pattern by the named back end (None: the fastest installed)."""
-    name = backend or default_backend()
-    if name not in BACKENDS:
-        raise InputError("factorisation back end", expected=" or ".join(BACKENDS), found=name)
-    if name == "cholmod" and find_spec("cvxopt") is None:
-        raise InputError(
-            "factorisation back end cholmod", expected="the extra 'fast' (cvxopt) installed", found="none"
+        order = self._fronts.order
+        columns = np.asfortranarray(right.reshape(len(right), -1)[order], dtype=np.float64)
+        first, starts, *_ = self._tree
+        solve_fronts(
+            first,
+            starts,
+            self._fronts.rows,
+            self._fronts.factor,
+            self._factor,
+            columns,
+            *CONSTANTS,
+            DTRSM,
+            DGEMM,
         )
-    # After a large block was freed, glibc takes the arrays of later factorisations from the heap, without page faults.
-    np.empty(4_000_000)
-    return BACKENDS[name](pattern)
+        solution = np.empty_like(columns)
+        solution[order] = columns
+        return solution.reshape(right.shape)

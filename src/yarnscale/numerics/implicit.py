@@ -18,16 +18,11 @@ class ConstrainedInverse:
     """K⁺ of a quadratic model at a minimum: one factorisation, then one refined solve per right-hand side."""
 
     def __init__(
-        self,
-        model: QuadraticModel,
-        constraints: Constraints | None = None,
-        *,
-        shift: float = 1e-8,
-        backend: str | None = None,
+        self, model: QuadraticModel, constraints: Constraints | None = None, *, shift: float = 1e-8
     ) -> None:
         """shift: smallest regularisation; raised until the factorisation succeeds, and undone by refinement."""
         self._model, self._constraints = model, constraints
-        self._solver = linear_solver(constraints, backend)
+        self._solver = linear_solver(constraints)
         self._exact = model.values(0.0)
         while not self._solver.factorise(model, shift):
             shift = max(10.0 * shift, 1e-12)

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
+from yarnscale.numerics.factor import Factorisation, SymmetricPattern
 
 
 class QuadraticModel(Protocol):
@@ -48,8 +48,7 @@ class ConstrainedSolver:
     The constraints are eliminated by a Schur complement on the factor, with one extra column each.
     """
 
-    constraints: LinearConstraints | None
-    backend: str | None
+    constraints: LinearConstraints | None = None
     factorisations: int = 0
     analyses: int = 0
     _pattern: SymmetricPattern | None = None
@@ -61,7 +60,7 @@ class ConstrainedSolver:
         """Factor the model's matrix with this shift; False where it is not positive definite."""
         if self._factor is None or model.pattern is not self._pattern:
             self._pattern = model.pattern
-            self._factor = factorisation(model.pattern, self.backend)
+            self._factor = Factorisation(model.pattern)
             self.analyses += 1
         self.factorisations += 1
         self._columns = None

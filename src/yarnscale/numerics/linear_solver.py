@@ -10,10 +10,10 @@ Constraints = LinearConstraints | SparseConstraints | ChainConstraints
 LinearSolver = ConstrainedSolver | SaddleSolver | NullSpaceSolver
 
 
-def linear_solver(constraints: Constraints | None, backend: str | None = None) -> LinearSolver:
-    """The solver of KKT systems that suits the constraints; backend: of the factorisation (``factor``)."""
+def linear_solver(constraints: Constraints | None) -> LinearSolver:
+    """The solver of KKT systems that suits the constraints."""
     if isinstance(constraints, SparseConstraints):
         return SaddleSolver(constraints)
     if isinstance(constraints, ChainConstraints):
-        return NullSpaceSolver(constraints, backend)
-    return ConstrainedSolver(constraints, backend)
+        return NullSpaceSolver(constraints)
+    return ConstrainedSolver(constraints)

@@ -137,7 +137,7 @@ def minimise(
     same. bound(x, step): largest admissible fraction of a step, in (0, 1]. after_step(x): called after each accepted
     step. watch(iteration, residual): called at every iterate.
     """
-    solver = ConstrainedSolver(None, None) if linear is None else linear
+    solver = ConstrainedSolver() if linear is None else linear
     return _Newton(objective, options, solver, bound, after_step, watch).run(np.array(start, np.float64))
 
 

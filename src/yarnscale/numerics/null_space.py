@@ -155,7 +155,6 @@ class NullSpaceSolver:
     """Factor and solve of K p + Cᵀ λ = b, C p = d by p = Z y + …; stands beside ``kkt.ConstrainedSolver``."""
 
     constraints: ChainConstraints
-    backend: str | None = None
     _pattern: SymmetricPattern | None = None
     _values: Array | None = None
     _dissection: Dissection | None = None
@@ -164,7 +163,7 @@ class NullSpaceSolver:
     def __post_init__(self) -> None:
         few = self.constraints.few_reduced
         rows = LinearConstraints(few, np.zeros(len(few))) if len(few) else None
-        self._reduced = ConstrainedSolver(rows, self.backend)
+        self._reduced = ConstrainedSolver(rows)
 
     @property
     def factorisations(self) -> int:

@@ -61,7 +61,7 @@ def minimise_keeping_factors(
 
     The positive model, shift 1, must be positive definite up to round-off. options: tolerance and most iterations.
     """
-    solver = ConstrainedSolver(None, None) if linear is None else linear
+    solver = ConstrainedSolver() if linear is None else linear
     run = _QuasiNewton(objective, options, solver, bound, after_step, None, keep=keep)
     return run.run(np.array(start, dtype=np.float64))
 

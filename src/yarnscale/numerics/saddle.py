@@ -13,7 +13,7 @@ import qdldl
 from scipy.sparse import bmat, csc_array, csr_array, diags_array, tril
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.numerics.factor import Factorisation, SymmetricPattern, factorisation
+from yarnscale.numerics.factor import Factorisation, SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
 
 _SOFTNESS = 1e-10
@@ -46,7 +46,7 @@ def _normal_factor(matrix: csr_array) -> Factorisation:
     lower.sort_indices()
     starts, rows = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
     pattern, entries = SymmetricPattern(len(starts) - 1, starts, rows), np.asarray(lower.data, np.float64)
-    factor = factorisation(pattern)
+    factor = Factorisation(pattern)
     values = entries.copy()
     while not factor.factor(values):  # dependent rows
         values[pattern.diagonal] += 1e-12 * float(np.abs(entries).max())

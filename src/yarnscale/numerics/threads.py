@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib import import_module
-from importlib.util import find_spec
 from typing import ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -26,9 +25,7 @@ _T = TypeVar("_T")
 @cache
 def _controller() -> ThreadpoolController:
     # A controller knows the libraries that are loaded when it is made: load those that we use first.
-    for name in ("scipy.linalg", "cvxopt"):
-        if find_spec(name.partition(".")[0]) is not None:
-            import_module(name)
+    import_module("scipy.linalg")
     return ThreadpoolController()
 
 

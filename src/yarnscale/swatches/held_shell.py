@@ -74,7 +74,7 @@ class HeldShell:
         self.free = np.flatnonzero(free.ravel())
         self._elastic = ShellObjective(self.energy)
         self._pull = KeptPull(FreeUnknowns(self.free, np.zeros(free.size)))
-        self._linear = ConstrainedSolver(None, None)
+        self._linear = ConstrainedSolver()
 
     def solve(
         self,

@@ -101,7 +101,7 @@ class ClothSolver(Body[ClothState]):
         self.contact = ClothContact(cloth.mesh, cloth.contact or NO_CONTACT, cloth.obstacles)
         self.elastic = ShellObjective(self.energy, guests=self.contact.guests)
         self.growth = PatternGrowth(self.elastic.pattern)
-        self.linear = ConstrainedSolver(None, None)
+        self.linear = ConstrainedSolver()
         strength = float(np.linalg.norm(cloth.gravity)) or GRAVITY
         self.scale = float(np.linalg.norm(self.masses)) * strength
 

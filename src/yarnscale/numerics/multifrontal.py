@@ -1,0 +1,201 @@
+"""Compiled loops of a sparse Cholesky factorisation over ``fronts``, with the BLAS that SciPy has.
+
+Each front adds up its part of the matrix and the updates of its children, factors its columns and leaves an update for
+its parent, in an order that does not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import cast
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import get_cython_function_address, intrinsic
+
+_JIT = {"cache": True, "error_model": "numpy", "nogil": True, "fastmath": {"nsz", "contract", "reassoc"}}
+
+
+CONSTANTS = np.frombuffer(b"LNRT", np.uint8), np.array([1.0, -1.0, 0.0])
+"""Arguments of BLAS. Not made inside compiled functions, which free an array after its last use by name."""
+DPOTRF = get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf")
+DTRSM, DSYRK, DGEMM = (
+    get_cython_function_address("scipy.linalg.cython_blas", name) for name in ("dtrsm", "dsyrk", "dgemm")
+)
+
+
+@intrinsic
+def _call_fortran(typingctx, address, pointers):  # type: ignore[no-untyped-def]
+    signature = types.void(types.int64, pointers)
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        byte = ir.IntType(8).as_pointer()
+        words = cgutils.unpack_tuple(builder, arguments[1], signature.args[1].count)
+        kind = ir.FunctionType(ir.VoidType(), [byte] * len(words))
+        builder.call(
+            builder.inttoptr(arguments[0], kind.as_pointer()), [builder.inttoptr(w, byte) for w in words]
+        )
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+_call = cast("Callable[[int, tuple[int, ...]], None]", _call_fortran)
+"""Inside ``@njit``: call a Fortran routine by its address with the addresses of its arguments."""
+
+
+@numba.njit(**_JIT)
+def scatter(values, places, factor):
+    """Entries at their places in a factor, zero elsewhere."""
+    factor[:] = 0.0
+    for k in range(len(values)):
+        factor[places[k]] = values[k]
+
+
+@numba.njit(**_JIT)
+def factor_fronts(
+    share,
+    first,
+    starts,
+    places,
+    begin,
+    by_parent,
+    children,
+    raised,
+    lowered,
+    updates,
+    factor,
+    letter,
+    one,
+    dpotrf,
+    dtrsm,
+    dsyrk,
+):
+    """Factor fronts in their order; False as soon as a pivot is not positive."""
+    lower, none, right, transposed = [letter.ctypes.data + k for k in range(4)]
+    size = np.zeros(4, np.int32)  # width, rows below, rows, outcome
+    for s in share:
+        width, below = first[s + 1] - first[s], starts[s + 1] - starts[s]
+        rows = width + below
+        size[0], size[1], size[2] = width, below, rows
+        columns = factor[begin[s] : begin[s + 1]]
+        update = updates[raised[s] : raised[s] + below * below]
+        many = children[s + 1] > children[s]
+        if many:
+            update[:] = 0.0
+        for c in by_parent[children[s] : children[s + 1]]:
+            _add_update(
+                updates[lowered[c] :], places[starts[c] : starts[c + 1]], width, below, columns, update
+            )
+        data = columns.ctypes.data
+        width_at, below_at, rows_at = size.ctypes.data, size.ctypes.data + 4, size.ctypes.data + 8
+        _call(dpotrf, (lower, width_at, data, rows_at, size.ctypes.data + 12))
+        if size[3] != 0:
+            return False
+        if below == 0:
+            continue
+        plus, minus, beta = one.ctypes.data, one.ctypes.data + 8, one.ctypes.data + (0 if many else 16)
+        under = data + 8 * width
+        _call(
+            dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at)
+        )
+        _call(
+            dsyrk,
+            (lower, none, below_at, width_at, minus, under, rows_at, beta, update.ctypes.data, below_at),
+        )
+        if lowered[s] < raised[s]:
+            for k in range(below * below):
+                updates[lowered[s] + k] = update[k]
+    return True
+
+
+@numba.njit(**_JIT)
+def _add_update(child, places, width, below, columns, update):
+    """Add the update of a child, a lower triangle, to the columns and to the update of its parent."""
+    count, rows = len(places), width + below
+    for j in range(count):
+        column, place = child[j * count : (j + 1) * count], places[j]
+        at = np.int64(place)
+        if at < width:
+            into = columns[at * rows + at : (at + 1) * rows]
+        else:
+            into = update[(at - width) * (below + 1) : (at - width + 1) * below]
+        for i in range(j, count):
+            into[places[i] - place] += column[i]
+
+
+@numba.njit(**_JIT)
+def solve_fronts(first, starts, rows, begin, factor, x, letter, one, dtrsm, dgemm):
+    """Replace columns x in the order of elimination by the solution of L Lᵀ x = right."""
+    lower, none, _, transposed = [letter.ctypes.data + k for k in range(4)]
+    plus, minus, zero = one.ctypes.data, one.ctypes.data + 8, one.ctypes.data + 16
+    size = np.zeros(5, np.int32)  # width, rows below, rows, of x: rows, columns
+    width_at, below_at, rows_at, length_at, count_at = [size.ctypes.data + 4 * k for k in range(5)]
+    count = x.shape[1]
+    size[3], size[4] = len(x), count
+    others = np.empty(count * np.diff(starts).max())
+    for sweep in range(2):
+        for k in range(len(first) - 1):
+            s = k if sweep == 0 else len(first) - 2 - k
+            width, below = first[s + 1] - first[s], starts[s + 1] - starts[s]
+            size[0], size[1], size[2] = width, below, width + below
+            data, mine = factor[begin[s] :].ctypes.data, x.ctypes.data + 8 * first[s]
+            met = rows[starts[s] : starts[s + 1]]
+            under, apart = data + 8 * width, others.ctypes.data
+            if sweep == 0:
+                _call(
+                    dtrsm,
+                    (lower, lower, none, none, width_at, count_at, plus, data, rows_at, mine, length_at),
+                )
+                if below:
+                    _call(
+                        dgemm,
+                        (
+                            none,
+                            none,
+                            below_at,
+                            count_at,
+                            width_at,
+                            plus,
+                            under,
+                            rows_at,
+                            mine,
+                            length_at,
+                            zero,
+                            apart,
+                            below_at,
+                        ),
+                    )
+                for c in range(count):
+                    for i in range(below):
+                        x[met[i], c] -= others[c * below + i]
+                continue
+            for c in range(count):
+                for i in range(below):
+                    others[c * below + i] = x[met[i], c]
+            if below:
+                _call(
+                    dgemm,
+                    (
+                        transposed,
+                        none,
+                        width_at,
+                        count_at,
+                        below_at,
+                        minus,
+                        under,
+                        rows_at,
+                        apart,
+                        below_at,
+                        plus,
+                        mine,
+                        length_at,
+                    ),
+                )
+            _call(
+                dtrsm,
+                (lower, lower, transposed, none, width_at, count_at, plus, data, rows_at, mine, length_at),
+            )
