@@ -27,7 +27,7 @@ from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import YarnObjective, coarser
 from yarnscale.swatches.scattered import race, sobol_starts
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData
-from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, fit_fabric
+from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, fit_fabric
 from yarnscale.swatches.yarn_fit import FitOptions, ParameterSpread, fit_yarn
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
 from yarnscale.swatches.yarn_rest import RestRule
@@ -60,8 +60,9 @@ def model_of(sample: str, *, free: bool = True) -> YarnModel:
 def knits(options: argparse.Namespace, executor) -> list[dict]:
     """Each knit with both directions, and with the warp held out."""
     from yarnscale.show.estimate import write_estimate_report
+    from yarnscale.show.estimates import write_estimates_page
 
-    rows, found = [], []
+    rows, found = [], {}
     for sample in options.samples:
         measured = read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")
         for holdout in [Direction.WARP if name == "warp" else None for name in options.holdouts]:
@@ -76,30 +77,10 @@ def knits(options: argparse.Namespace, executor) -> list[dict]:
             folder.mkdir(parents=True, exist_ok=True)
             write_estimate_report(folder, estimate, pictures=options.pictures)
             if holdout is None:
-                found.append(estimate)
+                found[sample] = estimate.summary()
     if found:
-        summary_page(options.out / "index.html", found)
+        write_estimates_page(options.out / "index.html", found)
     return rows
-
-
-def summary_page(path: Path, estimates: list[FabricEstimate]) -> None:
-    """Errors and parameters of all fabrics side by side (EST22 Fig. 13 to 15)."""
-    from yarnscale.show.report import Section, Table, write_report
-
-    errors, values = [], []
-    for estimate in estimates:
-        found, name = estimate.error, estimate.measurements.name
-        shares = (found.comfort, found.full, found.compression, estimate.shell_error.comfort,
-                  estimate.yarn_error.comfort)  # fmt: skip
-        percent = [None if share is None else 100 * share for share in shares]
-        errors.append([name, *percent, estimate.fit.solves, round(estimate.fit.cpu_seconds)])
-        values.append([name, *estimate.fit.values.tolist()])
-    columns = ["fabric", "comfort [%]", "full [%]", "contraction [%]", "shell alone [%]", "yarn alone [%]"]
-    tables = [
-        Table([*columns, "equilibria", "CPU seconds"], errors),
-        Table(["fabric", *estimates[0].fit.model.names], values),
-    ]
-    write_report(path, "Estimated yarns", [Section("Errors and parameters", (), tables)])
 
 
 def ablations(options: argparse.Namespace, executor) -> list[dict]:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -118,6 +119,55 @@ def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.C
         main([*start, "--solver", "guess"])
     assert main(["estimate", "none.csv", *start[2:]]) == 2
     assert not out.exists()
+
+
+def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
+    measured: Path, tmp_path: Path, run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fabrics, out = tmp_path / "fabrics", tmp_path / "out"
+    (fabrics / "B").mkdir(parents=True)
+    for folder, name, pattern in ((fabrics, "A.toml", "garter"), (fabrics / "B", "fabric.toml", "own.chart")):
+        (folder / "curves.csv").write_text(measured.read_text())
+        (folder / name).write_text(f'stretch = "curves.csv"\npattern = "{pattern}"\n')
+    (fabrics / "B" / "own.chart").write_text("kind = knit\nradius = 0.4 mm\nrows:\nkp\npk\n")
+    begun = []
+
+    def estimated(options, measurements, model):
+        begun.append((options.out, options.resume, model.pattern.name))
+        share = 0.05 * len(begun)
+        errors = {"comfort": share, "full": 2 * share, "compression": None}
+        summary = {
+            "error": errors, "stages": {"shell": errors}, "cloth_error": None, "failed_states": 0, "solves": 7,
+            "cpu_seconds": 1.0, "parameters": {"k_s1": 0.5}, "fabric": {"tex": 20.0},
+        }  # fmt: skip
+        (options.out / "evaluations").mkdir(parents=True)
+        (options.out / "estimate.json").write_text(json.dumps(summary))
+        return SimpleNamespace(summary=lambda: summary)
+
+    monkeypatch.setattr("yarnscale.cli.estimate._estimated", estimated)
+    outcome = run("estimate", fabrics, "--out", out, "--json")
+    assert outcome.status == 0
+    assert [(folder, name) for folder, _, name in begun] == [(out / "A", "garter"), (out / "B", "own")]
+    found = json.loads(outcome.out)["fabrics"]
+    assert {name: part["error"]["comfort"] for name, part in found.items()} == {"A": 0.05, "B": 0.1}
+    page = (out / "index.html").read_text()
+    assert ">mean<" in page and ">7.5<" in page and "data:image/png" in page
+
+    # What is finished is not estimated again; a broken file is found before anything begins.
+    assert run("estimate", fabrics, "--out", out, "--resume").status == 0 and len(begun) == 2
+    (fabrics / "C.toml").write_text('stretch = "curves.csv"\n')
+    refusal = run("estimate", fabrics, "--out", tmp_path / "other")
+    assert refusal.status == 2 and "C.toml: --pattern" in refusal.err and len(begun) == 2
+    assert not (tmp_path / "other").exists()
+
+
+def test_units_of_loads() -> None:
+    pytest.importorskip("matplotlib")
+    from yarnscale.show.estimate import load_factor
+
+    # 50 N/m are 2.5 N per 5 cm, 3 N on 6 cm, and 0.025 cN/tex of 200 g/m².
+    found = [50 * load_factor(units, 0.06, 0.2) for units in ("N/m", "N/5cm", "N", "cN/tex")]
+    assert found == pytest.approx([50, 2.5, 3, 0.025])
 
 
 def test_faults_leave_the_results_of_an_earlier_run(measured: Path, tmp_path: Path) -> None:

@@ -3,52 +3,103 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from yarnscale.cli.console import ProgressLine, report, say
+from yarnscale.cli.console import ProgressLine, plain_json, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_folder import check_resumable
 from yarnscale.files.estimate_run import EVALUATIONS, fabric_model
 from yarnscale.files.estimate_run import estimate as estimate_yarn
+from yarnscale.files.fields import read_json
 from yarnscale.files.material_json import write_material
 from yarnscale.files.material_toml import write_material as write_yarn
-from yarnscale.files.measurements import read_measurements
+from yarnscale.files.measurements import fabric_files, read_measurements
 from yarnscale.files.measurements_swatches import LogSettings
 from yarnscale.files.patterns import write_pattern
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.executors import dask_workers, local_workers
 from yarnscale.homogenize.rays import FEWEST
+from yarnscale.laboratory.programme import FabricTests, run_tests
 from yarnscale.swatches.cloth_check import ClothCheck, homogenized_swatches
 from yarnscale.swatches.construction import KnownConstruction
 from yarnscale.swatches.evaluations import Evaluations
-from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.objective import ErrorWeights
 from yarnscale.swatches.yarn_estimate import FabricEstimate, check_bending, fitted_directions
 from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
-from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT
+from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT, YarnModel
 
 HOMOGENIZED = "homogenized"
 """Folder of the homogenized yarn within that of the report."""
+ESTIMATE = "estimate.json"
 YARN = "yarn.toml"
 """The estimated yarn material."""
 COUNTS = {"wales": 1e2, "courses": 1e2, "loop_length": 1e-3, "tex": 1e-6, "area_density": 1e-3}
 """Option → factor to SI."""
 MAKES = (
-    f"{EVALUATIONS}/*.json", "estimate.json", "index.html", "curves.png", "spread.png", "cell-*.png", PATTERN, YARN,
+    f"{EVALUATIONS}/*.json", ESTIMATE, "index.html", "curves.png", "spread.png", "cell-*.png", PATTERN, YARN,
     f"{HOMOGENIZED}/",
 )  # fmt: skip
 """All that the command writes."""
 
 
 def estimate(options: argparse.Namespace) -> int:
-    """Estimate a yarn and write the report."""
+    """Estimate the yarn of a fabric, or of every fabric of a folder, and write reports."""
+    if options.measurements.is_dir():
+        return _every(options)
+    found = _estimated(options, *_prepared(options))
+    report(options, found.summary(), *_lines(options.out, found))
+    if not options.json:
+        for warning in found.warnings:
+            _say(f"warning: {warning}")
+    return 0 if found.fit.evaluation.failed == 0 else 1
+
+
+def _every(options: argparse.Namespace) -> int:
+    """Estimate every fabric of a folder into a folder of its name, and write a page that compares them.
+
+    All files are read before the first estimate begins.
+    """
+    from yarnscale.show.estimates import write_estimates_page
+
+    runs = []
+    for name, path in fabric_files(options.measurements).items():
+        own = argparse.Namespace(**vars(options) | {"measurements": path, "out": options.out / name})
+        own.resume = options.resume and (own.out / EVALUATIONS).is_dir()
+        runs.append((name, own, _prepared(own)))
+    summaries: dict[str, dict[str, Any]] = {}
+    for name, own, prepared in runs:
+        if (done := _done(own)) is None:
+            done = _estimated(own, *prepared).summary()
+        summaries[name] = done
+        write_estimates_page(options.out / "index.html", summaries)
+    lines = [
+        f"{name}: comfort range {_percent(done['error']['comfort'])}, contraction "
+        f"{_percent(done['error']['compression'])}"
+        for name, done in summaries.items()
+    ]
+    report(options, {"fabrics": summaries}, *lines, f"{options.out / 'index.html'}: all fabrics side by side")
+    return max(int(done["failed_states"] > 0) for done in summaries.values())
+
+
+def _done(options: argparse.Namespace) -> dict[str, Any] | None:
+    """What an earlier run found that is resumed, if it came to its end."""
+    path = options.out / ESTIMATE
+    if not options.resume or not path.is_file():
+        return None
+    found = read_json(path)
+    return found if options.homogenize is None or found.get("cloth_error") is not None else None
+
+
+def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnModel]:
+    """What was measured, and the model of the yarn; all that can be wrong with either is found here."""
     length, width = options.swatch or (None, None)
     settings = LogSettings(swatch_length=length, swatch_width=width)
     measurements = read_measurements(options.measurements, sample=options.sample, settings=settings)
@@ -66,21 +117,43 @@ def estimate(options: argparse.Namespace) -> int:
     if published:
         options.follow, options.shell_model, options.shape = "shell", "stvk", "drawn"
     model = fabric_model(
-        measurements, options.pattern, radius=options.radius, yarn_length=options.yarn_length,
+        measurements, _pattern(options, measurements), radius=options.radius, yarn_length=options.yarn_length,
         stiffness=options.stiffness, free_shape=None if options.shape is None else options.shape == "free",
     )  # fmt: skip
     if published:
         model = replace(model, stiffest_contact=PUBLISHED_CONTACT)
+    if options.homogenize is not None and options.homogenize < FEWEST:
+        raise InputError("--homogenize", expected=f"at least {FEWEST}", found=options.homogenize)
+    fitted_directions(measurements, *_directions(options))
+    check_bending(measurements, ErrorWeights(bending=options.bending_weight))
+    return measurements, model
+
+
+def _directions(options: argparse.Namespace) -> tuple[list[Direction] | None, Direction | None]:
+    """Those to fit, None for all, and the one that is held out."""
+    chosen = None if options.directions is None else [Direction(name) for name in options.directions]
+    return chosen, None if options.holdout is None else Direction(options.holdout)
+
+
+def _pattern(options: argparse.Namespace, measurements: SwatchMeasurements) -> str:
+    """The pattern of the command line, else of the fabric file: a file beside it, or a name."""
+    if options.pattern is not None:
+        return options.pattern
+    if measurements.pattern is None:
+        expected = "a pattern here or in the fabric file"
+        raise InputError("--pattern", where=options.measurements, expected=expected, found="none")
+    beside = options.measurements.parent / measurements.pattern
+    return str(beside) if beside.is_file() else measurements.pattern
+
+
+def _estimated(
+    options: argparse.Namespace, measurements: SwatchMeasurements, model: YarnModel
+) -> FabricEstimate:
+    """Estimate the yarn into its folder."""
     search = FitOptions(
         options.solver, options.seed, options.starts, options.refined, iterations=options.iterations
     )
-    weights = ErrorWeights(bending=options.bending_weight)
-    chosen = None if options.directions is None else [Direction(name) for name in options.directions]
-    holdout = None if options.holdout is None else Direction(options.holdout)
-    if options.homogenize is not None and options.homogenize < FEWEST:
-        raise InputError("--homogenize", expected=f"at least {FEWEST}", found=options.homogenize)
-    fitted_directions(measurements, chosen, holdout)
-    check_bending(measurements, weights)
+    chosen, holdout = _directions(options)
     if options.resume:
         check_resumable(options.out / EVALUATIONS)
     results = RunFolder(
@@ -97,21 +170,27 @@ def estimate(options: argparse.Namespace) -> int:
         folder = stack.enter_context(results)
         found = estimate_yarn(
             measurements, model, folder, resume=options.resume, directions=chosen, holdout=holdout,
-            follow=options.follow, shell_model=options.shell_model, options=search, weights=weights,
+            follow=options.follow, shell_model=options.shell_model, options=search,
+            weights=ErrorWeights(bending=options.bending_weight),
             executor=executor,
             progress=_progress(measurements.name, work_ahead(search, len(model.names))),
         )  # fmt: skip
         write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
         write_yarn(found.cell.materials[0], folder / YARN)
-        _write(folder, found)  # before what takes long and may fail
+        found = replace(found, tests=_tested(found))
+        _write(options, found)  # before what takes long and may fail
         if options.homogenize is not None:
             found = replace(found, cloth=_homogenized(options, folder / HOMOGENIZED, found))
-            _write(folder, found)
-        report(options, found.summary(), *_lines(folder, found))
-        if not options.json:
-            for warning in found.warnings:
-                _say(f"warning: {warning}")
-    return 0 if found.fit.evaluation.failed == 0 else 1
+            _write(options, found)
+    return found
+
+
+def _tested(found: FabricEstimate) -> FabricTests | None:
+    """Laboratory numbers of the fabric at rest, if it has a rest shape."""
+    if not found.fit.evaluation.rested.relaxed:
+        return None
+    name = found.measurements.name
+    return run_tests(found.cell, name=name, progress=ProgressLine(f"testing {name}").show)
 
 
 def _homogenized(options: argparse.Namespace, folder: Path, found: FabricEstimate) -> ClothCheck | None:
@@ -139,19 +218,20 @@ def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:
     return show
 
 
-def _write(folder: Path, found: FabricEstimate) -> None:
+def _write(options: argparse.Namespace, found: FabricEstimate) -> None:
     """Page and numbers."""
+    folder, units = options.out, options.units
     try:
         from yarnscale.show.canvas import PicturesUnavailable
         from yarnscale.show.estimate import write_estimate_report
 
         try:
-            write_estimate_report(folder, found)
+            write_estimate_report(folder, found, units=units)
         except PicturesUnavailable as error:
             _say(f"no pictures of the cell: {error}")
-            write_estimate_report(folder, found, pictures=False)
+            write_estimate_report(folder, found, units=units, pictures=False)
     finally:
-        write_text(folder / "estimate.json", json.dumps(found.summary(), indent=1) + "\n")
+        write_text(folder / ESTIMATE, plain_json(found.summary(), indent=1) + "\n")
 
 
 def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:

@@ -14,6 +14,7 @@ SOLVES = 600
 DIRECTIONS = ("weft", "bias", "warp")
 FOLLOW = ("measured", "shell")
 SHELLS = ("stiffening", "stvk")
+UNITS = ("N/m", "N/5cm", "N", "cN/tex")
 SHAPES = ("free", "drawn")
 
 
@@ -37,11 +38,15 @@ def add_estimate_options(add: Add) -> None:
     about = "Estimate the yarn of a fabric from measured swatches."
     option = add("estimate", "estimate", about, add_radius, add_workers, add_dask, add_overwrite, add_json)
     option(
-        "measurements", type=Path, metavar="MEASUREMENTS", help="TOML or CSV file of a fabric's swatch tests"
+        "measurements",
+        type=Path,
+        metavar="MEASUREMENTS",
+        help="TOML, CSV, XLSX or U3M file of a fabric's swatch tests, or a folder of such fabrics",
     )
     option(
-        "--pattern", required=True, metavar="PATTERN",
-        help="built-in pattern, or a .pyp, .json, .chart, .wif or .k file of the fabric's structure",
+        "--pattern", metavar="PATTERN",
+        help="built-in pattern, or a .pyp, .json, .chart, .wif or .k file of the fabric's structure (default: the one "
+        "that the fabric file names)",
     )  # fmt: skip
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the report and the evaluations")
     option(
@@ -95,6 +100,12 @@ def add_estimate_options(add: Add) -> None:
         help="homogenize the estimated yarn with about N equilibria (600), simulate the swatches as cloth of it, and "
         "compare them with the measured ones",
     )  # fmt: skip
+    option(
+        "--units",
+        choices=UNITS,
+        default="N/m",
+        help="of loads in the report; cN/tex by the fabric's mass (N/m)",
+    )
     option("--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)")
     refined = "from how many of the best refinement begins (12)"
     option("--refined", type=positive_integer, default=12, metavar="N", help=refined)

@@ -67,6 +67,26 @@ def read_measurements(
     return measured.knowing(readings.known)
 
 
+def fabric_files(folder: Path) -> dict[str, Path]:
+    """Files of the fabrics of a folder by name: ``NAME.toml``, ``NAME.u3m`` or ``NAME/fabric.toml``.
+
+    Raises InputError where there are none, or two of one name.
+    """
+    found: dict[str, Path] = {}
+    suffixes = (".toml", *(suffix for suffix in U3M_SUFFIXES if suffix != ".json"))
+    for path in sorted([*folder.iterdir(), *folder.glob("*/fabric.toml")]):
+        if not path.is_file() or path.suffix.lower() not in suffixes:
+            continue
+        name = path.stem if path.parent == folder else path.parent.name
+        if name in found:
+            raise InputError("fabrics of a folder", where=path, expected="other names", found=found[name])
+        found[name] = path
+    if not found:
+        expected = "fabrics: NAME.toml, NAME.u3m or NAME/fabric.toml"
+        raise InputError("folder", where=folder, expected=expected, found="none")
+    return found
+
+
 def _from_toml(path: Path, sample: str | None, single_run: bool, settings: LogSettings) -> SwatchMeasurements:
     with toml_file(path) as table:
         table.known(*_FIELDS, *_COUNTS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from yarnscale.kinematics import ShellStrain
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera
 from yarnscale.show.curves import pattern_curves, rings_for
+from yarnscale.show.laboratory import numbers_section
 from yarnscale.show.plots import written_figure
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 from yarnscale.show.tubes import room_of, yarn_picture
@@ -37,14 +39,17 @@ _MEANINGS = {
 _YARN, _SHELL, _CLOTH, _MEASURED = theme.YARNS[1], theme.YARNS[0], theme.YARNS[2], theme.INK
 
 
-def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: bool = True) -> Path:
+def write_estimate_report(
+    folder: Path, estimate: FabricEstimate, *, units: str = "N/m", pictures: bool = True
+) -> Path:
     """Write ``index.html`` and its pictures; the path of the page.
 
-    pictures: whether to draw the cell too. Raises InputError where the folder cannot be written, and
+    units: of loads, "N/m", "N/5cm", "N" on the measured swatch or "cN/tex" by the mass of the fabric. pictures: whether
+    to draw the cell too. Raises InputError where the folder cannot be written, and
     PicturesUnavailable where the machine cannot draw.
     """
     summary, fit = estimate.summary(), estimate.fit
-    curves_plot(folder / "curves.png", estimate)
+    curves_plot(folder / "curves.png", estimate, units=units)
     spread_plot(folder / "spread.png", estimate)
     sections = [
         Section(
@@ -68,6 +73,10 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
             ],
         ),
     ]
+    if estimate.tests is not None:
+        sections.append(
+            replace(numbers_section(estimate.tests), title="Laboratory numbers of the estimated fabric")
+        )
     if pictures:
         sections.append(Section("Pictures of the fabric", _shape(estimate), (), _cells(folder, estimate)))
     error = estimate.error
@@ -91,7 +100,7 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, pictures: b
     return path
 
 
-def curves_plot(path: Path, estimate: FabricEstimate) -> None:
+def curves_plot(path: Path, estimate: FabricEstimate, *, units: str = "N/m") -> None:
     """Load and contraction over stretch, a column for each direction, those held out last."""
     shells = estimate.shell.uniform_data(follow="shell").curves
     triples = zip(estimate.measured.curves, shells, estimate.fit.evaluation.curves, strict=True)
@@ -109,47 +118,64 @@ def curves_plot(path: Path, estimate: FabricEstimate) -> None:
     with written_figure(path, max(7.0, 4.2 * len(panels)), 6.0) as figure:
         grid = figure.subplots(2, len(panels), squeeze=False, sharex="col")
         for k, (target, shell, curve) in enumerate(panels):
-            _stress_panel(grid[0, k], tests[target.direction], target, shell, curve)
-            _contraction_panel(grid[1, k], tests[target.direction], target, shell, curve)
+            test = tests[target.direction]
+            factor = load_factor(units, test.swatch_width, estimate.cell.area_density)
+            _stress_panel(grid[0, k], test, target, shell, curve, factor)
+            _contraction_panel(grid[1, k], test, target, shell, curve)
             if (simulated := cloth.get(target.direction)) is not None:
                 style = {"color": _CLOTH, "linewidth": 1.4, "label": "swatches of homogenized cloth"}
-                grid[0, k].plot(*_from_rest(simulated[0], simulated[1]), **style)
+                grid[0, k].plot(*_from_rest(simulated[0], factor * simulated[1]), **style)
                 grid[1, k].plot(*_from_rest(simulated[0], 100 * simulated[2]), **style)
             grid[0, k].set_title(f"{target.direction.value}{', held out' if shell is None else ''}")
-        grid[0, 0].set_ylabel("force over width [N/m]")
+        grid[0, 0].set_ylabel(f"{'force' if units == 'N' else 'force over width'} [{units}]")
         grid[1, 0].set_ylabel("contraction across [%]")
         handles, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
 
 
+def load_factor(units: str, width: float, area_density: float) -> float:
+    """What 1 N/m is in other units, on a swatch of a width [m] of fabric of a mass per area [kg/m²]."""
+    return {"N/m": 1.0, "N/5cm": 0.05, "N": width, "cN/tex": 1e-4 / area_density}[units]
+
+
 def _stress_panel(
-    axes: Axes, test: StretchTest, target: UniformCurve, shell: UniformCurve | None, curve: YarnCurve
+    axes: Axes,
+    test: StretchTest,
+    target: UniformCurve,
+    shell: UniformCurve | None,
+    curve: YarnCurve,
+    factor: float,
 ) -> None:
     measured = test.curve.up_to(POWER_LOAD)
-    axes.axhspan(0, COMFORT_LOAD, color=theme.YARNS[3], alpha=0.10, linewidth=0, label="comfort range")
-    axes.axhspan(COMFORT_LOAD, POWER_LOAD, color=theme.YARNS[2], alpha=0.10, linewidth=0, label="power range")
+    comfort, power = factor * COMFORT_LOAD, factor * POWER_LOAD
+    axes.axhspan(0, comfort, color=theme.YARNS[3], alpha=0.10, linewidth=0, label="comfort range")
+    axes.axhspan(comfort, power, color=theme.YARNS[2], alpha=0.10, linewidth=0, label="power range")
     low, high = measured.stretch - measured.stretch_spread, measured.stretch + measured.stretch_spread
-    axes.fill_betweenx(measured.load, 100 * low, 100 * high, color=theme.MUTED, alpha=0.35, linewidth=0,
+    axes.fill_betweenx(factor * measured.load, 100 * low, 100 * high, color=theme.MUTED, alpha=0.35, linewidth=0,
                        label="spread over runs")  # fmt: skip
     axes.plot(
-        100 * measured.stretch, measured.load, color=_MEASURED, linewidth=1.2, label="swatches, measured"
+        100 * measured.stretch,
+        factor * measured.load,
+        color=_MEASURED,
+        linewidth=1.2,
+        label="swatches, measured: loading",
     )
     for run in test.runs:
         if run.unloading is not None:
             back = run.unloading.length / run.rest_length - 1.0
-            axes.plot(100 * back, run.unloading.force / test.swatch_width, color=theme.MUTED, linewidth=0.7,
+            axes.plot(100 * back, factor * run.unloading.force / test.swatch_width, color=theme.MUTED, linewidth=0.7,
                       label="unloading, not fitted" if run is test.runs[0] else None)  # fmt: skip
     axes.plot(
-        *_from_rest(target.stretch, target.stress),
+        *_from_rest(target.stretch, factor * target.stress),
         color=_MEASURED,
         linestyle=":",
         label="measured, without clamps",
     )
     if shell is not None:
-        line = _from_rest(shell.stretch, shell.stress)
+        line = _from_rest(shell.stretch, factor * shell.stress)
         axes.plot(*line, color=_SHELL, linestyle="--", label="shell, without clamps")
-    _yarn_line(axes, target, curve, curve.stress, 1.0)
-    axes.set_ylim(0, 1.15 * POWER_LOAD)
+    _yarn_line(axes, target, curve, curve.stress, factor)
+    axes.set_ylim(0, 1.15 * power)
     axes.set_xlim(left=0)
 
 

@@ -29,7 +29,7 @@ def write_page(folder: Path, found: Sequence[FabricTests], compared: Difference 
         ),
         Picture(folder / "bending.png", _legend(found, "Bending, twist and shear"), wide=True),
     ]
-    sections = [Section("Curves", (), (), pictures), *(_numbers(tests) for tests in found)]
+    sections = [Section("Curves", (), (), pictures), *(numbers_section(tests) for tests in found)]
     if any(tests.drape is not None for tests in found):
         _outlines(folder / "drape.png", found)
         caption = "Shadow of the draped specimen from above; dotted: disc and flat specimen."
@@ -119,7 +119,8 @@ def _outlines(path: Path, found: Sequence[FabricTests]) -> None:
         axes.set(xlabel="along the course [cm]", ylabel="along the wale [cm]", aspect="equal")
 
 
-def _numbers(tests: FabricTests) -> Section:
+def numbers_section(tests: FabricTests) -> Section:
+    """Tensile, bending and shear numbers of a fabric, and how it rolls."""
     tensile: list[list[Cell]] = [
         [s.direction, s.largest_load, s.EMT, s.LT, s.WT, s.RT, s.E5, s.E20, s.E100] for s in tests.tensile
     ]

@@ -13,6 +13,7 @@ import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
+from yarnscale.laboratory.programme import FabricTests
 from yarnscale.swatches.cloth_check import ClothCheck, check_cloth
 from yarnscale.swatches.construction import FabricConstruction, sized, weighed
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
@@ -49,7 +50,7 @@ class FabricEstimate:
     measured curves of these directions without the effect of the clamps, which the errors refer to. held_out: the
     measured curves of the other directions, likewise, and what the yarn does there; None where there are none.
     short: strips shorter than wide, simulated as cloth of the shell, if any. cloth: the swatches simulated as cloth of
-    the homogenized yarn, if any.
+    the homogenized yarn, if any. tests: of the laboratory on the fabric at rest, if any.
     """
 
     measurements: SwatchMeasurements
@@ -61,6 +62,7 @@ class FabricEstimate:
     prediction: Evaluation | None
     short: ClothCheck | None = None
     cloth: ClothCheck | None = None
+    tests: FabricTests | None = None
 
     @cached_property
     def cell(self) -> PeriodicCell:
@@ -272,6 +274,7 @@ class FabricEstimate:
             "at_bounds": list(fit.at_bounds),
             "period": self.cell.pattern.period.tolist(),
             "fabric": self.construction.summary(),
+            "tests": None if self.tests is None else self.tests.plain()["summary"],
             "cloth_error": None if self.cloth is None else self.cloth.errors.summary(),
         }
         if (ahead := self.held_out_error) is not None:
