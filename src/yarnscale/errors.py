@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -59,6 +59,14 @@ def quoted(value: object) -> str:
     except (RecursionError, ValueError):
         text = type(value).__name__
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def misspelt(name: object, known: Iterable[str]) -> str:
+    """A quotation of a name that is not known, with the known one that is most like it."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(str(name).lower(), [*known], 1)
+    return quoted(name) + (f", did you mean {near[0]}?" if near else "")
 
 
 class InputNotice(UserWarning):

@@ -120,7 +120,7 @@ def test_another_scene_is_not_resumed(tmp_path: Path, capsys) -> None:
     out = tmp_path / "run"
     assert main(["simulate", str(short), "--out", str(out), "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
-    assert main(["convert", str(out), "--to", "gltf", "--out", str(out / "later.glb"), "--json"]) == 0
+    assert main(["convert", str(out), "--format", "gltf", "--out", str(out / "later.glb"), "--json"]) == 0
     capsys.readouterr()
     assert main(["simulate", str(short), "--out", str(out), "--resume", "--json"]) == 0
     assert (out / "later.glb").exists(), "nothing was added to the run"
@@ -145,8 +145,8 @@ def test_a_run_owns_its_folder(tmp_path: Path, capsys) -> None:
     assert (scene.parent / "index.html").read_text() == "mine" and not (scene.parent / "frames").exists()
     exports = ["--format", "obj", "--format", "gltf", "--format", "vtk"]
     assert main(["simulate", str(scene), "--out", str(out), *exports]) == 0
-    assert main(["convert", str(out), "--to", "gltf", "--out", str(out / "later.glb")]) == 0
-    assert main(["convert", str(out), "--to", "obj", "--out", str(out / "sequence")]) == 0
+    assert main(["convert", str(out), "--format", "gltf", "--out", str(out / "later.glb")]) == 0
+    assert main(["convert", str(out), "--format", "obj", "--out", str(out / "sequence")]) == 0
     mine = {"notes.txt", "cloth.blend", "obj/mine.obj"}
     for name in mine:
         (out / name).write_text("mine")
@@ -194,7 +194,7 @@ def test_every_format_of_a_run(run: Path, tmp_path: Path) -> None:
         if kind in ("usd", "mp4"):
             pytest.importorskip({"usd": "pxr", "mp4": "av"}[kind], reason="extra 'export'")
         out = ["--out", str(tmp_path / name), "--yarns", str(tmp_path / "yarns")]
-        assert main(["convert", str(run), "--to", kind, *out]) == 0
+        assert main(["convert", str(run), "--format", kind, *out]) == 0
     last = frames.state(2).positions
     obj: Any = pv.read(str(tmp_path / "obj" / "frame_0002.obj"))
     np.testing.assert_allclose(obj.points[: len(last)], last, atol=1e-6)
@@ -204,7 +204,7 @@ def test_every_format_of_a_run(run: Path, tmp_path: Path) -> None:
 def test_a_movie_has_the_frames_of_its_time(run: Path, tmp_path: Path) -> None:
     av: Any = pytest.importorskip("av", reason="extra 'export'")
     path = tmp_path / "slow.mp4"
-    arguments = ["--to", "mp4", "--fps", "25", "--speed", "0.25", "--colour", "stretch"]
+    arguments = ["--format", "mp4", "--fps", "25", "--speed", "0.25", "--colour", "stretch"]
     assert main(["convert", str(run / "frames"), *arguments, "--out", str(path)]) == 0
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
@@ -221,12 +221,12 @@ def test_a_movie_has_the_frames_of_its_time(run: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nowhere", "--to", "obj", "--out", "x"], "folder does not exist"),
-        ([".", "--to", "obj", "--out", "x"], "folder holds no frames"),
-        (["{run}", "--to", "bcc", "--out", "x"], "BCC files hold curves"),
-        (["{run}", "--to", "usd", "--out", "x.obj"], "unknown file type"),
-        (["{run}", "--to", "gltf", "--out", "no/such/folder/x.glb"], "cannot be written"),
-        (["{run}", "--to", "obj", "--out", "/dev/null/x"], "cannot be written"),
+        (["nowhere", "--format", "obj", "--out", "x"], "folder does not exist"),
+        ([".", "--format", "obj", "--out", "x"], "folder holds no frames"),
+        (["{run}", "--format", "bcc", "--out", "x"], "BCC files hold curves"),
+        (["{run}", "--format", "usd", "--out", "x.obj"], "unknown file type"),
+        (["{run}", "--format", "gltf", "--out", "no/such/folder/x.glb"], "cannot be written"),
+        (["{run}", "--format", "obj", "--out", "/dev/null/x"], "cannot be written"),
     ],
 )
 def test_bad_input_is_one_line(run: Path, tmp_path: Path, monkeypatch, capsys, arguments, message) -> None:
@@ -243,5 +243,5 @@ def test_bad_input_is_one_line(run: Path, tmp_path: Path, monkeypatch, capsys, a
 def test_without_the_extra_the_error_says_what_to_install(run: Path, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("yarnscale.cli.convert.find_spec", lambda name: None)
     for kind in ("usd", "mp4"):
-        assert main(["convert", str(run), "--to", kind, "--out", str(tmp_path / f"a.{kind}")]) == 2
+        assert main(["convert", str(run), "--format", kind, "--out", str(tmp_path / f"a.{kind}")]) == 2
         assert "yarnscale[export]" in capsys.readouterr().err

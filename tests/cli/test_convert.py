@@ -48,7 +48,7 @@ def test_what_is_no_choice_of_frames_is_refused() -> None:
 
 def test_files_bear_the_numbers_of_their_frames(run: Callable, run_of_yarns: Path, tmp_path: Path) -> None:
     out = tmp_path / "obj"
-    assert run("convert", run_of_yarns, "--to", "obj", "--out", out, "--frames", "5:9:2").status == 0
+    assert run("convert", run_of_yarns, "--format", "obj", "--out", out, "--frames", "5:9:2").status == 0
     assert sorted(path.name for path in out.glob("frame_*")) == [f"frame_{n:04d}.obj" for n in (5, 7, 9)]
     text = (out / "frame_0007.obj").read_text()
     assert "o bodies" in text and "0.07" in text
@@ -57,14 +57,14 @@ def test_files_bear_the_numbers_of_their_frames(run: Callable, run_of_yarns: Pat
 def test_tubes_of_one_frame_fit_into_their_size(
     run: Callable, refused: Callable[..., str], run_of_yarns: Path, tmp_path: Path
 ) -> None:
-    call = ("convert", run_of_yarns, "--to", "gltf", "--out", tmp_path / "a.glb")
+    call = ("convert", run_of_yarns, "--format", "gltf", "--out", tmp_path / "a.glb")
     outcome = run(*call)
     assert "frame 9 of 3 to 9; --frames" in outcome.err and "MB: tubes of 8 sides" in outcome.err
     assert "1 frame," in outcome.out
     fine = (tmp_path / "a.glb").stat().st_size
-    run(*call, "--size", 0.005)
+    run(*call, "--megabytes", 0.005)
     assert (tmp_path / "a.glb").stat().st_size < 0.8 * fine
-    assert "tubes of these yarns are larger than asked" in run(*call, "--size", 1e-5).err
+    assert "tubes of these yarns are larger than asked" in run(*call, "--megabytes", 1e-5).err
     assert "7 frames" in run(*call, "--yarns-as", "lines").out
 
 
@@ -72,7 +72,7 @@ def test_an_interruption_says_what_is_left(
     run: Callable, run_of_yarns: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("yarnscale.files.gltf._Gltf.write", _interrupt)
-    outcome = run("convert", run_of_yarns, "--to", "gltf", "--out", tmp_path / "a.glb")
+    outcome = run("convert", run_of_yarns, "--format", "gltf", "--out", tmp_path / "a.glb")
     assert outcome.status == 130 and "nothing is kept of" in outcome.err
     assert not list(tmp_path.glob("*.glb"))
 

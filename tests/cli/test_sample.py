@@ -56,5 +56,5 @@ def test_loads_are_sampled_without_a_grid(run, refused, tmp_path: Path) -> None:
         "sample", "plain", "--out", out, "--solves", "61", "--limit", "3", "--resume"
     )
     assert "--size" in refused("sample", "plain", "--out", tmp_path / "other", "--size", "2x1")
-    assert "largest load" in refused("sample", "plain", "--out", tmp_path / "other", "--limit", "-1")
+    assert "a positive number" in refused("sample", "plain", "--out", tmp_path / "other", "--limit", "-1")
     assert not (tmp_path / "other").exists()

@@ -61,5 +61,5 @@ def test_tubes_are_as_fine_as_a_size_allows() -> None:
         for rows, triangles, _ in tubes.pieces:
             count = rows.stop - rows.start
             assert triangles.max() == count - 1 and triangles.min() == 0 and count <= LARGEST_PIECE
-    with pytest.raises(InputError, match=r"--size .* or more, --yarns-as lines, or --to usd"):
+    with pytest.raises(InputError, match=r"--megabytes .* or more, --yarns-as lines, or --format usd"):
         fitting_detail(CURVES, POINTS, 100.0)

@@ -80,7 +80,7 @@ def test_command_writes_parameters_certificate_and_table(tmp_path, capsys):
             [
                 "export",
                 str(tmp_path / "cloth.json"),
-                "--to",
+                "--format",
                 "newton",
                 "--loads",
                 "0.1,2",
@@ -115,7 +115,15 @@ def test_bad_range_is_refused_and_nothing_is_written(tmp_path, capsys, loads):
     out = tmp_path / "newton.json"
     assert (
         main(
-            ["export", str(tmp_path / "cloth.json"), "--to", "newton", f"--loads={loads}", "--out", str(out)]
+            [
+                "export",
+                str(tmp_path / "cloth.json"),
+                "--format",
+                "newton",
+                f"--loads={loads}",
+                "--out",
+                str(out),
+            ]
         )
         == 2
     )
@@ -127,7 +135,8 @@ def test_range_belongs_to_newton(tmp_path):
     write_material(tmp_path / "cloth.json", WOVEN)
     out = tmp_path / "cloth.c"
     assert (
-        main(["export", str(tmp_path / "cloth.json"), "--to", "c", "--loads", "1,2", "--out", str(out)]) == 2
+        main(["export", str(tmp_path / "cloth.json"), "--format", "c", "--loads", "1,2", "--out", str(out)])
+        == 2
     )
     with pytest.raises(InputError, match="range of loads"):
         fit_style3d(WOVEN, (1.0, np.inf))

@@ -239,8 +239,8 @@ def test_bad_garment_scenes_are_told_with_file_and_field(folder: Path, text: str
     ("arguments", "message"),
     [
         (["sweater"], "sweater: ready scene; expected --shell MATERIAL.json; found none"),
-        (["gown"], "gown: no such scene; expected a scene file or one of stretch-course"),
-        (["scene.toml", "--spacing", "0.1"], "scene.toml: option --spacing; expected it in the scene file"),
+        (["gown"], "no such scene; expected a scene file or one of stretch-course"),
+        (["scene.toml", "--spacing", "0.1"], "--spacing; expected it in the scene file"),
     ],
 )
 def test_the_command_tells_what_it_needs(folder: Path, monkeypatch, capsys, arguments, message: str) -> None:

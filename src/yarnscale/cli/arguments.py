@@ -3,25 +3,63 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from yarnscale import __version__
 from yarnscale.cli.cloth_options import add_cloth_commands
 from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.cli.fabric_options import add_fabric_options
 from yarnscale.cli.material_options import add_material_commands
-from yarnscale.cli.shared_options import Option, Share, add_json, add_overwrite
+from yarnscale.cli.shared_options import GROUPS, Add, Option, Share, add_json, add_overwrite
 from yarnscale.cli.yarn_options import add_yarn_commands
+from yarnscale.errors import misspelt
+
+_COMPLETING = "_ARGCOMPLETE" in os.environ
+"""Whether a shell asks how a command line goes on."""
+_ORDER = {title: place for place, title in enumerate(GROUPS)}
+_GROUP_OF = {f"--{name}": title for title, names in GROUPS.items() for name in names}
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line; the usage is a ``--help`` away."""
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, with the name that is likely meant; without any argument it prints its help."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+    def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
+        """Options of the groups in ``GROUPS`` appear there in the help."""
+        title = _GROUP_OF.get(names[0])
+        if title is None:
+            return super().add_argument(*names, **settings)
+        there = (group for group in self._action_groups if group.title == title)
+        group = next(there, None) or self.add_argument_group(title)
+        self._action_groups.sort(key=lambda group: _ORDER.get(group.title or "", -1))
+        return group.add_argument(*names, **settings)
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
+        if _COMPLETING:
+            return super().parse_known_args(args, namespace)
+        if not args and any(action.required for action in self._actions):
+            self.print_help(sys.stderr)
+            self.exit(2)
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            name = unknown[0].partition("=")[0]
+            self.error(f"unknown argument {misspelt(name, self._option_string_actions)}")
+        return found, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            choices = [str(choice) for choice in action.choices]
+            what = f"expected {', '.join(choices)}; found {misspelt(value, choices)}"
+            raise argparse.ArgumentError(action, what)
 
 
 def _deferred(module: str, function: str) -> Callable[[argparse.Namespace], int]:
@@ -31,34 +69,54 @@ def _deferred(module: str, function: str) -> Callable[[argparse.Namespace], int]
     return run
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The whole command line."""
-    top = _Parser(prog="yarnscale", description="Knitted and woven cloth across scales.")
+    top = Parser(
+        prog="yarnscale", usage="yarnscale [-h] [--version] COMMAND …",
+        description="Knitted and woven cloth across scales.", formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
     top.add_argument("--version", action="version", version=f"yarnscale {__version__}")
-    commands = top.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-
-    def command_of(name: str, module: str, about: str, *shared: Share) -> argparse.ArgumentParser:
-        command = commands.add_parser(name, help=about, description=about)
-        command.set_defaults(run=_deferred(module, name))
-        for options in shared:
-            options(command)
-        return command
+    commands = top.add_subparsers(
+        dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS, prog=top.prog
+    )
+    width, lines = shutil.get_terminal_size().columns - 2, list[str]()
 
     def add(name: str, module: str, about: str, *shared: Share) -> Option:
-        return command_of(name, module, about, *shared).add_argument
+        command = commands.add_parser(name, description=about)
+        command.set_defaults(run=_deferred(module, name), default=command.get_default)
+        for options in shared:
+            options(command)
+        lines.append(textwrap.fill(f"  {name:<11} {about}", width, subsequent_indent=" " * 14))
+        return command.add_argument
 
-    add_yarn_commands(add)
-    add_material_commands(add)
-    add_cloth_commands(add)
-    about = "Simulate a finite fabric, yarn by yarn or in a bounding volume."
-    add_fabric_options(command_of("fabric", "fabric", about))
-    add_estimate_options(add)
+    for title, add_commands in _COMMANDS.items():
+        lines += ["", f"{title}:"]
+        add_commands(add)
+    top.epilog = "\n".join(lines).strip()
+    if _COMPLETING:
+        from yarnscale.cli.completion import complete
+
+        complete(top, commands.choices)
+    return top
+
+
+def _add_first_commands(add: Add) -> None:
+    option = add("help", "guide", "Print a page of the guide: formats, conventions, theory.")
+    option("topic", nargs="?", metavar="TOPIC", help="name of a page (without: their list)")
     option = add("samples", "guide", "Write small inputs to try: curves, charts, scenes, a mesh, materials.")
     option("--out", type=Path, required=True, metavar="DIR", help="folder for them")
     option("--overwrite", action="store_true", help="replace files of the same names")
-    option = add("help", "guide", "Print a page of the guide: formats, conventions, theory.")
-    option("topic", nargs="?", metavar="TOPIC", help="name of a page (without: their list)")
     about = "Run the whole first job on a built-in pattern, with pictures and a page."
     option = add("demo", "demo", about, add_overwrite, add_json)
     option("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)")
-    return top
+
+
+_COMMANDS: dict[str, Callable[[Add], None]] = {
+    "first steps": _add_first_commands,
+    "patterns and cells of yarns": add_yarn_commands,
+    "shell materials": add_material_commands,
+    "cloth as a shell": add_cloth_commands,
+    "finite fabrics of yarns": add_fabric_options,
+    "measured swatches": add_estimate_options,
+}
+"""Commands by the heading of their group in the help."""

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, outcome_lines, report
 from yarnscale.cli.notices import show_notices
-from yarnscale.errors import InputError
+from yarnscale.cli.values import refuse
+from yarnscale.errors import InputError, misspelt
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder
@@ -66,12 +67,9 @@ def _scene(options: argparse.Namespace) -> Scene:
         scene = ready_scene(options.scene, read_material(options.shell), spacing=options.spacing)
         return replace(scene, notices=(sizes_of(scene.cloth),))
     if not Path(options.scene).exists():
-        raise InputError(
-            "no such scene", where=options.scene, expected="a scene file or one of " + ", ".join(READY)
-        )
-    for name in ("shell", "spacing"):
-        if getattr(options, name) is not None:
-            raise InputError(f"option --{name}", where=options.scene, expected="it in the scene file")
+        expected = "a scene file or one of " + ", ".join(READY)
+        raise InputError("no such scene", expected=expected, found=misspelt(options.scene, READY))
+    refuse(options, ("shell", "spacing"), "it in the scene file")
     return read_scene(options.scene)
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from yarnscale.cli.shared_options import (
     PATTERN,
-    YARN_MATERIAL,
     Add,
     add_dask,
     add_json,
+    add_material,
     add_overwrite,
     add_radius,
     add_resume,
@@ -25,7 +25,7 @@ _RUN = "folder that 'simulate' wrote, or one of frames"
 def add_cloth_commands(add: Add) -> None:
     """Stretch, drape, simulate, detail, convert."""
     run = (_add_output, add_overwrite, add_json)
-    sheet = (_add_material, *run)
+    sheet = (_add_shell, *run)
     option = add("stretch", "cloth", "Stretch a 30 × 30 cm sheet between two bars.", *sheet)
     option("--direction", choices=("course", "wale"), required=True, help="direction of the pull")
     option("--amount", type=number, help="growth of the bars' distance, e.g. 0.373; or give --travel")
@@ -44,13 +44,13 @@ def add_cloth_commands(add: Add) -> None:
         "hang, twist, ring, scarf, tshirt, sweater",
     )  # fmt: skip
     option("--shell", type=Path, metavar="MATERIAL.json", help="shell material of a ready scene")
-    option("--spacing", type=number, metavar="H", help="edge length of the triangles of a ready scene [m]")
+    option("--spacing", type=positive, metavar="H", help="edge length of the triangles of a ready scene [m]")
 
     about = "Put the relaxed yarns of a pattern on the frames of a simulated cloth."
-    option = add("detail", "detail", about, add_radius, add_dask, add_workers, add_overwrite, add_json)
+    yarn = (add_material, add_radius, add_dask, add_workers, add_overwrite, add_json)
+    option = add("detail", "detail", about, *yarn)
     option("frames", type=Path, metavar="DIR", help=_RUN)
     option("--pattern", required=True, metavar="PATTERN", help=PATTERN)
-    option("--material", action="append", help=YARN_MATERIAL)
     option(
         "--samples", type=Path, metavar="STORE",
         help="store that 'sample' or 'homogenize' wrote (default: 'samples' beside the pattern file, else a grid of "
@@ -70,14 +70,14 @@ def add_cloth_commands(add: Add) -> None:
     option = add("convert", "convert", about, add_overwrite, add_json)
     option("frames", type=Path, metavar="DIR", help=_RUN)
     kinds = ("obj", "gltf", "usd", "vtk", "bcc", "mp4", "png")
-    option("--to", choices=kinds, required=True, help="format, see yarnscale help output_formats")
+    option("--format", choices=kinds, required=True, help="see yarnscale help output_formats")
     out = "file .glb, .usdc, .usda, .pvd or .mp4; folder for obj, bcc and png"
     option("--out", type=Path, required=True, metavar="PATH", help=out)
     option("--yarns", type=Path, metavar="DIR", help="frames of yarn curves to go with the cloth")
     tubes = f"{_FRAMES}; of glTF with tubes the last one"
     option("--frames", dest="chosen", type=frames, metavar="FIRST:LAST:STEP", help=tubes)
     size = "of a frame of tubes in glTF, which get fewer sides and points until they fit (50)"
-    option("--size", type=positive, default=50.0, metavar="MB", help=size)
+    option("--megabytes", type=positive, default=50.0, metavar="MB", help=size)
     option("--fps", type=positive, default=30.0, help="frames a second of USD and MP4 (30)")
     option("--speed", type=positive, default=1.0, help="of an MP4, 1 is real time (1)")
     colour = "of cloth in MP4 and PNG (sides)"
@@ -89,7 +89,7 @@ def add_cloth_commands(add: Add) -> None:
     option("--yarns-as", choices=("tubes", "lines"), default="tubes", help=yarns_as)
 
 
-def _add_material(command: argparse.ArgumentParser) -> None:
+def _add_shell(command: argparse.ArgumentParser) -> None:
     command.add_argument("material", type=Path, metavar="MATERIAL.json", help="shell material")
     spacing = "edge length of triangles [m] (0.0065)"
     command.add_argument("--spacing", type=positive, metavar="H", help=spacing)

@@ -32,26 +32,26 @@ _PACKAGES = {"usd": "pxr", "mp4": "av"}
 
 def convert(options: argparse.Namespace) -> int:
     """Convert the frames of a run."""
-    require(options.to)
+    require(options.format)
     animation = read_animation(options.frames, yarns=options.yarns)
     if options.chosen is not None:
         animation = animation.among(options.chosen.of(animation.numbers))
-    elif options.to == "gltf" and options.yarns_as == "tubes" and animation.yarns is not None:
+    elif options.format == "gltf" and options.yarns_as == "tubes" and animation.yarns is not None:
         last = animation.numbers[-1]
         if len(animation) > 1:
             _say(
                 f"frame {last} of {animation.numbers[0]} to {last}; --frames FIRST:LAST:STEP takes several, and "
-                "--yarns-as lines or --to usd are smaller"
+                "--yarns-as lines or --format usd are smaller"
             )
         animation = animation.among([last])
-    kind, out = options.to, options.out
+    kind, out = options.format, options.out
     if kind in _FILES:
         writable_file(out, *_FILES[kind])
         note_result(out.parent, options.frames, made_by(kind, out.name))
         write(animation, kind, out, options)
     else:
         makes = [Path(name).name for name in made_by(kind, "")]
-        with RunFolder(out, f"convert --to {kind}", makes, overwrite=options.overwrite):
+        with RunFolder(out, f"convert --format {kind}", makes, overwrite=options.overwrite):
             note_result(out, options.frames)
             write(animation, kind, out, options)
     size = f", {options.out.stat().st_size / 1e6:.3g} MB" if options.out.is_file() else ""
@@ -84,7 +84,7 @@ def require(kind: str) -> None:
 
 
 def write(animation: Animation, kind: str, out: Path, options: argparse.Namespace | None = None) -> None:
-    """Write an animation as one of the kinds of ``--to``; without ``options`` as the command does by default."""
+    """Write an animation as one of the kinds of ``--format``; without ``options`` as the command does by default."""
     if kind in _FILES:
         writable_file(out, *_FILES[kind])
     else:
@@ -117,7 +117,7 @@ def _write(
         from yarnscale.files.gltf import write_gltf
 
         yarns_as = chosen.get("yarns_as") or "tubes"
-        detail = None if yarns_as == "lines" else _tube_detail(animation, chosen.get("size") or 50.0)
+        detail = None if yarns_as == "lines" else _tube_detail(animation, chosen.get("megabytes") or 50.0)
         write_gltf(out, animation, yarns_as=yarns_as, detail=detail, on_frame=on_frame)
     elif kind == "mp4":
         from yarnscale.show.movie import write_movie
@@ -148,7 +148,7 @@ def _tube_detail(animation: Animation, megabytes: float) -> TubeDetail | None:
     whole = size * (1.0 + (len(animation) - 1) * 24 / 36)
     _say(
         f"about {whole / 1e6:.3g} MB: tubes of {detail.sides} sides, {100 * share:.0f} % of the points, to within "
-        f"{detail.tolerance:g} radii (--size MB takes more or fewer)"
+        f"{detail.tolerance:g} radii (--megabytes takes more or fewer)"
     )
     return detail
 

@@ -7,6 +7,7 @@ import argparse
 import numpy as np
 
 from yarnscale.cli.console import report, say, writable_file
+from yarnscale.cli.values import refuse
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.shell.materials.compact import CompactMaterial
@@ -19,8 +20,8 @@ _ENDINGS = {"hylc": ".json", "c": ".c", "warp": ".py", "newton": ".json"}
 def export(options: argparse.Namespace) -> int:
     """Write HYLC JSON, C or Warp source, or parameters of Newton's cloth; losses go to the standard error."""
     writable_file(options.out, _ENDINGS[options.format])
-    if options.loads is not None and options.format != "newton":
-        raise InputError("--loads", expected="--format newton with it", found=f"--format {options.format}")
+    if options.format != "newton":
+        refuse(options, ("loads",), "--format newton with it")
     material = read_material(options.material)
     lost: list[str] = []
     if options.format == "hylc":

@@ -11,10 +11,11 @@ from typing import Any
 from yarnscale.cli import convert
 from yarnscale.cli.console import ProgressLine, outcome_lines, report, say
 from yarnscale.cli.fabric_options import IN_SCENE_FILES, ONLY_RODS, SCENES, SHAPING
+from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import rods_on_mesh
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, misspelt
 from yarnscale.fabric.direct_motion import FabricMotion
 from yarnscale.fabric.fabric_scene import FabricResult, FabricScene, fabric_schedule
 from yarnscale.fabric.rod_fabric import RodFabric
@@ -56,8 +57,8 @@ def _check_sizes(options: argparse.Namespace) -> None:
         given = getattr(options, name)
         if options.on is None and given is None:
             raise InputError(f"--{name}", expected="a whole number from 2 to 1000", found="none")
-        if options.on is not None and given is not None:
-            raise InputError(f"--{name}", expected="none, as a mesh has its own size", found=given)
+    if options.on is not None:
+        refuse(options, ("rows", "columns"), "none, as a mesh has its own size")
     if options.adaptive and options.method != "volume":
         raise InputError("--adaptive", expected="--method volume", found=options.method)
 
@@ -71,10 +72,8 @@ def _model(options: argparse.Namespace) -> str:
         other = "rods" if model == "splines" else "splines"
         chosen = "" if options.model else f" (--model {other} takes {other})"
         say(f"yarns in the volume: {model}{chosen}")
-        for name in ("adaptive", "explicit"):
-            if model == "rods" and getattr(options, name):
-                expected = "--model splines, or --method direct"
-                raise InputError(f"--{name}", expected=expected, found="rods in a volume")
+        if model == "rods":
+            refuse(options, ("adaptive", "explicit"), "--model splines, or --method direct")
     elif options.model not in (None, model):
         raise InputError(
             "--model", expected=f"--method volume, or {model} with {options.method}", found=options.model
@@ -97,10 +96,7 @@ def _method(options: argparse.Namespace) -> dict[str, Any]:
 def _splines(options: argparse.Namespace) -> int:
     if options.scene != "hang":
         raise InputError("--scene", expected="hang, or --method direct or volume", found=options.scene)
-    for name, value in ONLY_RODS.items():
-        if getattr(options, name) != value:
-            option = f"--{name.replace('_', '-')}"
-            raise InputError(option, expected="--method direct", found=options.method)
+    refuse(options, ONLY_RODS, "--method direct")
     knitted, yarn = _spline_yarns(options)
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
     if options.count:
@@ -183,11 +179,8 @@ def _planned(options: argparse.Namespace) -> PlannedScene | None:
         return None
     if not Path(options.scene).is_file():
         expected = "a scene file or " + ", ".join(SCENES)
-        raise InputError("--scene", expected=expected, found=repr(options.scene))
-    for name, usual in IN_SCENE_FILES.items():
-        if getattr(options, name) != usual:
-            option = f"--{name.replace('_', '-')}"
-            raise InputError(option, expected="it in the scene file", found=getattr(options, name))
+        raise InputError("--scene", expected=expected, found=misspelt(options.scene, SCENES))
+    refuse(options, IN_SCENE_FILES, "it in the scene file")
     return read_fabric_scene(options.scene)
 
 

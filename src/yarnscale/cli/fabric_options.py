@@ -5,18 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import YARN_MATERIAL, add_json, add_overwrite, add_radius, add_resume
+from yarnscale.cli.shared_options import Add, add_json, add_material, add_overwrite, add_radius, add_resume
 from yarnscale.cli.values import not_negative, number, positive
 
 SCENES = ("hang", "stretch", "drape")
-IN_SCENE_FILES = {
-    "amount": 0.2, "direction": "course", "ball_friction": 0.0, "duration": 3.0, "time_step": 1 / 240, "damping": 1.0,
-}  # fmt: skip
-"""Options that a scene file replaces, and their defaults."""
-ONLY_RODS = {
-    "border": "glued", "on": None, "tube": False, "as_drawn": False, "friction": None, "ball_friction": 0.0,
-}  # fmt: skip
-"""Options that spline yarns do not have, and their defaults."""
+IN_SCENE_FILES = ("amount", "direction", "ball_friction", "duration", "time_step", "damping")
+"""Options that a scene file replaces."""
+ONLY_RODS = ("border", "on", "tube", "as_drawn", "friction", "ball_friction")
+"""Options that spline yarns do not have."""
 SHAPING = (
     "rows", "columns", "method", "model", "volume", "adaptive", "scene", "unit", "weld", "tube", "border", "as_drawn",
     "amount", "direction", "friction", "ball_friction", "explicit", "integrator", "damping", "duration", "time_step",
@@ -41,9 +37,12 @@ def _weld(text: str) -> bool | float:
     return text == "yes" if text in ("yes", "no") else positive(text)
 
 
-def add_fabric_options(command: argparse.ArgumentParser) -> None:
-    """The options of ``fabric``."""
-    option, mu = command.add_argument, {"type": not_negative, "metavar": "MU"}
+def add_fabric_options(add: Add) -> None:
+    """The command ``fabric``."""
+    yarn, results = (add_material, add_radius), (add_overwrite, add_resume, add_json)
+    about = "Simulate a finite fabric, yarn by yarn or in a bounding volume."
+    option = add("fabric", "fabric", about, *yarn, _add_stepping, *results)
+    mu = {"type": not_negative, "metavar": "MU"}
     kinds = (
         "a built-in pattern or a pattern file; splines: jersey and knits of knit and purl stitches on one bed"
     )
@@ -80,8 +79,6 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     drawn = "of rods: a built-in pattern or chart as it is drawn, not as fabric at rest; knitted pieces always are"
     option("--as-drawn", action="store_true", help=drawn)
-    option("--material", action="append", help=f"{YARN_MATERIAL}; splines take one, wool by default")
-    add_radius(command)
     option("--amount", type=number, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)")
     direction = "of the scene stretch (course)"
     option("--direction", choices=("course", "wale"), default="course", help=direction)
@@ -90,14 +87,6 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
     option("--ball-friction", default=0.0, help="of yarns on the ball of drape (0)", **mu)
     option("--duration", type=positive, default=3.0, metavar="SECONDS", help="to simulate (3)")
     option("--time-step", type=positive, default=1 / 240, metavar="SECONDS", help="of implicit steps (1/240)")
-    stepping = command.add_mutually_exclusive_group()
-    explicit = "explicit steps, as long as they are stable"
-    stepping.add_argument("--explicit", action="store_true", help=explicit)
-    stepping.add_argument(
-        "--integrator", choices=("euler", "bdf2"), default="euler",
-        help="of implicit steps: euler, of first order, damps much; bdf2, of second order with --damping 0 and "
-        "--friction 0, damps little (euler)",
-    )  # fmt: skip
     option("--damping", type=not_negative, default=1.0, metavar="RATE", help="of free motion [1/s] (1)")
     allowed = "grips that miss their prescribed places do not count as a failure"
     option("--may-give-way", action="store_true", help=allowed)
@@ -107,5 +96,14 @@ def add_fabric_options(command: argparse.ArgumentParser) -> None:
         "--format", action="append", choices=("obj", "gltf", "usd", "bcc", "mp4", "png"), default=[],
         help="convert the frames at the end; may be given several times",
     )  # fmt: skip
-    for add in (add_overwrite, add_resume, add_json):
-        add(command)
+
+
+def _add_stepping(command: argparse.ArgumentParser) -> None:
+    stepping = command.add_mutually_exclusive_group()
+    explicit = "explicit steps, as long as they are stable"
+    stepping.add_argument("--explicit", action="store_true", help=explicit)
+    stepping.add_argument(
+        "--integrator", choices=("euler", "bdf2"), default="euler",
+        help="of implicit steps: euler, of first order, damps much; bdf2, of second order with --damping 0 and "
+        "--friction 0, damps little (euler)",
+    )  # fmt: skip

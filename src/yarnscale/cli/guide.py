@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yarnscale
 from yarnscale.cli.console import writable_folder
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, misspelt
 from yarnscale.files.atomic import write_text
 
 PACKAGE = Path(yarnscale.__file__).parent
@@ -50,6 +50,6 @@ def help(options: argparse.Namespace) -> int:
             print(f"{topic:<23} {title}")
         return 0
     if options.topic not in found:
-        raise InputError("unknown topic", expected=", ".join(found), found=repr(options.topic))
+        raise InputError("unknown topic", expected=", ".join(found), found=misspelt(options.topic, found))
     print(found[options.topic].read_text(encoding="utf-8"), end="")
     return 0

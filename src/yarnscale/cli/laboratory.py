@@ -8,9 +8,9 @@ from dataclasses import asdict, replace
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, plain_json, report, say
+from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
-from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material
 from yarnscale.files.newton_cloth import write_tests_table
@@ -37,14 +37,10 @@ def test(options: argparse.Namespace) -> int:
     shells = {name: read_material(name) for name in subjects if is_material(name)}
     drawn = {name: pattern_of(name, options.radius) for name in subjects if name not in shells}
     yarns = {name: yarn_for(name, pattern, options.material) for name, pattern in drawn.items()}
-    if options.material and not drawn:
-        raise InputError("--material", expected="a pattern to test", found="shell materials alone")
-    if options.drape and not shells:
-        raise InputError(
-            "--drape", expected="a shell material ('yarnscale homogenize' makes one)", found="a cell"
-        )
-    if options.radius is not None and not drawn:
-        raise InputError("--radius", expected="a pattern to test", found="shell materials alone")
+    if not drawn:
+        refuse(options, ("material", "radius"), "a pattern to test, not shell materials alone")
+    if not shells:
+        refuse(options, ("drape",), "a shell material, which 'yarnscale homogenize' makes, not a cell")
     makes = ("tests.json", "tests.csv", "index.html", "tension.png", "bending.png", "drape.png")
     results = RunFolder(options.out, "test", makes, overwrite=options.overwrite)
     tested: list[PeriodicCell | ShellMaterial] = []

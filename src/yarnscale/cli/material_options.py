@@ -6,13 +6,13 @@ from pathlib import Path
 
 from yarnscale.cli.shared_options import (
     PATTERN,
-    YARN_MATERIAL,
     Add,
     add_as_drawn,
     add_dask,
     add_free_sliding,
     add_json,
     add_loads,
+    add_material,
     add_overwrite,
     add_radius,
     add_starts,
@@ -65,7 +65,7 @@ def add_material_commands(add: Add) -> None:
     option = add("export", "export", about, add_json)
     option("material", type=Path, metavar="MATERIAL.json", help=MATERIAL)
     form = "published layout, one C file, a function of NVIDIA Warp, or parameters of Newton's cloth with their errors"
-    option("--format", "--to", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
+    option("--format", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
     option("--out", type=Path, required=True, metavar="FILE", help="file to write, .json, .c or .py")
     loads = "range of loads that Newton's cloth is fitted to [N/m] (0.05,5)"
     option("--loads", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help=loads)
@@ -79,10 +79,9 @@ def add_material_commands(add: Add) -> None:
     )  # fmt: skip
 
     about = "Virtual tests of a fabric: tension, shear, bending, curl, drape; a page and numbers."
-    option = add("test", "laboratory", about, add_as_drawn, add_radius, add_overwrite, add_json)
+    option = add("test", "laboratory", about, add_as_drawn, add_material, add_radius, add_overwrite, add_json)
     option("subject", metavar="SUBJECT", help=f"{PATTERN}; or a shell material file (.json)")
     option("--out", type=Path, required=True, metavar="DIR", help="folder for page and numbers")
-    option("--material", action="append", help=YARN_MATERIAL)
     option("--against", metavar="OTHER", help="a second pattern or shell material to compare with")
     option(
         "--directions", type=number_list, default=(0.0, 45.0, 90.0), metavar="A,B,…",

@@ -9,6 +9,7 @@ from typing import Any
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, report, say, writable_folder
+from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.errors import InputError
@@ -59,18 +60,21 @@ def evaluate(options: argparse.Namespace) -> int:
     return 0
 
 
+_LOADS, _RANGES = ("limit", "visited"), ("stretch", "shear", "curvature")
+_ABLATIONS = ("one_dimensional", "smoothing", "even_knots")
+"""Options of one form alone."""
+
+
 def _settings(options: argparse.Namespace) -> dict[str, object]:
     """Arguments of ``homogenize`` from the options of its form; InputError for an option of the other form."""
     solves, loads, ranges = (
         {name: value for name in names if (value := getattr(options, name)) is not None}
-        for names in (("solves",), ("limit", "visited"), ("stretch", "shear", "curvature"))
+        for names in (("solves",), _LOADS, _RANGES)
     )
-    compact = options.form == "compact"
-    ablations = [name for name in ("one_dimensional", "smoothing", "even_knots") if getattr(options, name)]
-    for name in [*ranges, *ablations] if compact else loads:
-        other = "hylc2020" if compact else "compact"
-        raise InputError(f"--{name.replace('_', '-')}", expected=f"--form {other} with it")
-    if not compact:
+    if options.form == "compact":
+        refuse(options, (*_RANGES, *_ABLATIONS), "--form hylc2020 with it")
+    else:
+        refuse(options, _LOADS, "--form compact with it")
         settings = {"pairs": not options.one_dimensional, "even_knots": options.even_knots}
         if options.smoothing is not None:
             settings["smoothing"] = options.smoothing

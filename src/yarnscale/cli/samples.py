@@ -11,6 +11,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import check_size, supercell
 from yarnscale.cli.console import ProgressLine, report, writable_file
 from yarnscale.cli.materials import PATTERN, reach_dask, worker_count
+from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import at_rest, pattern_of
 from yarnscale.errors import InputError
@@ -27,7 +28,10 @@ from yarnscale.homogenize.store import SampleStore
 def sample(options: argparse.Namespace) -> int:
     """Sample rays of loads, or a grid."""
     grid = None if options.grid is None else read_grid(options.grid)
-    _check_options(options)
+    if grid is None:
+        refuse(options, _STRAINS, "--grid GRID.toml with it")
+    else:
+        refuse(options, _LOADS, "no --grid with it")
     pattern, kept = pattern_of(options.pattern, options.radius), options.out / PATTERN
     begun = options.resume and kept.is_file()
     yarn = yarn_for(options.pattern, pattern, options.material, kept=read_yarns(kept) if begun else None)
@@ -60,15 +64,8 @@ def sample(options: argparse.Namespace) -> int:
     return 0 if summary.converged == summary.states else 1
 
 
-_LOADS, _STRAINS = {"solves": None, "limit": None}, {"positions": False, "moduli": False, "size": (1, 1)}
-"""Options for one kind of store alone -> what they are where they are not given."""
-
-
-def _check_options(options: argparse.Namespace) -> None:
-    for name, absent in (_STRAINS if options.grid is None else _LOADS).items():
-        if getattr(options, name) != absent:
-            wanted = "--grid GRID.toml with it" if options.grid is None else "no --grid with it"
-            raise InputError(f"--{name}", expected=wanted)
+_LOADS, _STRAINS = ("solves", "limit"), ("positions", "moduli", "size")
+"""Options for one kind of store alone."""
 
 
 def _asked(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:

@@ -23,9 +23,44 @@ class Add(Protocol):
 PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json, .chart, .wif or .k file"
 YARN_MATERIAL = (
     "yarn material: a preset or a TOML file (default: the one in the pattern file or, for 'detail', of the run; else "
-    "one for the built-in pattern, for knits or for weaves, which is printed); repeat it to give each of the pattern's "
-    "materials, in their order"
+    "one for the built-in pattern, for knits, for weaves, or for splines, which is printed); repeat it to give each "
+    "of the pattern's materials, in their order"
 )
+
+
+GROUPS = {
+    "yarn": ("material", "radius", "as-drawn", "free-sliding", "yarn-length", "stiffness"),
+    "fabric at rest": ("wales", "courses", "loop-length", "tex", "area-density", "swatch"),
+    "loads and states": ("strain", "solves", "limit", "visited", "grid", "directions", "loads", "curvatures"),
+    "form hylc2020": ("stretch", "shear", "curvature", "one-dimensional", "smoothing", "even-knots"),
+    "search": (
+        "solver",
+        "seed",
+        "starts",
+        "refined",
+        "iterations",
+        "bending-weight",
+        "follow",
+        "shell-model",
+    ),
+    "piece": ("rows", "columns", "on", "unit", "weld", "tube", "border"),
+    "scene": (
+        "scene",
+        "shell",
+        "amount",
+        "travel",
+        "direction",
+        "air-drag",
+        "friction",
+        "ball-friction",
+        "spacing",
+    ),
+    "time steps": ("duration", "time-step", "damping", "animation", "may-give-way"),
+    "pictures": ("picture", "fps", "speed", "colour", "camera", "wires", "yarns-as", "megabytes"),
+    "results": ("out", "overwrite", "resume", "json", "format"),
+    "processes": ("workers", "dask"),
+}
+"""Headings of options in the help of commands."""
 
 
 def add_json(command: argparse.ArgumentParser) -> None:
@@ -41,6 +76,11 @@ def add_radius(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_material(command: argparse.ArgumentParser) -> None:
+    """``--material`` of yarns."""
+    command.add_argument("--material", action="append", metavar="YARN", help=YARN_MATERIAL)
+
+
 def add_dask(command: argparse.ArgumentParser) -> None:
     """``--dask``."""
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, host:port")
@@ -49,7 +89,7 @@ def add_dask(command: argparse.ArgumentParser) -> None:
 def add_yarns(command: argparse.ArgumentParser) -> None:
     """A pattern and its yarn materials."""
     command.add_argument("pattern", metavar="PATTERN", help=PATTERN)
-    command.add_argument("--material", action="append", help=YARN_MATERIAL)
+    add_material(command)
     add_radius(command)
 
 
@@ -89,7 +129,7 @@ def add_loads(command: argparse.ArgumentParser) -> None:
     solves = "equilibria to sample (600; form hylc2020: 400)"
     command.add_argument("--solves", type=positive_integer, metavar="N", help=solves)
     command.add_argument(
-        "--limit", type=float, metavar="N/M", help="largest load in N/m (50, less for soft yarn)"
+        "--limit", type=positive, metavar="N/M", help="largest load in N/m (50, less for soft yarn)"
     )
 
 

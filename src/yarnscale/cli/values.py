@@ -84,6 +84,13 @@ def frames(text: str) -> FrameChoice:
     return FrameChoice(first, first if match[2] is None else last, int(match[5] or 1))
 
 
+def refuse(options: argparse.Namespace, names: Sequence[str], expected: str) -> None:
+    """InputError for the first of some options, by their names in Python, that is given and not at its default."""
+    for name in names:
+        if (value := getattr(options, name)) != options.default(name):
+            raise InputError(f"--{name.replace('_', '-')}", expected=expected, found=value)
+
+
 def number(text: str) -> float:
     """A finite number."""
     try:

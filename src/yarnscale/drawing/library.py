@@ -19,7 +19,7 @@ from yarnscale.drawing.weave import (
     twill_draft,
     weave,
 )
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, misspelt
 from yarnscale.yarn.pattern import YarnPattern
 
 
@@ -191,7 +191,7 @@ def names() -> tuple[str, ...]:
 def structure(name: str) -> Structure:
     """How a built-in pattern is made; InputError for an unknown name."""
     if name not in STRUCTURES:
-        raise InputError("unknown pattern", expected=", ".join(STRUCTURES), found=repr(name))
+        raise InputError("unknown pattern", expected=", ".join(STRUCTURES), found=misspelt(name, STRUCTURES))
     return STRUCTURES[name]
 
 

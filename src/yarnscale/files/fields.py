@@ -14,7 +14,7 @@ from typing import Any, NoReturn, Self, TypeVar
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError, quoted
+from yarnscale.errors import InputError, misspelt, quoted
 from yarnscale.files.source_text import read_source
 
 Default = TypeVar("Default")
@@ -42,7 +42,8 @@ class Fields:
         for key in self.content:
             if key not in names:
                 what = f"unknown field '{self.label(str(key)):.60}'"
-                raise InputError(what, where=self.path, expected=", ".join(names))
+                found = misspelt(key, names)
+                raise InputError(what, where=self.path, expected=", ".join(names), found=found)
         return self
 
     def get(self, key: str) -> object:
@@ -81,7 +82,7 @@ class Fields:
         """One of several strings."""
         value = self.text(key)
         if value not in choices:
-            raise self.fault(key, expected=" or ".join(choices), found=quoted(value))
+            raise self.fault(key, expected=" or ".join(choices), found=misspelt(value, choices))
         return value
 
     def integer(self, key: str) -> int:

@@ -58,7 +58,7 @@ def write_gltf(
                 raise InputError(
                     "binary glTF holds 4 GiB at most",
                     where=path,
-                    expected="fewer frames (--frames FIRST:LAST:STEP), --yarns-as lines, or --to usd",
+                    expected="fewer frames (--frames FIRST:LAST:STEP), --yarns-as lines, or --format usd",
                     found=f"{size / 2**30:.1f} GiB",
                 )
             for k, moment in enumerate(animation):

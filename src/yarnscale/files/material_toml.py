@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from yarnscale.checked import checked
-from yarnscale.errors import InputError, located
+from yarnscale.errors import InputError, located, misspelt
 from yarnscale.files.atomic import write_text
 from yarnscale.files.fields import Fields, toml_file
 from yarnscale.yarn.material import (
@@ -33,7 +33,7 @@ def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
         raise InputError(
             "unknown material",
             expected=f"a TOML file or one of {', '.join(PRESETS)}",
-            found=repr(str(source)),
+            found=misspelt(source, PRESETS),
         )
     with toml_file(path) as table:
         return material_of(table, name=path.stem)

@@ -10,7 +10,7 @@ from yarnscale.checked import checked
 from yarnscale.drawing import library
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.stitches import StitchChart
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, misspelt
 from yarnscale.files import pattern_json
 from yarnscale.files.chart import read_chart
 from yarnscale.files.knitout import read_knitout
@@ -92,7 +92,7 @@ def _format(source: str | os.PathLike[str]) -> str:
         return path.suffix.lower()
     if not os.path.exists(path) and path.suffix == "" and len(path.parts) <= 1:
         expected = f"a .pyp, .json, .chart, .wif or .k file or one of {', '.join(library.names())}"
-        raise InputError("unknown pattern", expected=expected, found=repr(os.fspath(source)))
+        raise InputError("unknown pattern", expected=expected, found=misspelt(source, library.names()))
     text = read_source(path, other_encodings=True)
     start = text.lstrip()[:1]
     if start == "{":

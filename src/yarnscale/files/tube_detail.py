@@ -49,7 +49,7 @@ def fitting_detail(curves: CurveSet, points: Array, size: float) -> tuple[TubeDe
             return level, taken
     raise InputError(
         "tubes of these yarns are larger than asked",
-        expected=f"--size {np.ceil(taken / 1e6):.0f} or more, --yarns-as lines, or --to usd",
+        expected=f"--megabytes {np.ceil(taken / 1e6):.0f} or more, --yarns-as lines, or --format usd",
         found=f"{curves.point_count} points, a limit of {size / 1e6:.4g} MB a frame",
     )
 

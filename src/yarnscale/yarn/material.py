@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields, replace
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, misspelt
 
 KERNELS = ("hylc2020", "est2022")
 WEIGHTS = ("published", "simpson")
@@ -210,7 +210,9 @@ class YarnMaterial:
     def preset(cls, name: str) -> YarnMaterial:
         """A named material, see `PRESETS`; InputError listing the names for any other."""
         if name not in PRESETS:
-            raise InputError("unknown material preset", expected=", ".join(PRESETS), found=repr(name))
+            raise InputError(
+                "unknown material preset", expected=", ".join(PRESETS), found=misspelt(name, PRESETS)
+            )
         return PRESETS[name]
 
 

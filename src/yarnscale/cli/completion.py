@@ -1,0 +1,49 @@
+"""What a shell completes beside options and their choices: names of patterns, materials, scenes and pages; files."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+
+import argcomplete
+from argcomplete.completers import FilesCompleter
+
+
+def complete(parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]) -> None:
+    """Answer a shell that asks how a command line goes on, and end the process; else do nothing."""
+    for command in commands.values():
+        for action in command._actions:
+            action.completer = _completer(action)  # type: ignore[attr-defined]
+    argcomplete.autocomplete(parser)
+
+
+def _completer(action: argparse.Action) -> argcomplete.completers.BaseCompleter | None:
+    if action.choices is not None:
+        return None
+
+    class Names(FilesCompleter):
+        def __call__(self, prefix: str, **options: object) -> list[str]:
+            return [*_names(action), *super().__call__(prefix, **options)]
+
+    return Names()
+
+
+def _names(action: argparse.Action) -> Iterable[str]:
+    kind = action.metavar or action.dest
+    if kind == "PATTERN":
+        from yarnscale.drawing.library import names
+
+        return names()
+    if kind == "YARN":
+        from yarnscale.yarn.material import PRESETS
+
+        return PRESETS
+    if kind == "SCENE":
+        from yarnscale.shell.scenes.ready import READY
+
+        return READY
+    if kind == "TOPIC":
+        from yarnscale.cli.guide import pages
+
+        return pages()
+    return ()
