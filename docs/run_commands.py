@@ -34,12 +34,17 @@ PARSED_ONLY = (
     "estimate",
     "test stockinette",
     "test knit/material.json --drape",
-    "sample",
+    "sample ",
 )
 INSTEAD = {"simulate sweater": "simulate hang"}
 """Beginning of a command that takes minutes -> what is run in its place, so that the commands after it have a run."""
 BEFORE = {
     "virtual_tests": ["yarnscale homogenize stockinette --out knit"],
+    # What an estimate leaves: the fabric at rest, from one of its yarns, and that yarn.
+    "engineer": [
+        "yarnscale samples --out estimated",
+        "yarnscale pattern stockinette --out estimated/pattern.json",
+    ],
 }
 """What a page takes as made."""
 

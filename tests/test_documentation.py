@@ -21,7 +21,8 @@ from yarnscale.files.patterns import read_pattern
 from yarnscale.files.scene_toml import read_scene
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if p.name != "index.md")]
+"""All but the index of the site, which includes README."""
 _spec = importlib.util.spec_from_file_location("run_commands", ROOT / "docs" / "run_commands.py")
 assert _spec is not None and _spec.loader is not None
 run_commands = importlib.util.module_from_spec(_spec)
@@ -68,8 +69,8 @@ def test_files_that_commands_name_are_samples_or_made_before() -> None:
                 assert word in there or word in made, (page, line, word)
 
 
-COSTLY = ("cloth", "homogenize", "virtual_tests", "yarn_detail")
-"""Pages whose commands take minutes: README runs the same commands in ``.ci/run``."""
+COSTLY = ("cloth", "homogenize", "virtual_tests", "yarn_detail", "researcher", "engineer", "artist")
+"""Pages whose commands take minutes: README and the tutorials run the same commands in ``.ci/run``."""
 QUICK = [page for page in WITH_BLOCKS if page.stem not in COSTLY]
 
 

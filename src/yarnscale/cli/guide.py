@@ -22,9 +22,11 @@ def pages() -> dict[str, Path]:
     inside, beside = PACKAGE / "docs", PACKAGE.parents[1] / "docs"
     folder = inside if inside.is_dir() else beside
     found = {"overview": inside / "overview.md" if folder is inside else beside.parent / "README.md"}
-    for pattern in ("guide/*.md", "reference/*.md", "*.md", "validation/*.md"):
+    for pattern in ("guide/*.md", "tutorials/*.md", "reference/*.md", "*.md", "validation/*.md"):
         for path in sorted(folder.glob(pattern)):
             topic = path.stem.removesuffix("_format")
+            if topic == "index":  # of the site, which includes the overview
+                continue
             found.setdefault(f"validation/{topic}" if path.parent.name == "validation" else topic, path)
     return found
 

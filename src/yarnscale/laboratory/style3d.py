@@ -139,7 +139,9 @@ def fit_style3d(material: ShellMaterial, loads: tuple[float, float] = RANGE) -> 
         differences = np.array([a.stretch - b.stretch for a, b in zip(found, bias, strict=True)])
         return float((np.nan_to_num(differences, nan=1.0) ** 2).sum())
 
-    best: Any = minimize_scalar(miss, bounds=np.log10(_SHEARS).tolist(), method="bounded", options={"xatol": 1e-3})
+    best: Any = minimize_scalar(
+        miss, bounds=np.log10(_SHEARS).tolist(), method="bounded", options={"xatol": 1e-3}
+    )
     cloth = sheared(float(best.x))
     own = run_tests(cloth, name="Newton", programme=Programme(loads=steps, curvatures=_curvatures(tests)))
     return Style3DFit(cloth, loads, tests, deviations(list(measured(tests)), list(measured(own))))
