@@ -70,7 +70,7 @@ def add_cloth_commands(add: Add) -> None:
     option = add("convert", "convert", about, add_overwrite, add_json)
     option("frames", type=Path, metavar="DIR", help=_RUN)
     kinds = ("obj", "gltf", "usd", "vtk", "bcc", "mp4", "png")
-    option("--format", choices=kinds, required=True, help="see yarnscale help output_formats")
+    option("--format", "--to", choices=kinds, required=True, help="see yarnscale help output_formats")
     out = "file .glb, .usdc, .usda, .pvd or .mp4; folder for obj, bcc and png"
     option("--out", type=Path, required=True, metavar="PATH", help=out)
     option("--yarns", type=Path, metavar="DIR", help="frames of yarn curves to go with the cloth")

@@ -65,7 +65,7 @@ def add_material_commands(add: Add) -> None:
     option = add("export", "export", about, add_json)
     option("material", type=Path, metavar="MATERIAL.json", help=MATERIAL)
     form = "published layout, one C file, a function of NVIDIA Warp, or parameters of Newton's cloth with their errors"
-    option("--format", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
+    option("--format", "--to", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
     option("--out", type=Path, required=True, metavar="FILE", help="file to write, .json, .c or .py")
     loads = "range of loads that Newton's cloth is fitted to [N/m] (0.05,5)"
     option("--loads", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help=loads)
