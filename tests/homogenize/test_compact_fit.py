@@ -70,7 +70,11 @@ def test_derivatives_by_the_numbers_are_those_of_differences():
     unknowns = 0.7 * rng.normal(size=sum(sizes_of(3, 4)))
     directions = np.linalg.qr(rng.normal(size=(5, 6, 6)))[0].transpose(1, 2, 0)
     place = Directional(0.5 * rng.normal(size=(6, 5)), directions, mirrored=True)
-    exact = place.jacobian(springs_of(unknowns, 3, 4)[0])
+    springs, adjoint = springs_of(unknowns, 3, 4)[0], rng.normal(size=(13, 5))
+    exact = place.jacobian(springs)
+    np.testing.assert_allclose(
+        place.pulled_back(springs, adjoint), np.tensordot(exact, adjoint, 2), rtol=1e-9
+    )
     for k, step in enumerate(1e-6 * np.eye(len(unknowns))):
         up, down = (place.values(*springs_of(unknowns + s * step, 3, 4)) for s in (1, -1))
         np.testing.assert_allclose(exact[k], (up - down) / 2e-6, atol=2e-7)

@@ -86,10 +86,23 @@ def test_plans_hold_all_kinds_of_states_over_the_decades(cell: PeriodicCell) -> 
     closer = [ray for ray in rays if ray.kind == "tension" and len(ray.levels) > 1.5 * LEVELS]
     assert [ray.levels[0][0].tensions[0][0] for ray in closer] == pytest.approx([0.0, np.pi / 2, np.pi / 4])
     assert sum(len(ray.levels) for ray in rays) < 600 < ITERATES * sum(len(ray.levels) for ray in rays)
-    bent = np.array([held.values for ray in rays if ray.kind == "bent" for _, held in ray.levels[:1]])
+    bent = np.array([ray.levels[0][1].values for ray in rays if ray.kind == "bent" and not ray.origin])
     determinant = bent[:, 0] * bent[:, 2] - bent[:, 1] ** 2
     doubly = np.abs(determinant) > 1e-6 * (bent**2).sum(axis=1)
     assert doubly.any() and not doubly.all()
+
+
+def test_bending_under_tension_goes_on_from_that_tension(cell: PeriodicCell) -> None:
+    rays, curled = load_rays(cell, solves=600), Counter[tuple[bool, bool]]()
+    longest = max(len(ray.levels) for ray in rays)
+    for ray in (ray for ray in rays if ray.origin):
+        before, level = divmod(ray.origin // ITERATES, longest)
+        pulls = {load for loads, _ in ray.levels for load in loads.tensions}
+        assert pulls == set(rays[before].levels[level][0].tensions)
+        last = ray.levels[-1][1].values
+        if len(last) == 3 and np.abs(last).max() * cell.pattern.radius > 0.2:
+            curled[rays[before].levels[0][0].tensions[0][0] > 0, bool(abs(last[2]) > abs(last[0]))] += 1
+    assert curled == {(False, True): 6, (True, False): 6}  # across, at three loads, to both sides
 
 
 def test_plans_are_the_same_every_time_and_longer_ones_begin_alike(cell: PeriodicCell) -> None:

@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 
 from yarnscale.arrays import Array
 from yarnscale.homogenize.compact_problem import (
+    STAGES,
     STRESS_FLOOR,
     CompactOptions,
     Problem,
@@ -30,7 +31,7 @@ from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNet
 __all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
 
-_LAST = 5
+_LAST = 40
 """Iterations with all states, those that were held back among them."""
 
 
@@ -65,7 +66,7 @@ def fit_compact_material(
     unknowns = train.search(start, options.iterations)
     unseen = train.errors(unknowns, test)
     everything = Problem(data, mirrored, options)
-    springs, constant = everything.network(everything.search(unknowns, _LAST))
+    springs, constant = everything.network(everything.search(unknowns, _LAST, STAGES[-1:]))
     springs = _filled(springs, options.springs)
     samples, spacing = _representative(data.x, mirrored)
     record = {

@@ -7,9 +7,10 @@ stiff and soft directions of a state.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from scipy.optimize import nnls
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.homogenize.spring_jacobian import Directional, springs_of
+from yarnscale.numerics.secant import SecantPairs
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.materials.compact import SpringNetwork
 
@@ -35,6 +37,10 @@ FEWEST_STATES = 10
 _HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 100, 2.0
 _SINGLE: Any = np.float32
 _LARGEST_DAMPING = 1e4
+STAGES = (0.3, 0.1), (0.08, 0.1), (0.02, 0.15), (FIT_FLOOR, 0.65)
+"""Floors of the search [N/m], and their shares of its iterations."""
+_KEPT, _BACKTRACKS, _PLATEAU = 25, 8, 2e-4
+"""Steps on one factor; trials of a step; relative gain below which a factor is renewed."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class CompactOptions:
     steps: int = 16
     springs: int = 40
     rounds: int = 40
-    iterations: int = 120
+    iterations: int = 500
     tolerance: float = 0.03
     strain_tolerance: float = 0.01
     modulus_weight: float = 0.3
@@ -181,6 +187,8 @@ class Problem:
         # Knits can be a thousand times softer in bending than in tension.
         moment = _MOMENT_FLOOR * float(np.median(self.norms[bent])) if bent.any() else FIT_FLOOR
         self.floors = np.where(bent | self.at_rest, min(1.0, moment / FIT_FLOOR), 1.0)
+        ends = np.linspace(0, self.x.shape[1], available_threads() + 1).astype(int).tolist()
+        self.shares = [slice(*pair) for pair in pairwise(ends)]
         self.states = Directional(self.x, self.v, mirrored=mirrored)
         self.coarse = Directional(self.x.astype(_SINGLE), self.v.astype(_SINGLE), mirrored=mirrored)
 
@@ -194,73 +202,112 @@ class Problem:
         options, floors = self.options, floor * self.floors
         added = np.abs(self.energies - self.energies.min())
         allowed = self.norms + floors
-        # An error of the modulus is one of the stress a tenth of a unit of strain away.
-        modulus_floor = np.where(self.at_rest, 0.3 / at_rest * floors, 10.0 * allowed)
-        modulus = options.modulus_weight * self.known / (self.sizes + modulus_floor)
-        modulus = np.where(self.at_rest, at_rest, 1.0) * modulus
         # Where fabric is soft, a small error of the stress is a large one of the strain.
         strained = options.strain_tolerance / options.tolerance * self.sizes
         slopes = np.where(self.known, np.clip(strained, self.least * allowed, allowed), allowed)
+        # An error of the modulus is one of the stress a tenth of a unit of strain away.
+        modulus_floor = np.where(self.at_rest, 0.3 / at_rest * floors, 10.0 * slopes)
+        modulus = options.modulus_weight * self.known / (self.sizes + modulus_floor)
+        modulus = np.where(self.at_rest, at_rest, 1.0) * modulus
         weights = np.concatenate([1.0 / (added + floor)[None], 1.0 / slopes, modulus])
         return weights * self.importance / options.tolerance
 
-    def search(self, unknowns: Array, iterations: int) -> Array:
-        """Levenberg–Marquardt. Long plateaus are no end: what falls by a thousandth a step may fall by a half later."""
-        weights, damping = self.weights(FIT_FLOOR, at_rest=_AT_REST), 1e-2
-        residuals = self._residuals(unknowns, weights)
-        value = self._loss(residuals)
-        for _ in range(iterations):
-            matrix, gradient = self._normal(unknowns, weights, residuals)
-            diagonal, trial = np.diag(matrix) + _LEAST_DIAGONAL, np.inf
-            while not trial < value and damping < _LARGEST_DAMPING:
-                damped = cho_factor(
-                    matrix + np.diag(damping * diagonal), overwrite_a=True, check_finite=False
-                )
-                there = unknowns - cho_solve(damped, gradient, check_finite=False)
-                found = self._residuals(there, weights)
-                trial, damping = self._loss(found), 4.0 * damping
-            if not trial < value:
-                break
-            unknowns, residuals, value, damping = there, found, trial, max(damping / 16.0, 1e-6)
+    def search(
+        self, unknowns: Array, iterations: int, stages: Sequence[tuple[float, float]] = STAGES
+    ) -> Array:
+        """Descent by Gauss–Newton matrices that are kept for many steps; stages: floors with shares of iterations.
+
+        A matrix costs ten times a gradient, and changes of the gradient correct it (L-BFGS). Floors fall from stage to
+        stage: soft states bend valleys that the stiff ones have to find first.
+        """
+        damping = 1e-2
+        for floor, share in stages:
+            weights, left = self.weights(floor, at_rest=_AT_REST), round(share * iterations)
+            while left > 0 and damping < _LARGEST_DAMPING:
+                unknowns, taken, fraction = self._descend(unknowns, weights, damping, min(left, _KEPT))
+                left -= max(1, taken)
+                if fraction < 0.4:
+                    damping *= 4.0 if fraction > 0 else 16.0
+                elif fraction == 1.0:
+                    damping = max(damping / 4.0, 1e-6)
         return unknowns
 
-    def _residuals(self, unknowns: Array, weights: Array) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return weights * (self.states.values(*self.network(unknowns)) - self.target)
+    def _descend(
+        self, unknowns: Array, weights: Array, damping: float, steps: int
+    ) -> tuple[Array, int, float]:
+        """Steps on one factor of the normal matrix, how many, and what fraction of the first was taken."""
+        residuals = self._residuals(unknowns, weights)
+        matrix, gradient = (
+            self._normal(unknowns, weights, residuals),
+            self._slope(unknowns, weights, residuals),
+        )
+        matrix[np.diag_indices(len(matrix))] += damping * (np.diag(matrix) + _LEAST_DIAGONAL)
+        factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
+        changes, value, first, fraction = SecantPairs(_KEPT), self._loss(residuals), 0.0, 1.0
+        for taken in range(steps):
+            direction = changes.direction(
+                gradient, lambda right: cho_solve(factor, right, check_finite=False)
+            )
+            slope, fraction = 2.0 * float(gradient @ direction), min(1.0, 2.5 * fraction)
+            for _ in range(_BACKTRACKS):
+                there = unknowns + fraction * direction
+                residuals = self._residuals(there, weights)
+                trial = self._loss(residuals)
+                if trial <= value + 1e-4 * fraction * slope:
+                    break
+                fraction *= float(
+                    np.clip(-0.5 * fraction * slope / (trial - value - fraction * slope), 0.1, 0.5)
+                )
+            else:
+                return unknowns, taken, first
+            before, gradient = gradient, self._slope(there, weights, residuals)
+            changes.add(there - unknowns, gradient - before)
+            first, gain, unknowns, value = first or fraction, value - trial, there, trial
+            if gain < _PLATEAU * value and taken > 3:
+                break
+        return unknowns, taken + 1, first
 
-    def _factors(self, residuals: Array) -> Array:
-        """Square roots of the weights that make the least squares of residuals (13, n) Huber's."""
-        return np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
+    def _residuals(self, unknowns: Array, weights: Array) -> Array:
+        @np.errstate(over="ignore", invalid="ignore")
+        def part(place: slice) -> Array:
+            found = self.states.part(place).values(*self.network(unknowns))
+            return weights[:, place] * (found - self.target[:, place])
+
+        return np.concatenate(run_parts(part, self.shares), axis=1)
+
+    def _slope(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
+        """Half of the gradient of the loss."""
+        springs, adjoint = self.network(unknowns)[0], weights * np.clip(residuals, -_HUBER, _HUBER)
+        found = run_parts(
+            lambda place: self.states.part(place).pulled_back(springs, adjoint[:, place]), self.shares
+        )
+        return np.sum(found, axis=0)
 
     def _loss(self, residuals: Array) -> float:
+        """Huber's."""
         size = np.abs(residuals)
         near = np.minimum(size, _HUBER)
         return float((near * (2 * size - near)).sum()) if np.all(np.isfinite(size)) else np.inf
 
-    def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> tuple[Array, Array]:
-        """Matrix and right side of the Gauss–Newton step, states in parts side by side, in single precision."""
+    def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
+        """Matrix of the Gauss–Newton step, states in parts side by side, in single precision."""
         springs, states, kind = coarse(self.network(unknowns)[0]), self.coarse, _SINGLE
-        factors = self._factors(residuals)
-        scaled, right = ((factors * part).astype(kind) for part in (weights, residuals))
-        places = [slice(k, k + _AT_ONCE) for k in range(0, self.x.shape[1], _AT_ONCE)]
+        scaled = weights * np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
+        scaled = scaled.astype(kind)
 
-        def part(mine: list[slice]) -> tuple[Array, Array]:
-            matrix, gradient = np.zeros((len(unknowns),) * 2, kind), np.zeros(len(unknowns))
-            for place in mine:
+        def part(share: slice) -> Array:
+            matrix = np.zeros((len(unknowns),) * 2, kind)
+            for first in range(share.start, share.stop, _AT_ONCE):
+                place = slice(first, min(first + _AT_ONCE, share.stop))
                 rows = states.part(place).jacobian(springs)
                 rows *= scaled[:, place]
                 rows = rows.reshape(len(unknowns), -1)
                 matrix += rows @ rows.T
-                gradient += rows @ right[:, place].ravel()
-            return matrix, gradient
+            return matrix
 
-        threads = min(available_threads(), len(places))
-        found = run_parts(part, [places[k::threads] for k in range(threads)])
-        matrix, gradient = (
-            np.asarray(np.sum([one[k] for one in found], axis=0), np.float64) for k in range(2)
-        )
+        matrix = np.asarray(np.sum(run_parts(part, self.shares), axis=0), np.float64)
         matrix[np.diag_indices(len(matrix))] += _SMALL
-        return matrix, gradient
+        return matrix
 
     def errors(self, unknowns: Array, states: Samples) -> StressErrors:
         """At other states."""

@@ -35,6 +35,10 @@ _FEWEST_RAYS = 9  # of a plan that begins with the axes: tension and bending alo
 _LEAST = 0.05  # of the weight of a centimetre of the fabric
 _BENDS = np.array([0.008, 0.025, 0.05, 0.075, 0.1])
 """Curvatures of rays of pure bending, times the yarn radius."""
+_WALK = np.array([0.03, 0.08, 0.14, 0.2, 0.26])
+"""Curvatures of rays of bending under tension, times the yarn radius: through natural curvatures and beyond them."""
+_HELD, _ROLLED, _BENT_ALONG = (6, 8, 11), 7, 9
+"""Levels of tension that bending across starts from; that at which a piece rolls up freely; that of bending along."""
 _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
 """Least and largest s_x, s_a, s_y of states that are chosen by strain, for safety; they bend up to 0.1/r."""
 
@@ -101,9 +105,11 @@ def load_rays(
     rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
     close = np.concatenate([np.geomspace(least, 0.1 * limit, 10), np.linspace(0.1, 1.1, 9)[1:] * limit])
     drawn = _random_rays(radius, sizes, seed)
-    # Few solves have some of all kinds too.
-    axes = chain.from_iterable(zip(_along_axes(radius, sizes, close), drawn, strict=False)) if fixed else ()
-    for ray in chain(axes, drawn):
+    # Few solves have some of all kinds too. Bending under tension starts from the two rays of tension at the beginning.
+    axes = _along_axes(radius, sizes, close) if fixed else iter(())
+    mixed = chain.from_iterable((ray, next(drawn)) if k % 2 else (ray,) for k, ray in enumerate(axes))
+    pulled = [_tension(angle, close) for angle in (0.0, np.pi / 2)] if fixed else []
+    for ray in chain(pulled, mixed, drawn):
         if spent >= solves and (not fixed or len(rays) > _FEWEST_RAYS):
             break
         rays.append(ray)
@@ -124,10 +130,21 @@ VISITED = "visited"
 
 
 def _along_axes(radius: float, sizes: Array, close: Array) -> Iterator[Ray]:
-    """Tension, bending and rolling up along the axes and diagonals, and twist; close: closer levels of load."""
-    yield from (_tension(angle, close) for angle in (0.0, np.pi / 2))
+    """Bending with and without tension, rolling up, twist, tension along diagonals; close: closer levels of load."""
     yield from (_rolling(straight) for straight in ("II22", "II11"))
     yield from (_bending(angle, sign, radius) for angle in (0.0, np.pi / 2) for sign in (1.0, -1.0))
+    yield from (
+        _bent_under(close, pulled, across, level, sign / radius * _WALK)
+        for level in _HELD
+        for sign in (1.0, -1.0)
+        for pulled, across in ((0, 1), (1, 0))
+    )
+    yield from (_rolled_under(close, pulled) for pulled in (0, 1))
+    yield from (
+        _bent_under(close, pulled, pulled, _BENT_ALONG, sign / radius * _WALK[:3])
+        for sign in (1.0, -1.0)
+        for pulled in (0, 1)
+    )
     yield _in_plane(np.array([1.0, 0.0, 1.0]), sizes)
     yield from (_tension(angle, part) for angle, part in ((np.pi / 4, close), (3 * np.pi / 4, sizes)))
     yield from (_bending(angle, sign, radius) for angle in (np.pi / 4, 3 * np.pi / 4) for sign in (1.0, -1.0))
@@ -217,6 +234,25 @@ def _rolling(straight: str) -> Ray:
     """A free piece that rolls up by itself along one axis."""
     prescribed = Prescribed.components(**{"II12": 0.0, straight: 0.0})
     return Ray("bending", ((Loads(), prescribed),) * 5)
+
+
+def _bent_under(close: Array, pulled: int, bent: int, level: int, curvatures: Array) -> Ray:
+    """Growing curvature about or along a tension, by axes 0 and 1; the cell is free across and to shear."""
+    load = Loads.tension(pulled * math.pi / 2, close[level])
+    walk = tuple((load, Prescribed.bent(bent * math.pi / 2, curvature)) for curvature in curvatures)
+    return Ray("bent", walk, _under_tension(close, pulled, level))
+
+
+def _rolled_under(close: Array, pulled: int) -> Ray:
+    """A piece under tension that rolls up by itself across."""
+    straight = Prescribed.components(**{"II12": 0.0, ("II11", "II22")[pulled]: 0.0})
+    load = Loads.tension(pulled * math.pi / 2, close[_ROLLED])
+    return Ray("bent", ((load, straight),) * 4, _under_tension(close, pulled, _ROLLED))
+
+
+def _under_tension(close: Array, pulled: int, level: int) -> int:
+    """Number in the store of the last state of a level on the first ray of tension, or the second."""
+    return ((1 + pulled) * len(close) + level + 1) * ITERATES - 1
 
 
 def _stress(direction: Array, sizes: Array, radius: float) -> Ray:

@@ -89,6 +89,13 @@ class Directional:
         tail[:6] *= springs.background[:, None, None]
         return np.concatenate([layers, tail])
 
+    def pulled_back(self, springs: SpringNetwork, adjoint: Array) -> Array:
+        """Derivative of the sum of adjoint (13, n) times ``values`` by the unknowns, (unknowns,)."""
+        layers = np.mean([_Pass(x, v, springs).pulled_back(adjoint) for x, v in self.images], axis=0)
+        tail = np.tensordot(self.by_background(), adjoint, 2)
+        tail[:6] *= springs.background
+        return np.concatenate([layers, tail])
+
 
 class _Pass:
     """One image of some states through the layers."""
@@ -128,6 +135,32 @@ class _Pass:
             _outer(by_a, x, by_a1, v), by_a, _outer(by_u, x, by_u1, v), through, by_u, self.outputs(),
         )  # fmt: skip
         return np.concatenate([part.reshape(-1, OUTPUTS, self.x.shape[1]) for part in parts])
+
+    def pulled_back(self, adjoint: Array) -> Array:
+        """``jacobian`` summed with adjoint (13, n)."""
+        bends, (energy, slopes, seconds) = self.springs.bends.T, np.split(adjoint, [1, 7])
+        psi, psi1, psi2, psi3 = self.psi
+        sigma, sigma1, sigma2, sigma3 = self.sigma
+        once = (self.u1 * slopes + self.u2 * seconds).sum(axis=1)
+        twice = (self.u1**2 * seconds).sum(axis=1)
+        by_stiffness = psi * energy + psi1 * once + psi2 * twice
+        by_u = psi1 * energy + psi2 * once + psi3 * twice
+        by_u1 = psi1[:, None] * slopes + 2 * psi2[:, None] * self.u1 * seconds
+        by_h1, by_h2 = np.tensordot(bends, by_u1, 1), bends @ psi1
+        by_a = bends @ by_u * sigma1 + sigma2 * (by_h1 * self.a1).sum(axis=1)
+        by_a += sigma3 * by_h2 * (self.a1**2 * seconds).sum(axis=1)
+        by_a1 = by_h1 * sigma1[:, None] + 2 * (by_h2 * sigma2)[:, None] * self.a1 * seconds
+        through = by_u @ sigma.T + _paired(by_u1, self.h1) + psi1 @ (self.h2 * seconds).sum(axis=1).T
+        parts = (
+            by_a @ self.x.T + _paired(by_a1, self.v), by_a.sum(axis=1),
+            by_u @ self.x.T + _paired(by_u1, self.v), through, by_u.sum(axis=1), by_stiffness.sum(axis=1),
+        )  # fmt: skip
+        return np.concatenate([part.ravel() for part in parts])
+
+
+def _paired(a: Array, b: Array) -> Array:
+    """Sums over directions and states, (rows of a, rows of b)."""
+    return np.tensordot(a, b, ((1, 2), (1, 2)))
 
 
 def _outer(by_value: Array, value: Array, by_slope: Array, slope: Array) -> Array:
