@@ -52,6 +52,13 @@ def positive(what: str, value: float, expected: str = "a positive number") -> fl
     return value
 
 
+def not_negative(what: str, value: float, expected: str = "zero or a positive number") -> float:
+    """The value; InputError where it is no finite number from zero on."""
+    if not (math.isfinite(value) and value >= 0):
+        raise InputError(what, expected=expected, found=value)
+    return value
+
+
 def quoted(value: object) -> str:
     """A quotation of a user's value on one line of sixty characters at most."""
     try:

@@ -50,7 +50,7 @@ def test_radius_from_linear_density() -> None:
 def test_what_makes_no_sense_is_named() -> None:
     with pytest.raises(InputError, match=r"unknown unit; expected kg/m, tex, .*; found 'stone'"):
         to_si(1.0, "stone")
-    with pytest.raises(InputError, match=r"yarn count Ne must be positive"):
+    with pytest.raises(InputError, match=r"yarn count Ne; expected a positive number"):
         to_si(0.0, "Ne")
     with pytest.raises(InputError, match=r"packing_fraction is no share; expected 0 to 1; found 1.5"):
         yarn_radius(1e-5, fibre_density=1500.0, packing_fraction=1.5)

@@ -30,8 +30,6 @@ from yarnscale.yarn.rod import ANCHORS, carried_frames
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
 from yarnscale.yarn.strands import Strands
 
-Indices = Integers
-
 LARGE = 400
 """Vertices beyond which factors decide what an iteration costs."""
 WIDE_MARGIN = 1.0
@@ -136,7 +134,7 @@ class CellEnergy:
         parts = slope[:, :3], slope_after[:, :3], slope[:, 3:], slope_after[:, 3:]
         return anchors, np.concatenate(parts, axis=1)
 
-    def _carried(self, start: Indices, end: Indices, rotation: Array) -> tuple[Array, Array, Array]:
+    def _carried(self, start: Integers, end: Integers, rotation: Array) -> tuple[Array, Array, Array]:
         """Tangent and director of edges (start node → end node) carried from rest to the macroscopic state.
 
         Also their derivatives by that state, (N, 6, 6): rows tangent and director, columns the six components.

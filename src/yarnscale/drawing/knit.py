@@ -28,9 +28,9 @@ from yarnscale.drawing.loop_paths import line_crossings, row_paths
 from yarnscale.drawing.stitch_size import (
     EDGE_LENGTH,
     check_drawn,
+    checked_size,
     drawable,
     has_room,
-    positive,
     relative_radii,
     vertex_count,
     yarn_letters,
@@ -84,13 +84,13 @@ def knit(
     the yarns would overlap.
     """
     chart = chart if isinstance(chart, StitchChart) else StitchChart.read(chart)
-    radius = positive("radius", radius)
-    wale = positive("wale_spacing", wale_spacing)
-    course = positive("course_spacing", course_spacing)
-    positive("tightness", tightness)
-    thickness = None if half_thickness is None else positive("half_thickness", half_thickness)
-    height = None if loop_height is None else positive("loop_height", loop_height)
-    width = None if overhang is None else positive("overhang", overhang)
+    radius = checked_size("radius", radius)
+    wale = checked_size("wale_spacing", wale_spacing)
+    course = checked_size("course_spacing", course_spacing)
+    checked_size("tightness", tightness)
+    thickness = None if half_thickness is None else checked_size("half_thickness", half_thickness)
+    height = None if loop_height is None else checked_size("loop_height", loop_height)
+    width = None if overhang is None else checked_size("overhang", overhang)
     kinds = yarn_letters("yarns", yarns, chart.courses, most=2)
     period = np.array([chart.wales * wale, chart.courses * course])
     letters = ["a"] * chart.courses if yarns is None else list("".join(yarns))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from numbers import Real
 
 import numpy as np
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -30,13 +29,11 @@ RANGES = {
 """Least and largest value of a size, radii in metres; all others 0.1 to 1000 (radii)."""
 
 
-def positive(name: str, value: object) -> float:
+def checked_size(name: str, value: object) -> float:
     """A finite positive number; InputError naming the parameter otherwise."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(f"{name} must be a number", expected="> 0", found=repr(value))
-    number = float(value)
-    if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f"{name} must be positive", expected="> 0", found=number)
+    number = positive(f"{name} must be positive", float(value), "> 0")
     least, most = RANGES.get("radius" if name.startswith("radius") else name, (0.1, 1000.0))
     if not least <= number <= most:
         unit = " m" if name.startswith("radius") else ""
@@ -57,7 +54,7 @@ def vertex_count(length: float, stitches: int, per_stitch: float | None, radius:
     """Number of vertices of a yarn of `length` [m] over `stitches` stitches, at least 3."""
     if per_stitch is None:
         return max(3, round(length / (EDGE_LENGTH * radius)))
-    return max(3, round(stitches * positive("vertices_per_stitch", per_stitch)))
+    return max(3, round(stitches * checked_size("vertices_per_stitch", per_stitch)))
 
 
 def yarn_letters(
@@ -88,7 +85,7 @@ def yarn_letters(
 def relative_radii(letters: Sequence[str], radius: float, given: Mapping[str, float] | None) -> np.ndarray:
     """Radius of each yarn over ``radius`` [m], from the letters of their kinds and the radii given for some [m]."""
     for letter, value in (given or {}).items():
-        positive(f"radius_{letter}", value)
+        checked_size(f"radius_{letter}", value)
         if letter not in letters:
             expected = ", ".join(sorted(set(letters)))
             raise InputError(f"radius_{letter} belongs to no yarn", expected=expected, found=letter)

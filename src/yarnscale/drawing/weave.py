@@ -10,8 +10,8 @@ from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.drawing.stitch_size import (
     check_drawn,
+    checked_size,
     drawable,
-    positive,
     relative_radii,
     vertex_count,
     yarn_letters,
@@ -57,8 +57,8 @@ def weave(
     above all others that they cross), and for sizes at which the yarns would overlap.
     """
     table = _draft_table(draft)
-    radius = positive("radius", radius)
-    height = positive("half_thickness", half_thickness) * radius
+    radius = checked_size("radius", radius)
+    height = checked_size("half_thickness", half_thickness) * radius
     picks, ends = table.shape
     kinds = _kinds(weft_yarns, warp_yarns, picks, ends)
     letters = [*(weft_yarns or "a" * picks), *(warp_yarns or "a" * ends)]
@@ -203,11 +203,11 @@ def _places(
         if len(spacing) != len(own):
             expected = f"one number, or one for each of {len(own)}"
             raise InputError(f"{field} has the wrong length", expected=expected, found=len(spacing))
-        gaps = np.array([positive(field, value) for value in spacing])
+        gaps = np.array([checked_size(field, value) for value in spacing])
     else:
         mean = 0.5 * (own + np.roll(own, -1))
         between = np.where(side_changes(table), 0.5 * (mean + others[:, None]), 0.0).max(axis=0)
-        gaps = np.maximum(mean, between) * positive(field, spacing)
+        gaps = np.maximum(mean, between) * checked_size(field, spacing)
     return 0.5 * gaps[-1] + np.concatenate([[0.0], np.cumsum(gaps[:-1])]), float(gaps.sum())
 
 

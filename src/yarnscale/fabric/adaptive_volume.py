@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from yarnscale.arrays import Array
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.volume import DEGREE, BoundingVolume
 from yarnscale.motion.body import Body, Step
@@ -38,8 +38,7 @@ class AdaptiveRule:
 
     def __post_init__(self) -> None:
         for name in ("gain", "loss", "narrowest"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(f"adaptive {name}", expected="a positive number", found=getattr(self, name))
+            positive(f"adaptive {name}", getattr(self, name))
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from yarnscale.arrays import Array, Flags, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import positive
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.material import YarnMaterial
-
-Indices = Integers
-
 
 WIDTH = 3.0
 """Width of a glued border [radii]: its outermost yarn and the yarns that it touches."""
@@ -37,7 +34,7 @@ _ONE_CROSSING = 25.0
 class BorderSprings:
     """Springs between vertices: pairs (k, 2), rest length (k,) [m], stiffness (k,) [N/m]."""
 
-    pairs: Indices
+    pairs: Integers
     rest_length: Array
     stiffness: Array
 
@@ -56,7 +53,7 @@ def border_distance(sheet: YarnSheet) -> Array:
     return np.minimum(place - place.min(axis=0), place.max(axis=0) - place).min(axis=1)
 
 
-def looped(sheet: YarnSheet, first: Indices, second: Indices) -> Flags:
+def looped(sheet: YarnSheet, first: Integers, second: Integers) -> Flags:
     """Which touching pairs of segments (m,) belong to yarns looped through each other, or to one yarn (m,).
 
     first, second: every pair of the sheet (m,), as all contacts of two yarns count. The length is that along the yarn
@@ -98,8 +95,8 @@ def glue(
     """
     width = WIDTH * sheet.radius if width is None else width
     for name, value in (("reach", reach), ("pull", pull), ("stiffness", stiffness), ("width", width)):
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} of glue", expected="a positive number", found=value)
+        if value is not None:
+            positive(f"{name} of glue", value)
     inside = (border_distance(sheet) if distance is None else distance) >= width
     first, second = close_pairs(
         sheet.strands, sheet.vertices / sheet.radius, reach, neighbours=material.contact.neighbours

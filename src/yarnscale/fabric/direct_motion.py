@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from yarnscale.arrays import Array, Flags, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import not_negative
 from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
@@ -83,8 +83,7 @@ class MotionSettings:
     def __post_init__(self) -> None:
         checked_method(self.method)
         checked_integrator(self.integrator)
-        if not (math.isfinite(self.damping) and self.damping >= 0):
-            raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
+        not_negative("damping", self.damping, "zero or more [1/s]")
 
 
 @dataclass(eq=False)

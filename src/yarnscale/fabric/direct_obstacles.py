@@ -6,13 +6,12 @@ that the Hessian is positive semidefinite.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import not_negative
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.surfaces import surface_of
@@ -42,8 +41,7 @@ class Pushes:
 
     def __post_init__(self) -> None:
         """Check the coefficient."""
-        if not (math.isfinite(self.friction) and self.friction >= 0.0):
-            raise InputError("friction on an obstacle", expected="a number from 0", found=self.friction)
+        not_negative("friction on an obstacle", self.friction, "a number from 0")
         self._surface = surface_of(self.obstacle, reach=_REACH * self.energy.radius)
 
     def begin(self, positions: Array, start: float, end: float) -> None:

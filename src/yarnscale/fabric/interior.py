@@ -24,8 +24,6 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
 
-Indices = Integers
-
 FEWEST = 9
 """Stitches that a fit of strain and curvature needs."""
 
@@ -89,7 +87,7 @@ def interior(pattern: YarnPattern, energy: FabricEnergy, x: Array, *, share: flo
 
 def _stitches(
     sheet: YarnSheet, positions: Array, head: int, share: float, around: int
-) -> tuple[Array, Array, Indices]:
+) -> tuple[Array, Array, Integers]:
     """Where along the numbered vertices stitches begin and end (s,), with fractions; their tiles (s, 2)."""
     found: dict[tuple[int, int], float] = {}
     heads = np.flatnonzero(sheet.source == head)
@@ -119,7 +117,7 @@ def _stitches(
     return np.array(first), np.array(last), np.array(tile, np.int64).reshape(-1, 2)
 
 
-def _inner(tiles: Indices, share: float) -> Flags:
+def _inner(tiles: Integers, share: float) -> Flags:
     """Which of a fabric's tiles (n, 2) lie in its middle share, by width and by height."""
     low, high = tiles.min(axis=0), tiles.max(axis=0)
     return (np.abs(tiles - 0.5 * (low + high)) <= 0.5 * share * (high - low + 1) + 1e-9).all(axis=1)

@@ -22,8 +22,6 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.sheet import NO_PATTERN
 from yarnscale.yarn.pattern import YarnPattern
 
-Indices = Integers
-
 HALF_THICKNESS = 1.1
 """Height of drawn yarns from the middle plane at crossings [r]."""
 _CLEAR = 0.25
@@ -47,8 +45,8 @@ class Strand:
     """Points (k, 3) along a yarn [r], with the vertex and tile of the pattern that they are; NO_PATTERN: drawn anew."""
 
     points: Array
-    source: Indices
-    tile: Indices
+    source: Integers
+    tile: Integers
 
     @classmethod
     def drawn(cls, points: ArrayLike) -> Strand:
@@ -103,7 +101,7 @@ class Course:
     """A course across the piece from left to right; bounds (w + 1,): points at which wales begin, and the last one."""
 
     yarn: Strand
-    bounds: Indices
+    bounds: Integers
 
     def wale(self, number: int) -> Strand:
         """The part of a course in a wale, its first and last point included."""
@@ -115,8 +113,8 @@ class BorderRow:
     """Loops along a border, from left to right; rise, fall (w,): first point above its cut, and behind it."""
 
     yarn: Strand
-    rise: Indices
-    fall: Indices
+    rise: Integers
+    fall: Integers
 
     def mirrored(self, width: float) -> BorderRow:
         """The row seen from the other end, x measured from there."""
@@ -243,7 +241,7 @@ class KnittedCourses:
         return Course(Strand(points, chain[at], tile), bounds - bounds[0])
 
 
-def _bounds(pattern: YarnPattern, place: int, wales: int) -> Indices:
+def _bounds(pattern: YarnPattern, place: int, wales: int) -> Integers:
     """Vertices of a course, counted along it, nearest to where its wales begin; where it passes there often, lowest."""
     chain = pattern.yarns[place]
     walked = pattern.tile_along_yarn[chain]

@@ -15,7 +15,6 @@ from yarnscale.yarn.frames import carried, reference_twist, unit, unit_edges, un
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
 
-Indices = Integers
 Shape = Callable[[Array], tuple[Array, Array]]
 """Points (n, 3) and rotations (n, 3, 3) at reference coordinates (n, 3) [m]."""
 
@@ -38,7 +37,7 @@ class YarnSheet:
     """
 
     vertices: Array
-    offsets: Indices
+    offsets: Integers
     closed: Flags
     twist: Array
     rest_length: Array
@@ -47,10 +46,10 @@ class YarnSheet:
     reference_director: Array
     reference_twist: Array
     radius: float
-    yarn: Indices
-    source: Indices
-    tile: Indices
-    yarn_material: Indices
+    yarn: Integers
+    source: Integers
+    tile: Integers
+    yarn_material: Integers
     area: float
     name: str = "sheet"
     size: tuple[float, float] = field(default=(0.0, 0.0))
@@ -64,22 +63,22 @@ class YarnSheet:
         return Strands.finite(self.offsets, self.closed)
 
     @property
-    def following(self) -> Indices:
+    def following(self) -> Integers:
         """Vertex at the end of each vertex's edge (n,), −1 at the end of an open yarn."""
         return self.strands.ends
 
     @property
-    def edges(self) -> Indices:
+    def edges(self) -> Integers:
         """First vertices of all edges (m,)."""
         return self.strands.edges
 
     @property
-    def yarn_of_vertex(self) -> Indices:
+    def yarn_of_vertex(self) -> Integers:
         """Index of each vertex's yarn in this sheet (n,)."""
         return self.strands.yarn
 
     @property
-    def material_of_vertex(self) -> Indices:
+    def material_of_vertex(self) -> Integers:
         """Number of the material of each vertex's yarn (n,)."""
         return self.yarn_material[self.yarn_of_vertex]
 
@@ -151,7 +150,7 @@ class YarnSheet:
 
     @classmethod
     def of_vertices(
-        cls, pattern: YarnPattern, vertex: Indices, tile: Indices, offsets: Indices, closed: Flags
+        cls, pattern: YarnPattern, vertex: Integers, tile: Integers, offsets: Integers, closed: Flags
     ) -> YarnSheet:
         """Some vertices (n,) of a pattern in their tiles (n, 2), yarn after yarn, as they are drawn; area: 0."""
         positions = pattern.vertices[vertex].copy()
@@ -292,7 +291,7 @@ class YarnSheet:
 
 def _lines(
     pattern: YarnPattern, columns: int, rows: int, tube: bool
-) -> tuple[Indices, Indices, Indices, Flags]:
+) -> tuple[Integers, Integers, Integers, Flags]:
     """Vertices and tiles of all yarns of the sheet in order, lengths of yarns, whether they are closed."""
     size = np.array([columns, rows]) * pattern.period
     count = np.array([columns, rows])
@@ -330,7 +329,7 @@ def _lines(
     return np.concatenate(vertices), np.concatenate(tiles), np.array(lengths), np.array(closed)
 
 
-def _starts(base: Array, period: Array, count: Indices, shift: Indices, size: Array) -> list[Indices]:
+def _starts(base: Array, period: Array, count: Integers, shift: Integers, size: Array) -> list[Integers]:
     """Tiles of those copies of a yarn that may pass through the sheet, every endless line once."""
     reach = np.abs(shift)
     low = np.floor(-base / period).astype(int) - reach

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, not_negative
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds
@@ -117,8 +117,7 @@ class PlannedScene:
 
     def __post_init__(self) -> None:
         for name in ("friction", "damping"):
-            if not (math.isfinite(value := getattr(self, name)) and value >= 0):
-                raise InputError(name, expected="zero or a positive number", found=value)
+            not_negative(name, getattr(self, name))
 
     def laid(self, sheet: YarnSheet) -> YarnSheet:
         """The sheet with its middle in place."""

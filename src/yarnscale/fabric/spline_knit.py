@@ -22,8 +22,6 @@ from yarnscale.fabric.bspline import ORDER, blending, control_of_periodic, locat
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
-Indices = Integers
-
 JERSEYS = ("jersey", "single-jersey", "stockinette")
 """Names of built-in patterns that ``jersey`` makes."""
 JERSEY_SEGMENTS = 8
@@ -42,7 +40,7 @@ _LEGS = slice(1, 3)
 class CurvePoints:
     """Points on yarns: of yarn ``yarn`` (k,) at curve parameter ``place`` (k,), in segments from its beginning."""
 
-    yarn: Indices
+    yarn: Integers
     place: Array
 
     def __len__(self) -> int:
@@ -63,7 +61,7 @@ class SplineFabric:
     first: CurvePoints
     second: CurvePoints
     top: CurvePoints
-    segments: Indices = field(init=False, repr=False)
+    segments: Integers = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         yarns, points, _ = self.control.shape
@@ -98,7 +96,7 @@ class SplineFabric:
             "unknowns": 3 * points + constraints,
         }
 
-    def rows(self, points: CurvePoints, derivative: int = 0) -> tuple[Indices, Array]:
+    def rows(self, points: CurvePoints, derivative: int = 0) -> tuple[Integers, Array]:
         """Control points (k, 4) that determine points of the yarns, and their weights (k, 4)."""
         segment, u = located(points.place, self.segments_per_yarn)
         return self.segments[points.yarn * self.segments_per_yarn + segment], blending(u, derivative)

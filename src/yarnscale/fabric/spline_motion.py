@@ -6,14 +6,13 @@ is explicit (symplectic Euler; the constant mass matrix is factored once) or imp
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from yarnscale.arrays import Array
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, not_negative
 from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, point_rows
@@ -83,9 +82,8 @@ class SplineMotion(Body[YarnMotion]):
         integrator: Integrator = "euler",
         energy: SplineEnergy | None = None,
     ) -> None:
-        if not (math.isfinite(damping) and damping >= 0):
-            raise InputError("damping", expected="zero or more [1/s]", found=damping)
-        self.fabric, self.volume, self.damping = fabric, volume, damping
+        self.fabric, self.volume = fabric, volume
+        self.damping = not_negative("damping", damping, "zero or more [1/s]")
         self.tolerance, self.iterations = tolerance, iterations
         self.method = checked_method(method)
         self.integrator: Integrator = checked_integrator(integrator)

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.motion.rigid import STILL, Motion
 
 
@@ -49,8 +49,7 @@ class Sphere:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", _vector("sphere centre", self.centre))
-        if not (np.isfinite(self.radius) and self.radius > 0):
-            raise InputError("sphere radius", expected="a positive length [m]", found=self.radius)
+        positive("sphere radius", self.radius, "a positive length [m]")
 
     @property
     def moves(self) -> bool:

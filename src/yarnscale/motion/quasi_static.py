@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from yarnscale.errors import InputError
+from yarnscale.errors import positive
 from yarnscale.motion.body import Body, State, Step
 from yarnscale.motion.schedule import LoadSteps
 from yarnscale.numerics.newton import Status
@@ -65,8 +65,7 @@ def follow_load(
     on_equilibrium: gets each of them, with all iterations spent since the one before.
     A load step that fails even at the smallest size ends the path with its status.
     """
-    if not (math.isfinite(duration) and duration > 0):
-        raise InputError("duration", expected="a positive number of seconds", found=duration)
+    positive("duration", duration, "a positive number of seconds")
     state, done, share, spent = start, 0.0, loads.first, 0
     while done < 1.0 - 1e-12:
         share = min(share, 1.0 - done)

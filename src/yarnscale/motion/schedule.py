@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, not_negative, positive
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,7 @@ class LoadSteps:
         if not 0 < self.smallest <= self.first <= self.largest <= 1:
             expected = "0 < smallest <= first <= largest <= 1"
             raise InputError("load steps", expected=expected, found=(self.smallest, self.first, self.largest))
-        if not (math.isfinite(self.viscous_step) and self.viscous_step > 0):
-            raise InputError("viscous_step", expected="a positive number of seconds", found=self.viscous_step)
+        positive("viscous_step", self.viscous_step, "a positive number of seconds")
 
 
 @dataclass(frozen=True)
@@ -59,9 +57,8 @@ class Schedule:
         if self.statics and self.duration == 0:
             raise InputError("duration", expected="a positive number for statics", found=self.duration)
         for name in ("duration", "time_step", "longest_step", "rest_tolerance", "frame_interval"):
-            value, idle = getattr(self, name), name == "duration"
-            if value is not None and not (math.isfinite(value) and (value > 0 or (idle and value == 0))):
-                raise InputError(name, expected="a positive number", found=value)
+            if (value := getattr(self, name)) is not None:
+                (not_negative if name == "duration" else positive)(name, value, "a positive number")
         for name in ("time_step", "frame_interval"):
             value = getattr(self, name)
             if value is not None and self.duration > MOST_STEPS * value:

@@ -11,8 +11,6 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.motion.obstacles import Obstacle, Plane, Sphere, TriangleObstacle
 from yarnscale.numerics.pair_distance import triangle_weights
 
-Indices = Integers
-
 
 class Surface(Protocol):
     """The surface of an obstacle at a time [s]; points (n, 3) [m]."""
@@ -75,7 +73,7 @@ class _Triangles:
         self._normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
         self._tree = KDTree(middle)
 
-    def _nearest(self, points: Array, time: float) -> tuple[Indices, Indices, Array]:
+    def _nearest(self, points: Array, time: float) -> tuple[Integers, Integers, Array]:
         """Points within reach (k,), the nearest triangle of each (k,) and the weights of its closest point (k, 3)."""
         self._place(time)
         near = self._tree.query_ball_point(points, self._reach + self._widest)

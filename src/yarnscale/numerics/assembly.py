@@ -18,8 +18,6 @@ from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.numerics.kernel import BLOCK, Kernel, call_kernel, run_columns
 from yarnscale.numerics.vector_ir import LANES
 
-Indices = Integers
-
 _NOTHING = np.empty(0)
 _NO_SLOTS = np.empty((0, 0, BLOCK), np.int32)
 _NOT_TURNED = np.empty((0, 3, 3))
@@ -47,7 +45,7 @@ class StencilSet:
     """
 
     energy: StencilEnergy
-    variables: Indices
+    variables: Integers
     parameters: Array
     vectors: int
     count: int = field(init=False)
@@ -102,7 +100,7 @@ class StencilSet:
         return energies[:, 0], gradients, hessians
 
 
-def position_variables(nodes: Indices) -> Indices:
+def position_variables(nodes: Integers) -> Integers:
     """Full variables of nodes (N, k) → (N, 3k)."""
     return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
 

@@ -16,8 +16,6 @@ from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kernel import BLOCK
 
-Indices = Integers
-
 SKIPPED = -1
 """Slot of an entry that belongs to a fixed variable."""
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
@@ -33,21 +31,21 @@ class BlockPattern:
     """
 
     pattern: SymmetricPattern
-    group: Indices
-    first: Indices
-    starts: Indices
+    group: Integers
+    first: Integers
+    starts: Integers
     rows: NDArray[np.int32]
     offsets: NDArray[np.int32]
 
     @classmethod
-    def of(cls, group_sizes: Indices, unknowns: list[Indices]) -> BlockPattern:
+    def of(cls, group_sizes: Integers, unknowns: list[Integers]) -> BlockPattern:
         """Pattern of stencils: each array (N, k) holds unknowns that meet (−1: fixed)."""
         groups = len(group_sizes)
         group = np.repeat(np.arange(groups), group_sizes)
         return cls.from_keys(group_sizes, np.concatenate([_met(group, rows, groups) for rows in unknowns]))
 
     @classmethod
-    def from_keys(cls, group_sizes: Indices, keys: Indices) -> BlockPattern:
+    def from_keys(cls, group_sizes: Integers, keys: Integers) -> BlockPattern:
         """Pattern of blocks ``column·g + row`` ≥ the diagonal, in any order and as often as they like."""
         groups = len(group_sizes)
         first = np.zeros(groups + 1, np.int64)
@@ -63,21 +61,21 @@ class BlockPattern:
         pattern = SymmetricPattern(size, column_starts, entry_rows)
         return cls(pattern, group, first, starts, rows.astype(np.int32), offsets)
 
-    def staged(self, stages: Indices) -> BlockPattern:
+    def staged(self, stages: Integers) -> BlockPattern:
         """The same with the stage (g,) at which each group is best eliminated."""
         return replace(self, pattern=replace(self.pattern, stages=stages[self.group]))
 
-    def meetings(self) -> tuple[Indices, Indices]:
+    def meetings(self) -> tuple[Integers, Integers]:
         """Column and row group of every block."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), self.rows.astype(np.int64)
 
     @property
-    def keys(self) -> Indices:
+    def keys(self) -> Integers:
         """Keys ``column·g + row`` of all blocks, increasing."""
         columns, rows = self.meetings()
         return columns * (len(self.starts) - 1) + rows
 
-    def add_blocks(self, places: Indices, blocks: Array, entries: Array) -> None:
+    def add_blocks(self, places: Integers, blocks: Array, entries: Array) -> None:
         """Add 3×3 blocks (m, 9), row by row, to the entries of a matrix whose groups are threes.
 
         places: (m,) where the blocks are among ``keys``.
@@ -85,15 +83,15 @@ class BlockPattern:
         columns = np.searchsorted(self.starts, places, side="right") - 1
         _add_blocks(columns, self.rows[places], self.offsets[places], self.pattern.starts, blocks, entries)
 
-    def covers(self, unknowns: Indices) -> bool:
+    def covers(self, unknowns: Integers) -> bool:
         """Whether all pairs of these stencils' unknowns, (N, k), lie in the pattern."""
         return bool(self.covered(unknowns).all())
 
-    def covered(self, unknowns: Indices) -> Flags:
+    def covered(self, unknowns: Integers) -> Flags:
         """Of which stencils, (N, k), all pairs of unknowns lie in the pattern."""
         return _covered_each(self.starts, self.rows, self.group, unknowns)
 
-    def slots(self, unknowns: Indices) -> NDArray[np.int32]:
+    def slots(self, unknowns: Integers) -> NDArray[np.int32]:
         """Where a stencil's Hessian entries go: (blocks, n(n+1)/2, BLOCK).
 
         −1: skipped. s ≤ −2: entry −s−2 on the diagonal, added twice (two variables of the stencil are one unknown).

@@ -16,8 +16,6 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from yarnscale.arrays import Array, Integers
 
-Indices = Integers
-
 LEAF = 300
 """Nodes that are not cut further: orderings by degree do as well there."""
 _LARGE = 4000
@@ -35,11 +33,11 @@ class Dissection:
     parent: (s,) the stage that separates each stage from others, itself at the root.
     """
 
-    stage: Indices
-    parent: Indices
+    stage: Integers
+    parent: Integers
 
     @classmethod
-    def of(cls, first: Indices, second: Indices, places: Array, *, leaf: int = LEAF) -> Dissection:
+    def of(cls, first: Integers, second: Integers, places: Array, *, leaf: int = LEAF) -> Dissection:
         """Of a graph: halves before what separates them.
 
         first, second: (m,) nodes that an edge joins, in any order and as often as they like. places: (n, d) of nodes.
@@ -58,7 +56,7 @@ class Dissection:
             roots.append(number)
         return cls(stage, parent)
 
-    def repaired(self, first: Indices, second: Indices) -> tuple[Dissection, int]:
+    def repaired(self, first: Integers, second: Integers) -> tuple[Dissection, int]:
         """The same for a graph with other edges, and how many nodes had to move.
 
         A node that is newly joined with another branch moves to what separates both.
@@ -68,11 +66,11 @@ class Dissection:
         return Dissection(stage, self.parent), int(moved)
 
 
-def _dissected(graph: csr_array, places: Array, nodes: Indices, leaf: int) -> list[tuple[Indices, int]]:
+def _dissected(graph: csr_array, places: Array, nodes: Integers, leaf: int) -> list[tuple[Integers, int]]:
     """Parts of the nodes, each after those that it separates, and how many trees of parts it separates."""
     if len(nodes) <= leaf:
         return [(nodes, 0)]
-    best: tuple[Indices, Indices, Indices] | None = None
+    best: tuple[Integers, Integers, Integers] | None = None
     extent = np.ptp(places[nodes], axis=0)
     for axis in np.flatnonzero(extent >= _BROAD * extent.max()):
         along = places[nodes, axis]
@@ -119,7 +117,7 @@ def _lift(stage, parent, first, second):
     return moved
 
 
-def separator(graph: csr_array, low: Indices, high: Indices) -> Indices:
+def separator(graph: csr_array, low: Integers, high: Integers) -> Integers:
     """The fewest nodes that every edge between two sets of nodes ends at: those of a largest matching (König)."""
     across = csr_array(graph[low][:, high])
     rows = np.flatnonzero(np.diff(across.indptr))

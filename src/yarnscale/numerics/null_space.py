@@ -22,8 +22,6 @@ from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
 from yarnscale.numerics.regularisation import ShiftedHessian
 
-Indices = Integers
-
 WIDTH = 4
 """Most reduced unknowns behind one group: two of the chain and two across it."""
 _MOST_MOVED = 0.05
@@ -38,7 +36,7 @@ class Chain:
     groups: (L,). coefficients: cᵢ (L, k), k the size of these groups.
     """
 
-    groups: Indices
+    groups: Integers
     coefficients: Array
 
 
@@ -49,13 +47,13 @@ class GroupBasis:
     index: (g, WIDTH), −1: none. weight: (g, 3, WIDTH). sizes: of the reduced groups; owner: group each belongs to.
     """
 
-    index: Indices
+    index: Integers
     weight: Array
-    sizes: Indices
-    owner: Indices
+    sizes: Integers
+    owner: Integers
 
     @classmethod
-    def of(cls, group_sizes: Indices, chains: Sequence[Chain]) -> GroupBasis:
+    def of(cls, group_sizes: Integers, chains: Sequence[Chain]) -> GroupBasis:
         """Basis of the null space of chains that share no group; groups in no chain stay as they are."""
         count = len(group_sizes)
         along, before = np.zeros(count, bool), np.full(count, -1)
@@ -91,7 +89,7 @@ class GroupBasis:
             index, weight, own.ravel()[present].astype(np.int64), np.repeat(np.arange(count), 2)[present]
         )
 
-    def matrix(self, group_sizes: Indices) -> csr_array:
+    def matrix(self, group_sizes: Integers) -> csr_array:
         """Z as a sparse matrix (n, r)."""
         there = np.arange(3)[None, :] < group_sizes[:, None]
         rows = np.cumsum(there.ravel()).reshape(there.shape) - 1
@@ -116,7 +114,7 @@ class ChainConstraints:
     elimination. ``matrix`` has orthonormal rows.
     """
 
-    group_sizes: Indices
+    group_sizes: Integers
     chains: Sequence[Chain]
     everywhere: Array
     places: Array
@@ -201,7 +199,7 @@ class NullSpaceSolver:
         )  # fmt: skip
         self._inner = reduced.pattern
 
-    def _dissected(self, first: Indices, second: Indices) -> Indices:
+    def _dissected(self, first: Integers, second: Integers) -> Integers:
         """Stages of the reduced groups; those of the pattern before, repaired, where that moves few of them."""
         places = self.constraints.places[self.constraints.basis.owner]
         if self._dissection is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from yarnscale.arrays import Array, Flags, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.shell.mesh_arrays import (
     checked_angles,
     checked_corners,
@@ -256,8 +256,7 @@ def _turned(points: Array, angle: float | Array) -> Array:
 
 def _check_sizes(**sizes: float) -> None:
     for name, value in sizes.items():
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(name, expected="a positive length [m]", found=value)
+        positive(name, value, "a positive length [m]")
     spacing = sizes["spacing"]
     for name, value in sizes.items():
         if value < spacing:

@@ -12,8 +12,6 @@ from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
 
-Indices = Integers
-
 THROUGH_EACH_OTHER = 0.05
 """Centre lines closer than this share of the diameter count as intersecting yarns."""
 
@@ -84,7 +82,7 @@ def check_clearance(
 
 
 def _arc_between(
-    pattern: YarnPattern, strands: Strands, first: Indices, second: Indices, tile: Indices
+    pattern: YarnPattern, strands: Strands, first: Integers, second: Integers, tile: Integers
 ) -> Array:
     """Rest length between segments and copies of segments along their yarn (m,) [m]; inf on different yarns."""
     yarn, shift = strands.yarn[first], strands.shift[strands.yarn[first]]

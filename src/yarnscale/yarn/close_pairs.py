@@ -9,8 +9,6 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.yarn.strands import Strands
 
-Indices = Integers
-
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 LARGEST_PAIRS = 1 << 27
 _MOST_CELLS = 1 << 22
@@ -25,7 +23,7 @@ def close_pairs(
     neighbours: int,
     ordered: bool = False,
     moves: Array | None = None,
-) -> tuple[Indices, Indices]:
+) -> tuple[Integers, Integers]:
     """Pairs of segments closer than ``reach``: primary segment (m,) and segment of any copy (m,), by their first nodes.
 
     nodes: (T·n, 3) positions of all copies. neighbours: segments at most so many edges apart along a yarn are no pair.

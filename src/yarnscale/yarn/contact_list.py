@@ -19,8 +19,6 @@ from yarnscale.yarn.contact import contact_energy, contact_reach
 from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import Strands
 
-Indices = Integers
-
 SKIN = 0.7
 """How much farther than contact pairs are listed [r]."""
 GAP_SHARE = 0.8
@@ -43,8 +41,8 @@ class Contacts:
     first, second: primary segment and segment of a copy of every pair (N,), by their first nodes.
     """
 
-    first: Indices
-    second: Indices
+    first: Integers
+    second: Integers
     built_at: Array
     stencils: StencilSet
     placed: PlacedPairs | None = None
@@ -92,7 +90,7 @@ class ContactList:
 
     def pairs_within(
         self, positions: Array, reach: float, *, moves: Array | None = None
-    ) -> tuple[Indices, Indices]:
+    ) -> tuple[Integers, Integers]:
         """Close pairs; those that only meet because a strongly bent cell rolls through itself are left out.
 
         Copies are those of an endless periodic surface: more than half a turn apart, two of them are near in space only
@@ -124,7 +122,7 @@ class ContactList:
             pairs = self.pairs_within(positions, 0.0, moves=moves / GAP_SHARE)
         return safe_fraction(positions, moves, self._strands.ends, *pairs, GAP_SHARE)
 
-    def variables(self, first: Indices, second: Indices) -> Indices:
+    def variables(self, first: Integers, second: Integers) -> Integers:
         """Variables of the stencils of pairs (N, 12)."""
         ends = self._strands.ends
         return position_variables(np.stack([first, ends[first], second, ends[second]], 1))

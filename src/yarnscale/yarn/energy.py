@@ -22,8 +22,6 @@ from yarnscale.yarn.rod import BEND_TWIST
 from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import Strands
 
-Indices = Integers
-
 PATTERN_MARGIN = 0.1
 """How much farther than they touch pairs have a place in the matrix [r]: more saves analyses, less keeps it sparse."""
 NEARLY = 0.2
@@ -147,10 +145,10 @@ class RodEnergy:
         contacts.placed = PlacedPairs(chosen, stencils, block.slots(listed[chosen]))
         return contacts.placed, block, slots
 
-    def _unknowns(self, variables: Indices) -> Indices:
+    def _unknowns(self, variables: Integers) -> Integers:
         return variables if self._copies is None else self._copies.unknowns(variables)
 
-    def _laid_out(self, rods: list[Indices], near: Indices, full: Array) -> BlockPattern:
+    def _laid_out(self, rods: list[Integers], near: Integers, full: Array) -> BlockPattern:
         """A pattern of the rods and of pairs within the margin, beyond the list where that is wide."""
         positions = self.positions(full)
         if self._margin > SKIN:

@@ -12,8 +12,6 @@ import numpy as np
 from yarnscale.arrays import Array, Integers
 from yarnscale.yarn.strands import Strands
 
-Indices = Integers
-
 NO_EDGE = np.array([1.0, 0.0, 0.0])
 """Direction at the end of an open yarn, where no edge starts."""
 
@@ -30,7 +28,7 @@ def upright(director: Array, tangent: Array) -> Array:
     return np.divide(moved, size, out=np.zeros_like(moved), where=size > 0)
 
 
-def unit_edges(positions: Array, ends: Indices) -> Array:
+def unit_edges(positions: Array, ends: Integers) -> Array:
     """Direction of the edge that starts at each vertex (n, 3); ends: its other end (n,), −1 where none starts."""
     edge = positions[ends] - positions
     edge[ends < 0] = NO_EDGE
@@ -85,7 +83,7 @@ def signed_angle(start: Array, end: Array, axis: Array) -> Array:
     return np.arctan2(sine, np.einsum("ij,ij->i", start, end))
 
 
-def reference_twist(tangent: Array, director: Array, previous: Indices, near: Array | float = 0.0) -> Array:
+def reference_twist(tangent: Array, director: Array, previous: Integers, near: Array | float = 0.0) -> Array:
     """Twist of the reference frame at each joint (n,) [rad], on the branch nearest to ``near`` (n,).
 
     The angle about the outgoing tangent from the transported director of the incoming edge to the director of the
@@ -104,7 +102,7 @@ def material_frame(tangent: Array, director: Array, twist: Array) -> tuple[Array
     return cosine * director + sine * second, cosine * second - sine * director
 
 
-def material_curvature(tangent: Array, director: Array, twist: Array, previous: Indices) -> Array:
+def material_curvature(tangent: Array, director: Array, twist: Array, previous: Integers) -> Array:
     """Integrated curvatures (κ¹, κ²) of each joint in its material frames, shape (n, 2) [-].
 
     κb = 2 t₋×t / (1 + t₋·t), κ¹ = ½(m2₋ + m2)·κb, κ² = −½(m1₋ + m1)·κb.

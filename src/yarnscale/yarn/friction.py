@@ -7,7 +7,6 @@ do), which takes energy away whatever the step.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -15,12 +14,10 @@ import numba
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import not_negative, positive
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import run_columns
-
-Indices = Integers
 
 _SWEEPS = 10
 """Rounds over all pairs that rub in an explicit step."""
@@ -57,7 +54,7 @@ class Rubbing:
     stiffness: of contact where segments begin to touch (k,).
     """
 
-    variables: Indices
+    variables: Integers
     place: Array
     normal: Array
     pressure: Array
@@ -85,7 +82,7 @@ class Rubbing:
         return cls(contacts.variables[kept], np.clip(place, 0.0, 1.0), normal, size, stiffness)
 
     @property
-    def nodes(self) -> Indices:
+    def nodes(self) -> Integers:
         """Vertices, of the first segment and of the second."""
         return self.variables[:, ::3] // 3
 
@@ -107,12 +104,8 @@ class YarnFriction:
     slip: float = 0.02
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.coefficient) and self.coefficient >= 0):
-            raise InputError("friction of yarns", expected="zero or more", found=self.coefficient)
-        if not (math.isfinite(self.slip) and self.slip > 0):
-            raise InputError(
-                "slip within which yarns stick [radii]", expected="a positive number", found=self.slip
-            )
+        not_negative("friction of yarns", self.coefficient, "zero or more")
+        positive("slip within which yarns stick [radii]", self.slip)
 
     def stencils(self, positions: Array, contacts: StencilSet, x: Array) -> StencilSet:
         """Friction of the pairs that press on each other at a state; positions (n, 3), contact stencils."""

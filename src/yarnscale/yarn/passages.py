@@ -23,8 +23,6 @@ from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import ENDLESS, Strands
 
-Indices = Integers
-
 UNDO_WITHIN = 4.0
 """Two opposite passages undo each other when they lie so near along both yarns [r]."""
 _ROUNDING = 1e-6
@@ -84,11 +82,11 @@ class _Ends:
     yarn, place [r]: (k, 2). tile: (k, 2, 2), of the copy of the yarn. period [r], shift: of every yarn.
     """
 
-    yarn: Indices
+    yarn: Integers
     place: Array
-    tile: Indices
+    tile: Integers
     period: Array
-    shift: Indices
+    shift: Integers
 
     @classmethod
     def of(cls, found: Passages) -> _Ends:
@@ -137,7 +135,7 @@ class _Ends:
         return best
 
 
-def _remainder(tile: Indices, first: Indices, second: Indices) -> tuple[int, int]:
+def _remainder(tile: Integers, first: Integers, second: Integers) -> tuple[int, int]:
     """The same member of tile + Z first + Z second for every tile of this set."""
     (a, b), (c, d) = (map(int, shift) for shift in (first, second))
     while c:  # Euclid: the second shift ends along y

@@ -19,8 +19,6 @@ from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 from yarnscale.yarn.rod import STRETCH, TWO_PHASE_STRETCH
 
-Indices = Integers
-
 Materials = YarnMaterial | Sequence[YarnMaterial]
 """One material for all yarns of a pattern, or one for each number in its ``yarn_material``."""
 
@@ -116,7 +114,7 @@ class PatternStiffness:
 
     pattern: Yarns
     materials: tuple[YarnMaterial, ...]
-    kind: Indices
+    kind: Integers
     unit: float
 
     @classmethod
@@ -162,7 +160,7 @@ class PatternStiffness:
         twist = self._by_kind([m.twist_stiffness(r) for m in self.materials]) / scale
         return bend, twist
 
-    def pair_parameters(self, first: Indices, second: Indices, measure: Array) -> Array:
+    def pair_parameters(self, first: Integers, second: Integers, measure: Array) -> Array:
         """Parameters of the contact energy of pairs of edges (N, 2 or 4).
 
         first, second: edges (N,). measure: product of their lengths [r²] and the weight of the pair.
@@ -178,7 +176,7 @@ class PatternStiffness:
             columns.append((diameter * rule.inner_radius_ratio) ** -2.0)
         return np.column_stack(columns)
 
-    def pair_stiffness(self, first: Indices, second: Indices) -> Array:
+    def pair_stiffness(self, first: Integers, second: Integers) -> Array:
         """Contact stiffness of pairs of edges (N,) [kg/s²]: the harmonic mean, two springs in series."""
         k = np.array([m.contact_stiffness for m in self.materials])
         mean = 2.0 / (1.0 / k[:, None] + 1.0 / k)

@@ -14,8 +14,6 @@ from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
 
-Indices = Integers
-
 LARGEST_COPIES = 10_000_000
 """Vertices of all copies."""
 ENDLESS = 1 << 40
@@ -32,14 +30,14 @@ class Strands:
     lengths: (c,) edges of each yarn's period, ``ENDLESS`` for open yarns. shift: (c, 2) tiles of that period.
     """
 
-    tiles: Indices
-    ends: Indices
-    before: Indices
-    yarn: Indices
-    place: Indices
-    walked: Indices
-    lengths: Indices
-    shift: Indices
+    tiles: Integers
+    ends: Integers
+    before: Integers
+    yarn: Integers
+    place: Integers
+    walked: Integers
+    lengths: Integers
+    shift: Integers
 
     @classmethod
     def around(cls, pattern: YarnPattern, reach: float) -> Strands:
@@ -75,7 +73,7 @@ class Strands:
         )  # fmt: skip
 
     @classmethod
-    def finite(cls, offsets: Indices, closed: Flags) -> Strands:
+    def finite(cls, offsets: Integers, closed: Flags) -> Strands:
         """Yarns numbered vertex after vertex, yarn i from offsets[i] to offsets[i + 1] − 1, rings where ``closed``."""
         n, yarns = int(offsets[-1]), len(closed)
         last = offsets[1:] - 1
@@ -95,12 +93,12 @@ class Strands:
         return len(self.yarn)
 
     @cached_property
-    def edges(self) -> Indices:
+    def edges(self) -> Integers:
         """Vertices at which segments begin (m,)."""
         return np.flatnonzero(self.ends[: self.count] >= 0)
 
     @cached_property
-    def joints(self) -> Indices:
+    def joints(self) -> Integers:
         """Vertices between two segments (j,)."""
         return np.flatnonzero((self.ends[: self.count] >= 0) & (self.before >= 0))
 
@@ -119,7 +117,7 @@ class Strands:
         return start - (np.cumsum(total) - total)[self.yarn], total
 
 
-def _tile_lookup(tiles: Indices, wanted: Indices) -> Indices:
+def _tile_lookup(tiles: Integers, wanted: Integers) -> Integers:
     low = tiles.min(axis=0)
     table = np.full(tiles.max(axis=0) - low + 1, -1, np.int64)
     table[tuple((tiles - low).T)] = np.arange(len(tiles))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 
 FACTORS = {
     # linear density [kg/m]
@@ -58,7 +58,7 @@ def to_si(value: float, unit: str) -> float:
     Raises InputError for an unknown unit or a count that is not positive.
     """
     if unit in COUNTS:
-        return COUNTS[unit] / _positive(f"yarn count {unit}", value)
+        return COUNTS[unit] / positive(f"yarn count {unit}", value)
     return value * _factor(unit)
 
 
@@ -69,28 +69,22 @@ def yarn_radius(linear_density: float, *, fibre_density: float, packing_fraction
     firmly spun yarns, 0.1 to 0.3 for soft knitting yarns.
     """
     density = yarn_density(fibre_density=fibre_density, packing_fraction=packing_fraction)
-    return math.sqrt(_positive("linear density", linear_density) / (math.pi * density))
+    return math.sqrt(positive("linear density", linear_density) / (math.pi * density))
 
 
 def yarn_density(*, fibre_density: float, packing_fraction: float = 0.5) -> float:
     """Mass per volume of a yarn [kg/m³], the air between its fibres included."""
     if not 0.0 < packing_fraction <= 1.0:
         raise InputError("packing_fraction is no share", expected="0 to 1", found=packing_fraction)
-    return _positive("fibre_density", fibre_density) * packing_fraction
+    return positive("fibre_density", fibre_density) * packing_fraction
 
 
 def linear_density(radius: float, density: float) -> float:
     """Mass per length [kg/m] of a yarn of `radius` [m] and `density` [kg/m³]."""
-    return math.pi * _positive("radius", radius) ** 2 * _positive("density", density)
+    return math.pi * positive("radius", radius) ** 2 * positive("density", density)
 
 
 def _factor(unit: str) -> float:
     if unit not in FACTORS:
         raise InputError("unknown unit", expected=", ".join([*FACTORS, *COUNTS]), found=repr(unit))
     return FACTORS[unit][1]
-
-
-def _positive(field: str, value: float) -> float:
-    if not (value > 0.0 and math.isfinite(value)):
-        raise InputError(f"{field} must be positive", expected="> 0", found=value)
-    return value

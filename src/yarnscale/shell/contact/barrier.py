@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, not_negative, positive
 
 # −db/dd at d = t/2 in units of t³.
 _HALF_WAY_SLOPE = 4.5 * 0.5 + 3.0 * math.log(2.0)
@@ -33,13 +33,10 @@ class ContactSettings:
 
     def __post_init__(self) -> None:
         for name in ("thickness", "pressure", "slip"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"contact {name}", expected="a positive number", found=value)
+            positive(f"contact {name}", getattr(self, name))
         if not self.holding_force > 0:
             raise InputError("holding force", expected="a positive number, or inf", found=self.holding_force)
-        if not (math.isfinite(self.friction) and self.friction >= 0):
-            raise InputError("contact friction", expected="zero or a positive number", found=self.friction)
+        not_negative("contact friction", self.friction)
 
     @property
     def stiffness(self) -> float:

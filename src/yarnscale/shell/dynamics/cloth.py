@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, not_negative
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
 from yarnscale.motion.rigid import STILL, Motion
@@ -73,12 +72,8 @@ class Cloth:
     def __post_init__(self) -> None:
         if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
             raise InputError("gravity", expected="three finite numbers [m/s²]", found=self.gravity)
-        if not (math.isfinite(self.damping) and self.damping >= 0):
-            raise InputError("damping", expected="zero or more [1/s]", found=self.damping)
-        if not (math.isfinite(self.stiffness_damping) and self.stiffness_damping >= 0):
-            raise InputError("stiffness_damping", expected="zero or more [s]", found=self.stiffness_damping)
-        if not (math.isfinite(self.air_drag) and self.air_drag >= 0):
-            raise InputError("air_drag", expected="zero or more [kg/m³]", found=self.air_drag)
+        for name, unit in (("damping", "1/s"), ("stiffness_damping", "s"), ("air_drag", "kg/m³")):
+            not_negative(name, getattr(self, name), f"zero or more [{unit}]")
         names = [handle.name for handle in self.handles]
         twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
         if twice is not None:

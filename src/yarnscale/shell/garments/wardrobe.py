@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from yarnscale.arrays import Array, Flags
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.shell.garments.garment import Garment, Seam, sew
 from yarnscale.shell.garments.panels import Panel, check_spacing, cut_panel
 
@@ -45,8 +45,7 @@ class ShirtCut:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} of the cut", expected="a positive length [m]", found=value)
+            positive(f"{name} of the cut", value, "a positive length [m]")
         if self.armhole >= self.length or self.front_neck >= self.length or 2 * self.neck >= self.width:
             raise InputError("cut", expected="neck and armholes smaller than the body", found=vars(self))
 

@@ -35,7 +35,7 @@ import casadi as ca
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.shell.materials.material import MaterialKernels, ShellMaterial, compile_material
 
 Energy = Callable[[ca.SX, ca.SX], ca.SX]
@@ -70,8 +70,7 @@ class DirectionalMaterial(ShellMaterial):
             if not np.isfinite(value) or (value < 0 and name not in self.SIGNED):
                 raise InputError(name, expected="a finite number, not negative", found=value)
             object.__setattr__(self, name, value)
-        if not (np.isfinite(self.density) and self.density > 0):
-            raise InputError("density", expected="a positive number [kg/m²]", found=self.density)
+        positive("density", self.density, "a positive number [kg/m²]")
         least = (np.sqrt(self.bend_weft) - np.sqrt(self.bend_warp)) ** 2 / 4
         if self.bend_bias < least * (1 - 1e-12):
             expected = f"at least {least:g} beside the other two"
