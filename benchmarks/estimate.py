@@ -1,6 +1,9 @@
 """Estimation of yarns: measured knits, twins, ablations, the published solver. Run with --help for the parts.
 
-python benchmarks/estimate.py knits --shared ../shared --out DIR
+python benchmarks/estimate.py all --shared ../shared --out DIR
+
+A run that is killed goes on where it was: evaluations are kept, and rows in the files of DIR are not made again.
+``table`` prints what is there as tables for docs/validation/estimate.md.
 """
 
 from __future__ import annotations
@@ -41,14 +44,16 @@ KNITS = {
 """Sample -> pattern, yarn in one period of it [m], from the authors' yarn length per repeat of their unit cell."""
 CASES = ("default", "local", "linear", "as-drawn", "paper")
 """Of the ablations; "paper" is the published solver."""
-TWIN_TRUTH = {
-    "stockinette": np.array([0.55, 0.30, 0.40, 0.60, 0.60]),
-    "garter": np.array([0.55, 0.30, 0.40, 0.60, 0.60]),
-    "rib-1x1": np.array([0.50, 0.25, 0.40, 0.60, 0.60]),
-}
+TWINS = (
+    "stockinette", "garter", "rib-1x1", "interlock", "double-pique", "links", "all-needle", "single-jersey",
+)  # fmt: skip
+TWIN_TRUTH = {"rib-1x1": np.array([0.50, 0.25, 0.40, 0.60, 0.60])}
+USUAL_TRUTH = np.array([0.55, 0.30, 0.40, 0.60, 0.60])
 """Unknowns of soft yarns that stretch through their knee before their loops are straight: every parameter shows."""
-TWIN_STRETCH = {"stockinette": (1.0, 0.6), "garter": (0.8, 1.2), "rib-1x1": (1.4, 0.5)}
-"""Largest stretch along weft and warp."""
+TWIN_STRETCH = {
+    "stockinette": (1.0, 0.8, 0.6), "garter": (0.8, 1.0, 1.2), "rib-1x1": (1.4, 0.9, 0.5),
+}  # fmt: skip
+"""Largest stretch along weft, bias and warp, 0.8 for others; less where the yarn has no equilibrium."""
 
 
 def model_of(sample: str, *, free: bool = True) -> YarnModel:
@@ -66,11 +71,14 @@ def knits(options: argparse.Namespace, executor) -> list[dict]:
     for sample in options.samples:
         measured = read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")
         for holdout in [Direction.WARP if name == "warp" else None for name in options.holdouts]:
+            held = None if holdout is None else holdout.value
+            if (row := _made(options, "knits", sample=sample, holdout=held)) is not None:
+                found |= {} if held else {sample: row}
+                continue
             estimate = fit_fabric(
                 measured, model_of(sample), holdout=holdout, executor=executor, options=_settings(options),
                 store=_store(options),
             )  # fmt: skip
-            held = None if holdout is None else holdout.value
             rows.append({"sample": sample, "holdout": held, **estimate.summary()})
             _tell(options, rows[-1])
             folder = options.out / f"{sample}{'' if holdout is None else '-holdout'}"
@@ -97,6 +105,8 @@ def ablations(options: argparse.Namespace, executor) -> list[dict]:
             "paper": (model, replace(default, solver="paper"), RestRule()),
         }
         for name in options.cases:
+            if _made(options, "ablations", sample=sample, case=name) is not None:
+                continue
             case, settings, rule = cases[name]
             fit = fit_yarn(case, data, options=settings, rule=rule, executor=executor, store=_store(options))
             errors = fit.evaluation.errors
@@ -112,9 +122,14 @@ def twins(options: argparse.Namespace, executor) -> list[dict]:
     """Parameters found again from a yarn's own curves, without and with noise of 3 % of every value."""
     rows = []
     for pattern in options.patterns:
-        truth, model = TWIN_TRUTH[pattern], yarn_model(build(pattern), 20.0, yarn_length=None)
-        clean = twin_data(model, truth, TWIN_STRETCH[pattern])
-        for noise in options.noises:
+        truth, model = (
+            TWIN_TRUTH.get(pattern, USUAL_TRUTH),
+            yarn_model(build(pattern), 20.0, yarn_length=None),
+        )
+        left = [n for n in options.noises if _made(options, "twins", pattern=pattern, noise=n) is None]
+        clean = twin_data(model, truth, TWIN_STRETCH.get(pattern, (0.8, 0.8, 0.8))) if left else None
+        for noise in left:
+            assert clean is not None
             generator = np.random.default_rng(1)
             data = replace(clean, curves=tuple(_noisy(curve, noise, generator) for curve in clean.curves))
             objective = YarnObjective(model, coarser(data, 7))
@@ -146,16 +161,28 @@ def _starts(evaluations: Evaluations, options: argparse.Namespace, truth: np.nda
 
 
 def twin_data(
-    model: YarnModel, truth: np.ndarray, largest: tuple[float, float], samples: int = 21
+    model: YarnModel, truth: np.ndarray, largest: tuple[float, float, float], samples: int = 21
 ) -> UniformData:
-    """Uniform data that a yarn makes itself; the 7 stretches of a search are among 21 samples."""
-    curves = []
-    for direction, end in zip((Direction.WEFT, Direction.WARP), largest, strict=True):
-        stretch = end * np.arange(1, samples + 1) / samples
-        blank = UniformCurve(direction, stretch, np.ones(samples), np.ones(samples), end)
-        curve = YarnObjective(model, UniformData("twin", (blank,))).evaluate(truth).curves[0]
-        curves.append(UniformCurve(direction, stretch, curve.contraction, curve.stress, end))
-    return UniformData("twin", tuple(curves))
+    """Uniform data that a yarn makes itself, as far as it has equilibria; a search uses 7 of 21 stretches."""
+    ends, share = np.array(largest), np.arange(1, samples + 1) / samples
+    for _ in range(2):
+        blank = tuple(
+            UniformCurve(direction, end * share, np.ones(samples), np.ones(samples), end)
+            for direction, end in zip(Direction, ends, strict=True)
+        )
+        found = YarnObjective(model, UniformData("twin", blank)).evaluate(truth).curves
+        good = [curve.converged for curve in found]
+        reach = np.array([share[max(g.argmin() - 1, 0)] if not g.all() else 1.0 for g in good])
+        if (reach == 1.0).all():
+            break
+        ends = ends * reach
+    return UniformData(
+        "twin",
+        tuple(
+            UniformCurve(c.direction, c.stretch[g], c.contraction[g], c.stress[g], float(c.stretch[g][-1]))
+            for c, g in zip(found, good, strict=True)
+        ),
+    )
 
 
 def _noisy(curve: UniformCurve, noise: float, generator: np.random.Generator) -> UniformCurve:
@@ -166,13 +193,15 @@ def _noisy(curve: UniformCurve, noise: float, generator: np.random.Generator) ->
 def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
     """All knits with the parameters of one yarn, each with its own shape, from the fits of each that ``knits`` left."""
     models = with_one_yarn([model_of(sample) for sample in options.samples])
-    alone = _left(options, "knits", "sample")
+    alone = {sample: _made(options, "knits", sample=sample, holdout=None) for sample in options.samples}
     parts, starts, full = [], [], []
     for sample, model in zip(options.samples, models, strict=True):
         data = fit_shell(read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")).uniform_data()
         full.append(data)
         parts.append(YarnObjective(model, coarser(data, 7)))
-        values = alone[sample]["parameters"]
+        row = alone[sample]
+        assert row is not None, "knits come first"
+        values = row["parameters"]
         starts.append(model.unknowns(np.array([values[name] for name in model.names])))
     evaluations = SharedEvaluations(
         tuple(Evaluations(part, executor, _store(options)(part)) for part in parts)
@@ -217,11 +246,74 @@ def _first_yarns(
     return [unknowns for _, unknowns in sorted(found, key=lambda pair: pair[0])]
 
 
-def _left(options: argparse.Namespace, part: str, key: str) -> dict[str, dict]:
-    """The last rows of a part that ran before, by one of their entries; fits of both directions alone."""
-    lines = (options.out / f"{part}.jsonl").read_text(encoding="utf-8").splitlines()
-    rows = [json.loads(line) for line in lines]
-    return {row[key]: row for row in rows if row.get("holdout") is None}
+def _rows(options: argparse.Namespace, part: str) -> list[dict]:
+    """What the file of a part holds."""
+    path = options.out / f"{part}.jsonl"
+    return (
+        [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+    )
+
+
+def _made(options: argparse.Namespace, part: str, **entries: object) -> dict | None:
+    """The last row of a part with these entries, of the same search."""
+    wanted = _searched_with(options) | entries
+    rows = [row for row in _rows(options, part) if wanted.items() <= row.items()]
+    return rows[-1] if rows else None
+
+
+def _searched_with(options: argparse.Namespace) -> dict[str, int]:
+    return {"starts": options.starts, "refined": options.refined, "seed": options.seed}
+
+
+def every(options: argparse.Namespace, executor) -> None:
+    """All parts, the cheapest first."""
+    for part in ("twins", "ablations", "knits", "one-yarn"):
+        options.part = part
+        if part != "one-yarn" or not _rows(options, part):
+            PARTS[part](options, executor)
+
+
+def tables(options: argparse.Namespace, _) -> None:
+    """Print what was made as tables of Markdown, shares in per cent."""
+    columns = {
+        "twins": (
+            "pattern",
+            "noise",
+            "off",
+            "stress",
+            "contraction",
+            "singular",
+            "evaluations",
+            "cpu_seconds",
+        ),
+        "ablations": (
+            "sample",
+            "case",
+            "comfort",
+            "full",
+            "compression",
+            "objective",
+            "solves",
+            "cpu_seconds",
+        ),
+    }
+    shares = {"noise", "off", "stress", "contraction", "comfort", "full", "compression"}
+    for part, names in columns.items():
+        print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
+        for row in _rows(options, part):
+            row |= {
+                name: worst(row[name]) for name, worst in (("off", max), ("singular", min)) if name in row
+            }
+            cells = [row[name] for name in names]
+            said = [
+                f"{100 * cell:.3g} %"
+                if name in shares
+                else f"{cell:.4g}"
+                if isinstance(cell, float)
+                else str(cell)
+                for name, cell in zip(names, cells, strict=True)
+            ]
+            print(f"| {' | '.join(said)} |")
 
 
 def _settings(options: argparse.Namespace) -> FitOptions:
@@ -240,15 +332,15 @@ def _table(options: argparse.Namespace) -> Path:
 
 def _tell(options: argparse.Namespace, row: dict) -> None:
     """Print a row and add it to the file of the part, as soon as it is there."""
-    line = json.dumps(
-        {"starts": options.starts, "refined": options.refined, "seed": options.seed, **row}, default=float
-    )
+    line = json.dumps(_searched_with(options) | row, default=float)
     print(line, flush=True)
     with (options.out / f"{options.part}.jsonl").open("a", encoding="utf-8") as file:
         file.write(line + "\n")
 
 
-PARTS = {"knits": knits, "ablations": ablations, "twins": twins, "one-yarn": one_yarn}
+PARTS = {
+    "knits": knits, "ablations": ablations, "twins": twins, "one-yarn": one_yarn, "all": every, "table": tables,
+}  # fmt: skip
 
 if __name__ == "__main__":
     arguments = argparse.ArgumentParser(description=__doc__)
@@ -265,9 +357,7 @@ if __name__ == "__main__":
     arguments.add_argument("--seed", type=int, default=0)
     arguments.add_argument("--workers", type=int, default=2)
     arguments.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES), help="of the ablations")
-    arguments.add_argument(
-        "--patterns", nargs="+", choices=TWIN_TRUTH, default=list(TWIN_TRUTH), help="of the twins"
-    )
+    arguments.add_argument("--patterns", nargs="+", choices=TWINS, default=list(TWINS), help="of the twins")
     arguments.add_argument("--noises", nargs="+", type=float, default=[0.0, 0.03], help="of the twins")
     arguments.add_argument(
         "--around", type=float, help="scatter twins' starts so far about the truth, of the ranges"
