@@ -257,3 +257,39 @@ def test_bend_tables_with_other_sizes_are_refused(tmp_path):
     (tmp_path / "bend.csv").write_text(BEND + BEND.replace("10,6", "12,6"))
     with pytest.raises(InputError, match=r"bend\.csv:7: column 'swatch_length_cm'"):
         read_measurements(tmp_path / "fabric.toml")
+
+
+BIAXIAL = "Force weft [N];Force warp [N];Strain weft [%];Strain warp [%];Width weft [mm];Width warp [mm]\n"
+
+
+def test_biaxial_rows_with_forces_or_line_loads(tmp_path):
+    table(tmp_path, ROWS)
+    (tmp_path / "fabric.toml").write_text('stretch = "stretch.csv"\nbiaxial = "both.csv"\n')
+    (tmp_path / "both.csv").write_text(BIAXIAL + "0;0;0;0;50;40\n1,5;0,8;10,5;4;50;40\n2,5;2;20;12;50;40\n")
+    found = read_measurements(tmp_path / "fabric.toml").biaxial
+    assert found is not None
+    np.testing.assert_allclose(found.load, [[0, 0], [30, 20], [50, 50]])
+    np.testing.assert_allclose(found.stretch, [[0, 0], [0.105, 0.04], [0.2, 0.12]])
+    assert len(found.up_to(45.0, 7).load) == 1 and len(found.up_to(1e9, 7).load) == 2
+    lines = "force_weft_N/m,force_warp_N/m,strain_weft [1],strain_warp [1]\n30,20,0.105,0.04\n"
+    (tmp_path / "both.csv").write_text(lines)
+    np.testing.assert_allclose(read_measurements(tmp_path / "fabric.toml").biaxial.load, [[30, 20]])  # pyright: ignore
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("Width warp [mm]", "Other", (":1", "column width_warp is missing")),
+        ("Strain warp [%]", "Strain warp [N]", (":1", "unit", "% or 1", "'N'")),
+        ("10,5;4", "10,5;wide", (":2", "Strain warp [%]", "'wide'")),
+        ("1,5;0,8", "-1;-1", ("under tension",)),
+        ("Force weft", "Temperature", ("both.csv:1", "force_weft is missing")),
+    ],
+)
+def test_faults_of_biaxial_rows_are_told(tmp_path, old, new, words):
+    table(tmp_path, ROWS)
+    (tmp_path / "fabric.toml").write_text('stretch = "stretch.csv"\nbiaxial = "both.csv"\n')
+    (tmp_path / "both.csv").write_text((BIAXIAL + "1,5;0,8;10,5;4;50;40\n").replace(old, new))
+    with pytest.raises(InputError) as caught:
+        read_measurements(tmp_path / "fabric.toml")
+    assert [word for word in words if word not in str(caught.value)] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,14 @@ from yarnscale.shell.materials.stiffening import StiffeningMaterial
 from yarnscale.swatches.bend_fit import fit_bending
 from yarnscale.swatches.cloth_check import check_cloth
 from yarnscale.swatches.fabric_shell import fit_shell
-from yarnscale.swatches.measurements import BendTest, Direction, StretchRun, StretchTest, SwatchMeasurements
+from yarnscale.swatches.measurements import (
+    BendTest,
+    BiaxialTest,
+    Direction,
+    StretchRun,
+    StretchTest,
+    SwatchMeasurements,
+)
 from yarnscale.swatches.membrane_constants import (
     AlongCurve,
     OrthotropicUnknowns,
@@ -24,7 +32,7 @@ from yarnscale.swatches.membrane_constants import (
 from yarnscale.swatches.pear_loop import PearLoop
 from yarnscale.swatches.shell_fit import fit_membrane
 from yarnscale.swatches.swatch import StretchSwatch
-from yarnscale.swatches.uniaxial import uniaxial
+from yarnscale.swatches.uniaxial import biaxial, uniaxial
 
 KNOWN = OrthotropicMaterial(
     60.0, 20.0, 100.0, 25.0, area=10.0, log_area=5.0, bend_weft=2e-6, bend_bias=1.5e-6, bend_warp=6e-6
@@ -92,6 +100,16 @@ def test_without_bias_the_shear_stiffness_is_called_undetermined_and_the_curves_
             uniaxial(KNOWN, direction.angle, stretch)[0],
             rtol=0.03,
         )
+
+
+def test_biaxial_states_tell_coupling_and_stiffness_across():
+    weft = stretched(KNOWN, (Direction.WEFT,), width=False)
+    stretch = np.array([[0.1, 0.05], [0.05, 0.1], [0.1, 0.1], [0.2, 0.02], [0.02, 0.2], [0.15, 0.15]])
+    both = replace(weft, biaxial=BiaxialTest(stretch, biaxial(KNOWN, stretch)))
+    fit = fit_membrane(both, model="stvk", largest_load=np.inf, states=2, elements=6)
+    unseen = np.array([[0.12, 0.08], [0.06, 0.15], [0.0, 0.18]])
+    np.testing.assert_allclose(biaxial(fit.material, unseen), biaxial(KNOWN, unseen), rtol=0.01)
+    assert "stretch_warp" not in fit.undetermined
 
 
 def test_a_fabric_that_stiffens_comes_back_with_both_contractions():

@@ -10,6 +10,7 @@ from typing import Any
 from yarnscale.checked import checked
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.fields import Fields, toml_file
+from yarnscale.files.measurements_biaxial import read_biaxial
 from yarnscale.files.measurements_csv import read_bend, read_logs
 from yarnscale.files.measurements_swatches import LogSettings, direction_named
 from yarnscale.files.measurements_u3m import SUFFIXES as U3M_SUFFIXES
@@ -19,7 +20,7 @@ from yarnscale.swatches.loading import CYCLES
 from yarnscale.swatches.measurements import SwatchMeasurements, YarnComposition
 
 _FIELDS = (
-    "name", "fabric", "stretch", "bend", "single_run", "area_density", "pattern", "photographs", "yarn",
+    "name", "fabric", "stretch", "bend", "biaxial", "single_run", "area_density", "pattern", "photographs", "yarn",
 )  # fmt: skip
 _COUNTS = {
     "wales_per_cm": ("wales", 1e2),
@@ -115,6 +116,7 @@ def _from_toml(path: Path, sample: str | None, single_run: bool, settings: LogSe
         measured = SwatchMeasurements(
             table.text_or("name", path.stem), tests, bend, yarns, density, table.text_or("pattern", None),
             tuple(photographs), notes,
+            biaxial=read_biaxial(path.parent / table.text("biaxial")) if "biaxial" in table.content else None,
         )  # fmt: skip
         return measured.knowing(replace(known, area_density=None)).knowing(KnownConstruction(**said))
 

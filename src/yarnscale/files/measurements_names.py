@@ -41,6 +41,11 @@ QUANTITIES = {
         "einspannlange", "messlange", "l0",
     ),
     "loop_ratio": ("loop ratio",),
+    **{
+        f"{name}_{along}": (f"{name} {along}", *(f"{word} {along}" for word in also))
+        for along in ("weft", "warp")
+        for name, also in (("force", ("load",)), ("strain", ("stretch", "elongation")), ("width", ("swatch width",)))
+    },
     "wales": ("wales", "wales per", "wale density", "maschenstabchen", "maschenstabchendichte"),
     "courses": ("courses", "courses per", "course density", "maschenreihen", "maschenreihendichte"),
     "loop_length": ("loop length", "stitch length", "maschenlange"),
@@ -79,6 +84,15 @@ KINDS = {
     "extension": ("length", "strain"),
     **dict.fromkeys(("clamp_distance", "mid_width", "swatch_width", "swatch_length"), ("length",)),
     "stress": ("stress",),
+    **{
+        f"{name}_{along}": kinds
+        for along in ("weft", "warp")
+        for name, kinds in (
+            ("force", ("force", "line load")),
+            ("strain", ("strain",)),
+            ("width", ("length",)),
+        )
+    },
     **dict.fromkeys(("wales", "courses"), ("count",)),
     "loop_length": ("length",),
     "yarn_count": ("yarn count",),
@@ -91,7 +105,9 @@ USUAL_UNITS = {
     "force": "N, cN, mN, kN, gf, lbf, N/m or N/cm",
     "extension": "mm, cm, m, % or 1",
     "stress": "N_per_mm",
-}
+    **{f"{name}_{along}": units for along in ("weft", "warp")
+       for name, units in (("force", "N, cN, N/m or N/cm"), ("strain", "% or 1"))},
+}  # fmt: skip
 """Quantity → units to name in an error; lengths of other quantities have mm, cm, m or in."""
 
 _PLAIN = str.maketrans("äöüéèêáàóíñúâô", "aoueeeaaoinuao")

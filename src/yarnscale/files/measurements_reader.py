@@ -24,6 +24,7 @@ from yarnscale.files.measurements_table import DECIMALS, SPACES, MeasuredTable, 
 _NAMES = {
     "force": "force_N and clamp_distance_mm, or Load (N) and Extension (mm)",
     "loop_ratio": "loop_ratio and clamp_distance_mm",
+    "force_weft": "force_weft_N/m, force_warp_N/m, strain_weft_% and strain_warp_%",
 }
 """First needed quantity of a table → names of columns to show in an error."""
 _IN_TEXT = {

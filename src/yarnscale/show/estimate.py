@@ -300,6 +300,9 @@ def _words(estimate: FabricEstimate) -> list[str]:
         text.append(
             f"{fit.evaluation.failed} states are not at rest; they are left out of curves and errors."
         )
+    if estimate.biaxial is not None:
+        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in estimate.biaxial.items())
+        text.append(f"Weft and warp pulled at once, mean error over the largest load: {shares}.")
     if fit.at_bounds:
         text.append("At the ends of their ranges: " + ", ".join(fit.at_bounds) + ".")
     return text + list(estimate.measurements.notes)

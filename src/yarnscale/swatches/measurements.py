@@ -257,6 +257,31 @@ class BendTest:
             )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class BiaxialTest:
+    """Fabric pulled along weft and warp at once: stretch and load [N/m] of both, (n, 2) each."""
+
+    stretch: Array
+    load: Array
+
+    def __post_init__(self) -> None:
+        for name in ("stretch", "load"):
+            array = np.array(getattr(self, name), np.float64)
+            object.__setattr__(self, name, array)
+            if array.ndim != 2 or array.shape != (len(self.load), 2) or not np.isfinite(array).all():
+                raise InputError(f"biaxial test: {name}", expected="finite pairs", found=array.shape)
+        if not (self.load > 0).any() or (self.stretch <= -0.9).any():
+            raise InputError("biaxial test", expected="fabric under tension", found="none")
+
+    def up_to(self, load: float, states: int) -> BiaxialTest:
+        """At most so many states, evenly spaced in their order, whose larger load is no larger [N/m]."""
+        within = np.flatnonzero((self.load.max(axis=1) <= load) & (self.load.max(axis=1) > 0))
+        chosen = (
+            np.unique(within[np.linspace(0, len(within) - 1, states).astype(int)]) if len(within) else within
+        )
+        return BiaxialTest(self.stretch[chosen], self.load[chosen])
+
+
 @dataclass(frozen=True)
 class BendingRigidity:
     """Rigidity B of a cylinder bent along one direction [N m], moment B κ per width; spread: over cycles and sides."""
@@ -302,7 +327,8 @@ class SwatchMeasurements:
     area_density: mass of the fabric [kg/m²]; pear loops need it. pattern: name of its chart or yarn geometry,
     photographs: of both sides; only names, for the record. notes: sentences on how the numbers were read.
     known: what was counted on the fabric. short: stretch tests of strips shorter than wide, which tell how the fabric
-    resists contraction. rigidity: of bending, measured by other means than pear loops.
+    resists contraction. rigidity: of bending, measured by other means than pear loops. biaxial: both directions
+    pulled at once.
     """
 
     name: str
@@ -316,6 +342,7 @@ class SwatchMeasurements:
     known: KnownConstruction = field(default_factory=lambda: KnownConstruction())
     short: tuple[StretchTest, ...] = ()
     rigidity: tuple[BendingRigidity, ...] = ()
+    biaxial: BiaxialTest | None = None
 
     def __post_init__(self) -> None:
         where = f"measurements of '{self.name}'"

@@ -22,10 +22,16 @@ from scipy.optimize import least_squares
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial
-from yarnscale.swatches.measurements import POWER_LOAD, Direction, StretchTest, SwatchMeasurements
+from yarnscale.swatches.measurements import (
+    POWER_LOAD,
+    BiaxialTest,
+    Direction,
+    StretchTest,
+    SwatchMeasurements,
+)
 from yarnscale.swatches.membrane_constants import UNKNOWNS, AlongCurve, Scales, ShellModel, Unknowns
 from yarnscale.swatches.swatch import ELEMENTS_ACROSS, StretchResponse, StretchSwatch
-from yarnscale.swatches.uniaxial import uniaxial, uniaxial_sensitivity
+from yarnscale.swatches.uniaxial import biaxial, biaxial_sensitivity, uniaxial, uniaxial_sensitivity
 
 STATES = 6
 """Stretches per direction (EST22 §5.1)."""
@@ -42,6 +48,8 @@ _FELT_ALONG = {
     Direction.BIAS: ("shear", "shear_rate", "coupling"),
     Direction.WARP: ("stretch_warp", "stiffening_warp", "rate_warp", "compression_weft", "saturation_warp"),
 }
+_BIAXIAL = 30
+"""Biaxial states that are fitted, at most."""
 _STARTS = 6
 _ACROSS = 0.5
 """Weight of the contraction beside 1 of the load: it depends more on how much real clamps hold back."""
@@ -134,7 +142,8 @@ def fit_membrane(
     begin = time.perf_counter()
     targets = tuple(_Target.of(test, largest_load, states) for test in measurements.stretch)
     density = measurements.area_density or 0.2
-    problem = _Problem(targets, density, elements, UNKNOWNS[model])
+    both = measurements.biaxial and measurements.biaxial.up_to(largest_load, _BIAXIAL)
+    problem = _Problem(targets, density, elements, UNKNOWNS[model], both)
     found = problem.solved(tolerance)
     if not problem.is_plausible(found):
         problem.usual_weight = _USUAL_PRIOR
@@ -174,6 +183,7 @@ class _Problem:
     density: float
     elements: int
     kind: type[Unknowns]
+    biaxial: BiaxialTest | None = None
     usual_weight: float = 0.0
     _point: Array | None = None
     _responses: list[StretchResponse | None] = field(default_factory=list)
@@ -234,13 +244,13 @@ class _Problem:
             part = self._differences(target, response.force / swatch.width, response.contraction)
             states = np.tile(response.converged, len(part) // len(response.converged))
             parts.append(np.where(states, part, _FAILED))
-        return np.concatenate(
-            [*parts, self._uniform(unknowns, 0.0, self.uniform_weight)[0], self._prior(unknowns)]
-        )
+        uniform = self._uniform(unknowns, 0.0, self.uniform_weight)[0]
+        return np.concatenate([*parts, uniform, self._biaxial(unknowns)[0], self._prior(unknowns)])
 
     def jacobian(self, unknowns: Array) -> Array:
         uniform = self._uniform(unknowns, 0.0, self.uniform_weight)[1]
-        return np.vstack([self._sensitivity(unknowns), uniform, np.diag(self.prior_weights)])
+        both = self._biaxial(unknowns)[1]
+        return np.vstack([self._sensitivity(unknowns), uniform, both, np.diag(self.prior_weights)])
 
     def uniform_start(self) -> Array:
         """The best of several fits of uniform strips."""
@@ -251,9 +261,13 @@ class _Problem:
         ):
             start = self.unknowns.prior + draw * self.unknowns.draws
             found = least_squares(
-                lambda x: np.append(self._uniform(x, 1.0, 1.0)[0], self._prior(x)),
+                lambda x: np.concatenate(
+                    [self._uniform(x, 1.0, 1.0)[0], self._biaxial(x)[0], self._prior(x)]
+                ),
                 np.clip(start, low + 1e-3, high - 1e-3),
-                jac=lambda x: np.vstack([self._uniform(x, 1.0, 1.0)[1], np.diag(self.prior_weights)]),  # pyright: ignore
+                jac=lambda x: np.vstack(  # pyright: ignore
+                    [self._uniform(x, 1.0, 1.0)[1], self._biaxial(x)[1], np.diag(self.prior_weights)]
+                ),
                 bounds=(low, high),
                 x_scale="jac",
                 max_nfev=60,
@@ -288,6 +302,18 @@ class _Problem:
                 slopes.append(weight * by_contraction @ chain)
         return np.concatenate(rows), np.vstack(slopes)
 
+    def _biaxial(self, unknowns: Array) -> tuple[Array, Array]:
+        """Differences of loads of the biaxial states, which count like one direction, and their derivative."""
+        if self.biaxial is None:
+            return np.empty(0), np.empty((0, len(unknowns)))
+        material, chain = self.unknowns.material(unknowns), self.unknowns.jacobian(unknowns)
+        load = biaxial(material, self.biaxial.stretch)
+        slopes = biaxial_sensitivity(material, self.biaxial.stretch, self.unknowns.names)
+        scale = 1.0 / np.sqrt(len(self.targets) * load.size) / self.mean_load
+        return scale * (load - self.biaxial.load).ravel(), scale * slopes.reshape(
+            -1, slopes.shape[-1]
+        ) @ chain
+
     def curves(self, unknowns: Array) -> tuple[FittedCurve, ...]:
         responses = self._respond(unknowns)
         return tuple(
@@ -299,7 +325,7 @@ class _Problem:
         )  # fmt: skip
 
     def resolution(self, unknowns: Array) -> dict[str, float]:
-        sensitivity = self._sensitivity(unknowns)
+        sensitivity = np.vstack([self._sensitivity(unknowns), self._biaxial(unknowns)[1]])
         felt = sensitivity.T @ sensitivity
         share = np.diag(np.linalg.solve(felt + np.diag(self.prior_weights**2), felt))
         return dict(zip(self.unknowns.names, share.tolist(), strict=True))

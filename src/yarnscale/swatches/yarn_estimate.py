@@ -13,14 +13,16 @@ import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
+from yarnscale.kinematics import ShellStrain
 from yarnscale.laboratory.programme import FabricTests
 from yarnscale.swatches.cloth_check import ClothCheck, check_cloth
 from yarnscale.swatches.construction import FabricConstruction, sized, weighed
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
 from yarnscale.swatches.fabric_shell import FabricShell, fit_shell
-from yarnscale.swatches.measurements import Direction, SwatchMeasurements
+from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective, errors_of
+from yarnscale.swatches.uniaxial import biaxial
 from yarnscale.swatches.uniform_data import UniformData, UniformErrors
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_fit import FitOptions, YarnFit, fit_yarn
@@ -34,6 +36,8 @@ Fabrics stretch by bending and sliding of their loops long before such a yarn st
 _OFF = 0.1
 """Error of the shell, and effect of the clamps computed with such a shell, from which there is a warning."""
 
+_BIAXIAL = 7
+"""Biaxial states at which the yarn is compared, at most."""
 _FREE = 0.5
 """Share of its range through which a parameter can move that counts as unknown."""
 _LARGE_EFFECT = 0.3
@@ -83,6 +87,18 @@ class FabricEstimate:
             for bend, k in zip(bends, own, strict=True)
             if np.isfinite(k)
         }
+
+    @cached_property
+    def biaxial(self) -> dict[str, float] | None:
+        """Mean errors of shell and yarn over the largest load, where weft and warp were pulled at once."""
+        if self.measurements.biaxial is None or not self.fit.evaluation.rested.relaxed:
+            return None
+        measured = self.measurements.biaxial.up_to(POWER_LOAD, _BIAXIAL)
+        states = [self.cell.relax(ShellStrain(s_x=float(x), s_y=float(y))) for x, y in measured.stretch]
+        yarn = np.array([s.stress[[0, 2]] if s.converged else [np.nan] * 2 for s in states])
+        stresses = {"shell": biaxial(self.shell.membrane.material, measured.stretch), "yarn": yarn}
+        largest = float(measured.load.max())
+        return {name: float(np.nanmean(np.abs(s - measured.load))) / largest for name, s in stresses.items()}
 
     @property
     def scale(self) -> float:
@@ -274,6 +290,7 @@ class FabricEstimate:
             "at_bounds": list(fit.at_bounds),
             "period": self.cell.pattern.period.tolist(),
             "fabric": self.construction.summary(),
+            "biaxial_error": self.biaxial,
             "tests": None if self.tests is None else self.tests.plain()["summary"],
             "cloth_error": None if self.cloth is None else self.cloth.errors.summary(),
         }
