@@ -17,6 +17,7 @@ from yarnscale.cli.cloth_options import add_cloth_commands
 from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.cli.fabric_options import add_fabric_options
 from yarnscale.cli.material_options import add_material_commands
+from yarnscale.cli.register_options import add_register_options
 from yarnscale.cli.shared_options import GROUPS, Add, Option, Share, add_json, add_overwrite
 from yarnscale.cli.yarn_options import add_yarn_commands
 from yarnscale.errors import misspelt
@@ -118,5 +119,6 @@ _COMMANDS: dict[str, Callable[[Add], None]] = {
     "cloth as a shell": add_cloth_commands,
     "finite fabrics of yarns": add_fabric_options,
     "measured swatches": add_estimate_options,
+    "photographs": add_register_options,
 }
 """Commands by the heading of their group in the help."""

@@ -1,0 +1,143 @@
+"""The command ``register``: the yarns of a fabric from its photographs and its chart."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yarnscale.cli.console import ProgressLine, report, say, writable_file
+from yarnscale.drawing.library import Structure
+from yarnscale.errors import InputError
+from yarnscale.files.fingerprint import fingerprint
+from yarnscale.files.pattern_json import write_pattern_json
+from yarnscale.files.patterns import stitches_of, structure_of
+from yarnscale.files.photograph import Photograph, read_photograph
+from yarnscale.files.registration_json import Session, read_session, session_path
+from yarnscale.swatches.registration.registration import Registration, registered
+from yarnscale.swatches.registration.start import flattened
+from yarnscale.yarn.pattern import YarnPattern
+
+Array = NDArray[np.float64]
+
+
+def register(options: argparse.Namespace) -> int:
+    """Register a pattern."""
+    writable_file(options.out, ".json")
+    structure = _structure(options)
+    if options.front is None:
+        raise InputError("--front is missing", expected="a photograph of the right side")
+    files = {"front": options.front, "back": options.back}
+    photographs = {side: read_photograph(path) for side, path in files.items() if path is not None}
+    pixel = _pixel(options, photographs)
+    pictures = flattened({side: photograph.brightness for side, photograph in photographs.items()})
+    period = None if options.period is None else np.array(options.period)
+    drawing, guess = registered(
+        structure, pictures, pixel=pixel, name=options.out.stem, radius=options.radius, period=period
+    )
+    session = _session(options, structure, pictures, guess)
+
+    def write(finished: Session) -> None:
+        write_pattern_json(finished.current.pattern(drawing), options.out)
+
+    if not options.no_page:
+        session = _corrected(options, session, photographs, pictures, write)
+    write(session)
+    _report(options, session.current.pattern(drawing), structure, session.current)
+    return 0
+
+
+def _structure(options: argparse.Namespace) -> Structure:
+    """What ``--chart`` says."""
+    structure = structure_of(options.chart)
+    if structure is None:
+        expected = "a .chart, .wif or .k file or a built-in pattern, which say what yarns cross"
+        raise InputError("--chart", expected=expected, found=options.chart)
+    stitches_of(options.chart)  # faults with their line
+    return structure
+
+
+def _session(
+    options: argparse.Namespace, structure: Structure, pictures: dict[str, Array], guess: Registration
+) -> Session:
+    """The state beside the pattern, or a new one after the automatic fit."""
+    path = session_path(options.out)
+    given = (guess.pixel, options.radius, options.period)
+    inputs = fingerprint(pictures, list(structure.chart), structure.draft, *given)
+    session = None if options.overwrite else read_session(path, inputs)
+    if session is not None:
+        say(f"{path}: going on from here; --overwrite begins anew")
+        return session
+    line = ProgressLine(f"moving the yarns of {options.out.stem}")
+    fitted = guess.fitted(pictures, progress=line.note)
+    line.end()
+    return Session(path, inputs, fitted, (guess,)).saved()
+
+
+def _corrected(
+    options: argparse.Namespace,
+    session: Session,
+    photographs: dict[str, Photograph],
+    pictures: dict[str, Array],
+    write: Callable[[Session], None],
+) -> Session:
+    """The session after its user has finished on the page."""
+    from yarnscale.show.register_page import RegistrationPage
+
+    images = {side: photograph.png() for side, photograph in photographs.items()}
+    page = RegistrationPage(session, images, pictures, write, port=options.port)
+    say(f"{page.address}  (open it in a browser; Ctrl-C here stops, what was changed is kept)")
+    try:
+        page.serve()
+    except KeyboardInterrupt:
+        kept = f"{session.path} is kept, the same command goes on from it"
+        raise KeyboardInterrupt(kept) from None
+    return page.session
+
+
+def _pixel(options: argparse.Namespace, photographs: dict[str, Photograph]) -> float:
+    """Size of a pixel of the pictures as they are used [m]; InputError where nothing says it."""
+    reduced = {photograph.reduced for photograph in photographs.values()}
+    if len(reduced) > 1:
+        sizes = " and ".join(str(photograph.brightness.shape) for photograph in photographs.values())
+        raise InputError("pictures differ in size", expected="front and back at one scale", found=sizes)
+    if options.scale is not None:
+        return options.scale * reduced.pop()
+    known = {photograph.dpi for photograph in photographs.values()}
+    if None in known or len(known) > 1:
+        expected = "--scale, such as 40px/mm, 600dpi, 1.8um/px or 820px=20mm"
+        raise InputError("scale of the pictures is unknown", where=options.front, expected=expected)
+    dpi = known.pop()
+    assert dpi is not None
+    say(f"{options.front}: {dpi:g} dpi as the file says; --scale takes another")
+    return 25.4e-3 / dpi * reduced.pop()
+
+
+def _report(
+    options: argparse.Namespace, pattern: YarnPattern, structure: Structure, found: Registration
+) -> None:
+    """What was found, in counts of a knitter."""
+    if structure.draft is not None:
+        stitches = np.array(structure.draft.shape[::-1])
+    else:
+        stitches = np.array([len(structure.chart[0].replace("|", "")), len(structure.chart)])
+    wales, courses = 1e-2 * stitches / pattern.period
+    length = float(pattern.rest_length.sum() / stitches.prod())
+    names = ("ends", "picks") if structure.woven else ("wales", "courses")
+    summary = {
+        "out": str(options.out), "pattern": pattern.name, "period": pattern.period, "radius": pattern.radius,
+        f"{names[0]}_per_cm": wales, f"{names[1]}_per_cm": courses, "yarn_in_stitch": length,
+        "explained": dict(found.explained), "set_by_hand": len(found.pins),
+    }  # fmt: skip
+    shares = ", ".join(f"{side} {100 * share:.0f} %" for side, share in found.explained.items())
+    width, height = 1e3 * pattern.period
+    report(
+        options, summary,
+        f"{options.out}: {pattern.name}, {len(pattern.edges)} vertices, period {width:.4g} × {height:.4g} mm",
+        f"  density          {wales:.4g} {names[0]}/cm, {courses:.4g} {names[1]}/cm",
+        f"  yarn             radius {1e3 * pattern.radius:.4g} mm, {1e3 * length:.4g} mm in a stitch",
+        f"  brightness       explained {shares or 'not measured'}",
+        *([f"  set by hand      {len(found.pins)} points"] if found.pins else []),
+    )  # fmt: skip

@@ -1,0 +1,86 @@
+"""Options of ``register``; imports nothing heavy."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from yarnscale.cli.shared_options import Add, add_json
+from yarnscale.cli.values import positive
+from yarnscale.errors import quoted
+
+_UNITS = {"px/mm": 1e-3, "px/cm": 1e-2, "dpi": 25.4e-3}
+_SIZES = {"um/px": 1e-6, "µm/px": 1e-6, "μm/px": 1e-6, "mm/px": 1e-3}
+_NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
+
+
+def add_register_options(add: Add) -> None:
+    """The command and its options."""
+    about = "Register the yarns of a fabric to photographs of its sides, with the order over and under from its chart."
+    option = add("register", "register", about, add_json)
+    option("--front", type=Path, metavar="FRONT.png", help="photograph of the right side, its wales upright")
+    option("--back", type=Path, metavar="BACK.png", help="of the other side, the fabric turned about a wale")
+    option(
+        "--chart",
+        required=True,
+        metavar="KNIT.chart",
+        help="chart, draft or built-in pattern: what crosses what",
+    )
+    option(
+        "--scale", type=pixel_size, metavar="SCALE",
+        help="of the photographs: 40px/mm, 600dpi, 1.8um/px, or a length in the picture, 820px=20mm",
+    )  # fmt: skip
+    option(
+        "--period",
+        type=_period,
+        metavar="WxH",
+        help="of the chart [mm], to within a seventh, where pictures mislead",
+    )
+    option(
+        "--radius",
+        type=positive,
+        metavar="METRES",
+        help="of the yarn (default: from the width of bright ridges)",
+    )
+    option("--no-page", action="store_true", help="no page in the browser: the automatic registration alone")
+    option(
+        "--overwrite",
+        action="store_true",
+        help="begin anew instead of going on with the state beside PATTERN",
+    )
+    option("--out", type=Path, required=True, metavar="PATTERN.json", help="the pattern, at rest as it lies")
+
+
+def pixel_size(text: str) -> float:
+    """Size of a pixel [m] from ``40px/mm``, ``600dpi``, ``1.8um/px`` or a length in the picture, ``820px=20mm``."""
+    plain = text.replace(" ", "")
+    if (
+        (match := re.fullmatch(rf"{_NUMBER}px={_NUMBER}(mm|cm)", plain))
+        and float(match[1])
+        and float(match[2])
+    ):
+        return float(match[2]) * (1e-3 if match[3] == "mm" else 1e-2) / float(match[1])
+    for unit, size in _UNITS.items():
+        if (match := re.fullmatch(_NUMBER + unit, plain)) and float(match[1]):
+            return size / float(match[1])
+    for unit, size in _SIZES.items():
+        if (match := re.fullmatch(_NUMBER + unit, plain)) and float(match[1]):
+            return size * float(match[1])
+    expected = "40px/mm, 600dpi, 1.8um/px or 820px=20mm"
+    raise argparse.ArgumentTypeError(f"expected {expected}; found {quoted(text)}")
+
+
+def _port(text: str) -> int:
+    """A number of a port."""
+    if not text.isdecimal() or not 1 <= int(text) <= 65535:
+        raise argparse.ArgumentTypeError(f"expected a port, 1 to 65535; found {quoted(text)}")
+    return int(text)
+
+
+def _period(text: str) -> tuple[float, float]:
+    """Two lengths [m] from millimetres."""
+    match = re.fullmatch(rf"{_NUMBER}x{_NUMBER}", text.replace(" ", "").removesuffix("mm"))
+    if match is None or not float(match[1]) or not float(match[2]):
+        raise argparse.ArgumentTypeError(f"expected WxH in mm, such as 12.5x8; found {quoted(text)}")
+    return 1e-3 * float(match[1]), 1e-3 * float(match[2])

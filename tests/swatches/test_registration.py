@@ -1,0 +1,113 @@
+"""Yarns registered to pictures: periods, radius, centre lines, and the order over and under."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from yarnscale.drawing import library
+from yarnscale.errors import InputError
+from yarnscale.swatches.registration.curves import YarnCurves
+from yarnscale.swatches.registration.lattice import Lattice, even, lattice_of
+from yarnscale.swatches.registration.registration import SIDES, Registration, registered
+from yarnscale.swatches.registration.start import Repeat, flattened
+
+PIXEL = 1.0 / 6.0
+"""Of the pictures here [r]."""
+Picture = Callable[[YarnCurves, str], np.ndarray]
+
+
+def test_periods_of_a_turned_picture() -> None:
+    rows, columns = np.meshgrid(np.arange(300), np.arange(320), indexing="ij")
+    course, wale = np.array([31.3, 1.7]), np.array([-1.1, -22.6])
+    u, v = np.linalg.solve(np.column_stack([course, wale]), np.stack([columns.ravel(), rows.ravel()]))
+    waves = np.cos(2 * np.pi * u) + np.sin(2 * np.pi * v) * np.cos(4 * np.pi * u) + 0.01 * rows.ravel()
+    found = lattice_of(even(waves.reshape(rows.shape)))
+    assert np.abs(found.course - course).max() < 0.1 and np.abs(found.wale - wale).max() < 0.1
+
+
+def test_repeats_of_charts() -> None:
+    assert Repeat.of(library.structure("stockinette")) == Repeat(1.0, 1.0)
+    assert Repeat.of(library.structure("interlock")) == Repeat(1.0, 1.0)
+    doubled = library.Structure("", chart=("kpkp", "kpkp", "kpkp"))
+    assert Repeat.of(doubled) == Repeat(0.5, 1.0 / 3.0)
+    striped = library.Structure("", chart=("kpkp", "kpkp"), sizes={"yarns": ["a", "b"]})
+    assert Repeat.of(striped) == Repeat(0.5, 1.0)
+
+
+@pytest.fixture(scope="module")
+def stockinette(lit_picture: Picture) -> tuple[YarnCurves, dict[str, np.ndarray], Registration, Registration]:
+    """The true curves [r] (other loops than the chart draws), evened pictures, the first guess and the fit."""
+    true = YarnCurves.of(library.build("stockinette", radius=1.0, wale_spacing=8.4, loop_height=8.0))
+    pictures = flattened({side: lit_picture(true, side) for side in SIDES})
+    _, guess = registered(library.structure("stockinette"), pictures, pixel=PIXEL, name="found")
+    return true, pictures, guess, guess.fitted(pictures)
+
+
+def test_a_rendered_knit_is_found(stockinette) -> None:
+    true, _, guess, found = stockinette
+    assert np.abs(found.curves.period / true.period - 1.0).max() < 0.01
+    assert abs(found.curves.radius - 1.0) < 0.07
+    assert min(found.explained.values()) > 0.95
+    lengths = [line.length(curves.period) for curves in (true, found.curves) for line in curves.lines()]
+    assert abs(lengths[1] / lengths[0] - 1.0) < 0.05
+    # The fit is nearer than the drawing, side by side at the place that suits each best.
+    assert _away(true, found.curves) < min(0.2, _away(true, guess.curves))
+
+
+def _away(true: YarnCurves, found: YarnCurves) -> float:
+    """Root mean square distance of centre lines in the plane over all places of one on the other [r]."""
+    from scipy.spatial import KDTree
+
+    tiles = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) * true.period
+    lines = found.samples[:, :2] * (true.period / found.period)
+    tree = KDTree((lines[None] + tiles[:, None]).reshape(-1, 2))
+    best = np.inf
+    for u in np.linspace(0.0, 1.0, 6, endpoint=False):
+        for v in np.linspace(0.0, 1.0, 6, endpoint=False):
+            move = np.array([u, v]) * true.period
+            for _ in range(20):
+                distance, nearest = tree.query(true.samples[:, :2] + move)
+                move = move + (tree.data[nearest] - true.samples[:, :2] - move).mean(axis=0)
+            best = min(best, float(np.sqrt((distance**2).mean())))
+    return best
+
+
+def test_points_set_by_hand_stay_and_periods_carry_the_yarns(stockinette) -> None:
+    _, pictures, _, found = stockinette
+    lattice = found.lattices["back"]
+    place = lattice.pixels(found.curves.controls[3, :2] / found.curves.period) + np.array([2.0, -1.0])
+    moved = found.moved("back", 3, place + 2 * lattice.course - lattice.wale)
+    assert moved.pins == {3}
+    assert np.abs(lattice.pixels(moved.curves.controls[3, :2] / moved.curves.period) - place).max() < 1e-6
+    again = moved.fitted(pictures)
+    shift = again.lattices["back"].pixels(again.curves.controls[3, :2] / again.curves.period) - place
+    assert np.abs(shift).max() < 1.0
+    wider = found.with_lattice(
+        "front", Lattice(lattice.origin, 1.1 * found.lattices["front"].course, lattice.wale)
+    )
+    assert wider.curves.period[0] == pytest.approx(1.05 * found.curves.period[0], rel=1e-3)
+    with pytest.raises(InputError, match="control point"):
+        found.moved("front", 1000, place)
+
+
+def test_a_pattern_leaves_with_yarns_apart(stockinette) -> None:
+    _, _, _, found = stockinette
+    drawing = library.build("stockinette")
+    pattern = found.pattern(drawing)
+    assert pattern.name == "stockinette" and pattern.period == pytest.approx(found.curves.period)
+    assert np.allclose(pattern.rest_length, np.linalg.norm(pattern.edge_vectors(), axis=1))
+
+
+def test_pictures_that_do_not_repeat_and_scales_that_differ(lit_picture: Picture) -> None:
+    noise = np.random.default_rng(0).normal(size=(200, 200))
+    with pytest.raises(InputError, match="nothing repeats along the course"):
+        lattice_of(even(noise))
+    true = YarnCurves.of(library.build("stockinette", radius=1.0))
+    large = ndimage.zoom(lit_picture(true, "back"), 1.3)
+    pictures = flattened({"front": lit_picture(true, "front"), "back": large})
+    with pytest.raises(InputError, match="front and back differ"):
+        registered(library.structure("stockinette"), pictures, pixel=PIXEL, name="x")
