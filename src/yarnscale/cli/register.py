@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.drawing.library import Structure
 from yarnscale.errors import InputError
@@ -19,8 +19,6 @@ from yarnscale.files.registration_json import Session, read_session, session_pat
 from yarnscale.swatches.registration.registration import Registration, registered
 from yarnscale.swatches.registration.start import flattened
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 
 def register(options: argparse.Namespace) -> int:

@@ -14,16 +14,14 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.colours import YARNS
 from yarnscale.files.registration_json import Session
 from yarnscale.swatches.registration.curves import SAMPLES
 from yarnscale.swatches.registration.lattice import Lattice
 from yarnscale.swatches.registration.registration import Registration
-
-Array = NDArray[np.float64]
 
 LARGEST_REQUEST = 10_000
 
@@ -185,9 +183,10 @@ def _index(request: Mapping[str, Any]) -> int:
 
 def _numbers(request: Mapping[str, Any], key: str, count: int) -> Array:
     values = request.get(key)
-    plain = isinstance(values, list) and all(isinstance(v, (int, float)) and abs(v) < 1e6 for v in values)
-    if not plain or len(values) != count:
-        raise InputError(key, expected=f"{count} numbers", found=repr(values)[:60])
+    if not isinstance(values, list) or len(values) != count:
+        values = [None]
+    if not all(isinstance(v, (int, float)) and abs(v) < 1e6 for v in values):
+        raise InputError(key, expected=f"{count} numbers", found=repr(request.get(key))[:60])
     return np.array(values, dtype=np.float64)
 
 

@@ -7,17 +7,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 
+from yarnscale.arrays import Array, Integers
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
-from yarnscale.yarn.close_pairs import close_pairs, closest_points
+from yarnscale.yarn.close_pairs import close_pairs, nearest_places
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CONTROL_SPACING = 2.2
 """Length of yarn for one control point [r]."""
@@ -136,7 +133,7 @@ class YarnCurves:
         return [PeriodicCurve(part, shift) for part, shift in zip(parts, self.shifts, strict=True)]
 
     def pattern(
-        self, *, name: str, edge: float, yarn_material: Indices | None = None, rest_shape: str = "straight"
+        self, *, name: str, edge: float, yarn_material: Integers | None = None, rest_shape: str = "straight"
     ) -> YarnPattern:
         """The pattern with edges of about this length [r of each yarn]."""
         level = np.array([0.0, 0.0, 0.5 * (self.samples[:, 2].max() + self.samples[:, 2].min())])
@@ -166,7 +163,7 @@ class YarnCurves:
 class Touching:
     """Pairs of segments: four samples (p, 4), their weights in the difference (p, 4), distance and wanted one (p,)."""
 
-    samples: Indices
+    samples: Integers
     weights: Array
     direction: Array
     gap: Array
@@ -174,13 +171,13 @@ class Touching:
 
     @classmethod
     def of(
-        cls, nodes: Array, ends: Indices, first: Indices, copy: Indices, count: int, radii: Array
+        cls, nodes: Array, ends: Integers, first: Integers, copy: Integers, count: int, radii: Array
     ) -> Touching:
         """The pairs of segments that begin at these nodes."""
         samples, weights = np.empty((len(first), 4), np.int64), np.empty((len(first), 4))
         direction, gap = np.empty((len(first), 3)), np.empty(len(first))
         for m, (i, g) in enumerate(zip(first, copy, strict=True)):
-            s, t, _ = closest_points(nodes, i, ends[i], g, ends[g])
+            s, t, _ = nearest_places(nodes, i, ends[i], g, ends[g])
             corners = np.array([i, ends[i], g, ends[g]])
             samples[m], weights[m] = corners % count, (1.0 - s, s, t - 1.0, -t)
             apart = weights[m] @ nodes[corners]

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from yarnscale.arrays import Array
 from yarnscale.swatches.registration.curves import YarnCurves
 from yarnscale.swatches.registration.relief import FEATURES, Relief
-
-Array = NDArray[np.float64]
 
 FINEST = 5.0
 """Pixels of a cell for one radius."""

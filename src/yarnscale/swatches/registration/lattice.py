@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.fft import next_fast_len
 
+from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-
-Array = NDArray[np.float64]
 
 STEEPEST = 0.2
 """Largest slope of a lattice direction against the edges of the picture."""

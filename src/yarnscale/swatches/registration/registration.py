@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from yarnscale.arrays import Array
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.stitch_size import EDGE_LENGTH
 from yarnscale.errors import InputError
@@ -17,8 +18,6 @@ from yarnscale.swatches.registration.lattice import Lattice, folded
 from yarnscale.swatches.registration.relief import BACK, FRONT, Relief
 from yarnscale.yarn.clearance import check_clearance
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 SIDES = {"front": FRONT, "back": BACK}
 _VISIBLE = 0.35

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-Array = NDArray[np.float64]
+from yarnscale.arrays import Array
 
 FRONT, BACK = 1.0, -1.0
 """Sides: the sign of z towards the eye."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from yarnscale.arrays import Array
 from yarnscale.drawing.library import Structure
 from yarnscale.errors import InputError
 from yarnscale.swatches.registration.curves import YarnCurves
 from yarnscale.swatches.registration.lattice import Lattice, even, folded, lattice_of
 from yarnscale.yarn.pattern import YarnPattern
-
-Array = NDArray[np.float64]
 
 RIDGE = 0.507
 """Standard deviation of the Gaussian that answers most to the ridge of a lit yarn, in rendered knits [r]; 0.45 for
