@@ -18,12 +18,13 @@ from typing import Literal
 import numpy as np
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.scene import run_scene
 from yarnscale.numerics.factor import Factorisation
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import JERSEY, OrthotropicMaterial
-from yarnscale.shell.scenes.scene import drape, run_scene, stretch
+from yarnscale.shell.scenes.scene import drape, stretch
 
 
 def woven() -> OrthotropicMaterial:

@@ -33,6 +33,7 @@ from yarnscale.fabric.direct_static import equilibrium
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.numerics.factor import Factorisation
 from yarnscale.numerics.newton import Status
@@ -87,7 +88,7 @@ def cloth_seconds(name: str, options: argparse.Namespace) -> float:
         made = cloth_scene.stretch(material, amount=AMOUNT, duration=PULL, size=options.size)
     for duration in (1e-3, options.frames * FRAME):  # the first time kernels are compiled
         schedule = Schedule(duration, FRAME, to_rest=False)
-        result = cloth_scene.run_scene(replace(made, schedule=schedule))
+        result = run_scene(replace(made, schedule=schedule))
     return result.seconds / ((result.state.time - made.start.time) / FRAME)
 
 

@@ -16,13 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.scenes.scene import Scene, run_scene, stretch
+from yarnscale.shell.scenes.scene import Scene, stretch
 from yarnscale.shell.scenes.sheet_scenes import drape_on_ball
 from yarnscale.shell.state import ClothState
 

@@ -22,7 +22,7 @@ assert np.isclose(cloth.stress(strain)[0, 0], 1.1 * 20.0 * green)
 forces = {}
 for direction in ("course", "wale"):
     scene = ys.scenes.stretch(cloth, direction=direction, amount=0.1, spacing=0.025, self_contact=False)
-    result = ys.run_scene(scene)
+    result = ys.run(scene)
     assert result.converged
     forces[direction] = result.measures["bar_force"]
     print(f"{direction}: {forces[direction]:.3f} N, across {result.measures['lambda_across']:.4f}")

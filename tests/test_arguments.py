@@ -39,8 +39,8 @@ CLOTH = ys.OrthotropicMaterial(10.0, 1.0, 10.0, 1.0, bend_weft=1e-5, bend_warp=1
         (lambda: ys.scenes.stretch("file.json"), "argument material; expected ElementMaterial"),
         (lambda: ys.scenes.sweater(YARN), "argument material; expected ElementMaterial"),
         (lambda: ys.scenes.hang(CLOTH, spacing="1 cm"), "argument spacing; expected a number"),
-        (lambda: ys.run_scene("sweater"), "argument scene; expected Scene (scenes.stretch"),
-        (lambda: ys.run_scene(CLOTH), "argument scene; expected Scene"),
+        (lambda: ys.run("sweater"), "argument scene; expected SimulatedScene (scenes.stretch"),
+        (lambda: ys.run(CLOTH), "argument scene; expected SimulatedScene"),
         (lambda: ys.Cloth("mesh.obj", CLOTH), "argument mesh; expected TriangleMesh"),
         (lambda: ys.fit("samples.zarr"), "argument store; expected SampleStore"),
         (lambda: ys.RodScene(CELL, None), "argument fabric; expected RodFabric"),  # type: ignore[arg-type]

@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from yarnscale.fabric.spline_scene import SplineScene
     from yarnscale.fabric.volume import BoundingVolume
     from yarnscale.files.estimate_run import estimate, fabric_model
-    from yarnscale.files.fabric_run import run
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
     from yarnscale.files.material_toml import read_material as read_yarn_material
     from yarnscale.files.material_toml import write_material as write_yarn_material
     from yarnscale.files.measurements import read_measurements
     from yarnscale.files.patterns import read_pattern, read_yarns, structure_of, write_pattern
+    from yarnscale.files.scene_run import run
     from yarnscale.homogenize.compact_fit import fit_compact_material
     from yarnscale.homogenize.homogenize import Homogenization, fit, fit_published
     from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from yarnscale.shell.materials.spline_material import SplineMaterial
     from yarnscale.shell.materials.stiffening import StiffeningMaterial
     from yarnscale.shell.mesh import TriangleMesh
-    from yarnscale.shell.scenes.scene import Scene, run_scene
+    from yarnscale.shell.scenes.scene import Scene
     from yarnscale.swatches.fabric_shell import FabricShell, fit_shell
     from yarnscale.swatches.measurements import SwatchMeasurements
     from yarnscale.swatches.yarn_estimate import FabricEstimate
@@ -127,8 +127,7 @@ _HOME = {
     "read_pattern": "files.patterns",
     "read_yarn_material": "files.material_toml:read_material",
     "read_yarns": "files.patterns",
-    "run": "files.fabric_run",
-    "run_scene": "shell.scenes.scene",
+    "run": "files.scene_run",
     "run_tests": "laboratory.programme",
     "sample": "homogenize.sample",
     "scenes": "shell.scenes:",
@@ -155,7 +154,7 @@ __all__ = [  # noqa: RUF022
     "YarnPattern", "YarnSheet", "__version__", "axes_and_planes", "create_store", "estimate", "fabric_model",
     "fit", "fit_compact_material", "fit_published", "fit_shell", "fit_spline_material", "homogenize_cell", "jersey",
     "knit", "path_with_friction", "patterns", "read_grid", "read_material", "read_measurements", "read_pattern",
-    "read_yarn_material", "read_yarns", "run", "run_scene", "run_tests", "sample", "scenes", "settled",
+    "read_yarn_material", "read_yarns", "run", "run_tests", "sample", "scenes", "settled",
     "sheet_scenes", "simulate", "spline_fabric", "structure_of", "weave", "write_material",
     "write_pattern", "write_yarn_material",
 ]  # fmt: skip

@@ -33,6 +33,7 @@ MAKERS = {
     "ElementMaterial": "a shell material, which read_material reads",
     "ShellMaterial": "read_material reads one",
     "Scene": "scenes.stretch and others make one",
+    "SimulatedScene": "scenes.stretch, RodScene and others make one",
     "RodFabric": "RodFabric.cut and others make one",
     "SampleStore": "create_store makes one",
     "SwatchMeasurements": "read_measurements makes one",
@@ -112,7 +113,7 @@ def _classes(hint: object) -> tuple[type, ...]:
     if hint is None:
         return (type(None),)
     if (origin := get_origin(hint)) is not None and origin is not os.PathLike:
-        return ()
+        return _classes(origin) if isinstance(origin, type) and hasattr(origin, "__orig_bases__") else ()
     plain = WIDER.get(origin or hint)
     if plain:
         return plain

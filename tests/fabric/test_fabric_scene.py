@@ -17,7 +17,7 @@ from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_scene import SplineScene
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.curve_frames import read_curve_frames
-from yarnscale.files.fabric_run import run
+from yarnscale.files.scene_run import run
 from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.material import YarnMaterial
 

@@ -13,14 +13,12 @@ from yarnscale.cli.notices import show_notices
 from yarnscale.cli.values import refuse
 from yarnscale.errors import InputError, misspelt
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
-from yarnscale.files.checkpoint_file import CheckpointFile
-from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.run_folder import PAGE, RunFolder
-from yarnscale.motion.run import Run
+from yarnscale.files.scene_run import checkpoint, run
 from yarnscale.motion.unfulfilled import sentences
 from yarnscale.shell.materials.material import ShellMaterial
-from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
+from yarnscale.shell.scenes.scene import Scene, SceneResult
 from yarnscale.shell.scenes.scene import drape as drape_scene
 from yarnscale.shell.scenes.scene import stretch as stretch_scene
 from yarnscale.shell.state import ClothState
@@ -87,10 +85,11 @@ def _run(scene: Scene, options: argparse.Namespace) -> int:
         options.out, "cloth", makes, overwrite=options.overwrite, resume=options.resume,
         goes_on_from=GOES_ON_FROM, valued=("frames/frame_*.npz",),
     )  # fmt: skip
-    place = _checkpoints(scene, options.out).read() if options.resume else None
+    if options.resume:
+        checkpoint(options.out, ClothState, scene.settings).read()
     with results as folder:
         show_notices(scene.notices)
-        result = simulate_into(scene, folder, resume=place)
+        result = simulate_into(scene, folder, resume=options.resume)
         for kind in options.format:
             write(read_animation(folder / "frames"), kind, folder / NAMES[kind])
     digest = hashlib.sha256((folder / MATERIAL).read_bytes()).hexdigest()
@@ -135,22 +134,13 @@ def _unfulfilled(result: SceneResult) -> list[str]:
     )
 
 
-def _checkpoints(scene: Scene, folder: Path) -> CheckpointFile[ClothState]:
-    return CheckpointFile(folder / CHECKPOINT, ClothState, scene.settings)
-
-
-def simulate_into(scene: Scene, folder: Path, *, resume: Run[ClothState] | None = None) -> SceneResult:
+def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneResult:
     """Run a scene, or continue a run; frames are written as they finish, pictures and numbers at the end."""
     from yarnscale.show.run_page import write_run_page
 
-    cloth, kept = scene.cloth, resume.frames if resume is not None else 0
-    if isinstance(cloth.material, ShellMaterial):
-        write_material(folder / MATERIAL, cloth.material)
-    frames = FrameFolder(folder / "frames", cloth.mesh, obstacles=cloth.obstacles, keep=kept)
-    result = run_scene(
-        scene, on_step=ProgressLine(scene.name).show_step, on_frame=frames.write,
-        on_checkpoint=_checkpoints(scene, folder).write, resume=resume,
-    )  # fmt: skip
+    if isinstance(scene.cloth.material, ShellMaterial):
+        write_material(folder / MATERIAL, scene.cloth.material)
+    result = run(scene, folder, resume=resume, on_step=ProgressLine(scene.name).show_step)
     notes = [*(f"Note: {notice}." for notice in scene.notices), *_unfulfilled(result)]
     numbers = _flat(result.summary())
     write_run_page(folder, f"Cloth: {scene.name}", result.run, numbers, frames=folder / "frames", text=notes)

@@ -27,12 +27,12 @@ from yarnscale.fabric.spline_motion import YarnMotion
 from yarnscale.fabric.spline_scene import SplineScene
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
-from yarnscale.files.fabric_run import MAKES, checkpoint, run
 from yarnscale.files.fabric_scene import read_fabric_scene
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
 from yarnscale.files.run_folder import PAGE, RunFolder
+from yarnscale.files.scene_run import MAKES, checkpoint, run
 from yarnscale.files.source_text import read_source
 from yarnscale.motion.unfulfilled import sentences
 from yarnscale.yarn.material import YarnMaterial

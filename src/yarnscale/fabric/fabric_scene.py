@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Generic, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from yarnscale.motion.body import Body, Method, State
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.run import Run
+from yarnscale.motion.scene import SimulatedOutcome, SimulatedScene
 from yarnscale.motion.schedule import Schedule
 
 FRAME = 1 / 30
@@ -39,7 +40,7 @@ class YarnLines(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FabricScene(ABC, Generic[State]):
+class FabricScene(SimulatedScene[State, "FabricResult[State]"], ABC):
     """A finite fabric to simulate.
 
     schedule: of the motion. damping: rate at which non-rigid motion decays [1/s]. volume: around the yarns, whose
@@ -56,18 +57,7 @@ class FabricScene(ABC, Generic[State]):
 
     @property
     def settings(self) -> dict[str, object]:
-        """All that shapes a run, by name."""
         return {entry.name: getattr(self, entry.name) for entry in fields(self)}
-
-    @property
-    @abstractmethod
-    def body(self) -> Body[State]:
-        """What moves."""
-
-    @property
-    @abstractmethod
-    def start(self) -> State:
-        """Its first state."""
 
     @property
     @abstractmethod
@@ -110,25 +100,15 @@ class FabricScene(ABC, Generic[State]):
         lowest = [float((self.points(s) @ down).max()) for s in (self.start, state)]
         return {"centre_drop": float(fallen @ down), "lower_edge_drop": lowest[1] - lowest[0]}
 
+    def outcome(self, body: Body[State], run: Run[State], seconds: float) -> FabricResult[State]:
+        return FabricResult(self, run, seconds, {**self.measures(run.state), **self.drops(run.state)})
+
 
 @dataclass(frozen=True, eq=False)
-class FabricResult(Generic[State]):
+class FabricResult(SimulatedOutcome[State]):
     """Outcome of a scene: its run, seconds of work, and numbers of the last state by name."""
 
     scene: FabricScene[State]
-    run: Run[State]
-    seconds: float
-    measures: Mapping[str, float | None]
-
-    @property
-    def state(self) -> State:
-        """The last state."""
-        return self.run.state
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether the schedule was completed without forbidden unfulfilled motion."""
-        return self.run.converged and (self.scene.may_give_way or not self.run.unfulfilled)
 
     def summary(self) -> dict[str, object]:
         """Everything but the shape, as plain values."""

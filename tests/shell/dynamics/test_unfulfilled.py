@@ -13,6 +13,7 @@ from yarnscale.files.cloth_frames import FrameFolder, read_cloth_frames
 from yarnscale.motion.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import Run
+from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.motion.unfulfilled import Unfulfilled
 from yarnscale.shell.contact.cloth_contact import ContactSettings
@@ -20,7 +21,7 @@ from yarnscale.shell.dynamics.cloth import Cloth, Handle
 from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.scenes.scene import Scene, SceneResult, run_scene
+from yarnscale.shell.scenes.scene import Scene, SceneResult
 from yarnscale.shell.state import ClothState
 
 DOWN = Motion((0.0, 0.0, -0.1), 0.0, 0.2, (0.0, 0.0, 0.5), ease=False)

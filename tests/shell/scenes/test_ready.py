@@ -10,12 +10,12 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.motion.run import simulate
+from yarnscale.motion.scene import run_scene
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.body_scenes import scarf, sweater
 from yarnscale.shell.scenes.ready import READY, ready_scene
-from yarnscale.shell.scenes.scene import run_scene
 from yarnscale.shell.scenes.sheet_scenes import pull_through, torus, twist
 
 QUICK = MovingMannequin(mannequin(0.03), (Pose(0.0, depth=0.15), Pose(0.25)))

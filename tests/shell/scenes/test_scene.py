@@ -14,9 +14,10 @@ from yarnscale.files.cloth_frames import FrameFolder, read_frame
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.scene_toml import read_scene
 from yarnscale.motion.obstacles import MeshObstacle, Plane, Sphere
+from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import ANIMATION_ITERATIONS
 from yarnscale.shell.materials.orthotropic import JERSEY
-from yarnscale.shell.scenes.scene import BAR_GAP, BAR_TRAVEL, central_stretch, drape, run_scene, stretch
+from yarnscale.shell.scenes.scene import BAR_GAP, BAR_TRAVEL, central_stretch, drape, stretch
 
 CLOTH = replace(JERSEY, bend_bias=2e-6, bend_warp=2e-6)
 

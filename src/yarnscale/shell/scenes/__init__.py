@@ -2,11 +2,11 @@
 
 from yarnscale.shell.scenes.body_scenes import scarf, sweater, t_shirt
 from yarnscale.shell.scenes.ready import READY, ready_scene
-from yarnscale.shell.scenes.scene import Scene, SceneResult, drape, run_scene, stretch
+from yarnscale.shell.scenes.scene import Scene, SceneResult, drape, stretch
 from yarnscale.shell.scenes.sheet_scenes import drape_on_ball, hang, pull_through, twist
 
 __all__ = [
-    "READY", "Scene", "SceneResult", "drape", "drape_on_ball", "hang", "pull_through", "ready_scene", "run_scene",
+    "READY", "Scene", "SceneResult", "drape", "drape_on_ball", "hang", "pull_through", "ready_scene",
     "scarf", "stretch", "sweater", "t_shirt", "twist",
 ]  # fmt: skip
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,9 +13,9 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.motion.obstacles import Sphere
-from yarnscale.motion.run import Progress, Run, simulate
+from yarnscale.motion.run import Run
+from yarnscale.motion.scene import SimulatedOutcome, SimulatedScene
 from yarnscale.motion.schedule import Schedule
-from yarnscale.motion.unfulfilled import Unfulfilled
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
@@ -44,7 +43,7 @@ BAR_GAP = SHEET - 2 * BAR_INSET - BAR_WIDTH
 
 @checked
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(SimulatedScene[ClothState, "SceneResult"]):
     """Something to simulate: name, cloth, first state, schedule and what to measure of the last state.
 
     may_give_way: whether unfulfilled motion of handles and obstacles is allowed; else such a run fails.
@@ -62,36 +61,32 @@ class Scene:
 
     @property
     def settings(self) -> dict[str, object]:
-        """All that influences a run; without name and measures."""
         return {name: getattr(self, name) for name in ("cloth", "start", "schedule", "options")}
+
+    @property
+    def body(self) -> ClothSolver:
+        """A solver of its own for every run."""
+        return ClothSolver(self.cloth, self.options)
+
+    def outcome(self, body: ClothSolver, run: Run[ClothState], seconds: float) -> SceneResult:
+        measures = {} if self.measure is None else dict(self.measure(body, run.state))
+        return SceneResult(self, run, seconds, measures, out_of_range(body.energy, run.state.positions))
 
     def __repr__(self) -> str:
         return f"Scene('{self.name}': {self.cloth!r}, {self.schedule.duration:g} s)"
 
 
 @dataclass(frozen=True, eq=False)
-class SceneResult:
+class SceneResult(SimulatedOutcome[ClothState]):
     """Outcome of a scene: its run, seconds of work, and ``measures`` of the scene."""
 
     scene: Scene
-    run: Run[ClothState]
-    seconds: float
-    measures: Mapping[str, float] = field(default_factory=dict)
+    measures: Mapping[str, float]
     out_of_range: OutOfRange | None = None
 
     def __repr__(self) -> str:
         measures = ", ".join(f"{name}={value:.4g}" for name, value in self.measures.items())
         return f"SceneResult('{self.scene.name}': {self.run.outcome} in {self.run.steps} steps; {measures})"
-
-    @property
-    def state(self) -> ClothState:
-        """The last state."""
-        return self.run.state
-
-    @property
-    def unfulfilled(self) -> tuple[Unfulfilled, ...]:
-        """Motions of handles and obstacles that were not carried out."""
-        return self.run.unfulfilled
 
     @property
     def intersections(self) -> int | None:
@@ -102,17 +97,6 @@ class SceneResult:
     def obstacle_intersections(self) -> int | None:
         """Frames in which the cloth crosses an obstacle; None without obstacles."""
         return self.run.faults.get("obstacle_intersections")
-
-    @property
-    def converged(self) -> bool:
-        """Whether the whole schedule was completed."""
-        return self.run.converged
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether the schedule was completed without crossings and without forbidden unfulfilled motion."""
-        fulfilled = self.scene.may_give_way or not self.unfulfilled
-        return self.converged and not any(self.run.faults.values()) and fulfilled
 
     def summary(self) -> dict[str, object]:
         """Everything but the shape, as plain values."""
@@ -126,27 +110,6 @@ class SceneResult:
             "out_of_range": None if self.out_of_range is None else self.out_of_range.plain(),
             "seconds": self.seconds,
         }
-
-
-@checked
-def run_scene(
-    scene: Scene,
-    *,
-    on_step: Callable[[Progress], None] | None = None,
-    on_frame: Callable[[int, ClothState], None] | None = None,
-    on_checkpoint: Callable[[Run[ClothState]], None] | None = None,
-    resume: Run[ClothState] | None = None,
-) -> SceneResult:
-    """Simulate a scene; callbacks and ``resume`` as in ``simulate``."""
-    begin = time.perf_counter()
-    solver = ClothSolver(scene.cloth, scene.options)
-    run = simulate(
-        solver, scene.start, scene.schedule, on_step=on_step, on_frame=on_frame, on_checkpoint=on_checkpoint,
-        resume=resume,
-    )  # fmt: skip
-    measures = dict(scene.measure(solver, run.state)) if scene.measure is not None else {}
-    outside = out_of_range(solver.energy, run.state.positions)
-    return SceneResult(scene, run, time.perf_counter() - begin, measures, outside)
 
 
 @checked
