@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import rectangle

@@ -52,11 +52,13 @@ from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.homogenize import homogenize
 from yarnscale.motion.body import Body, State
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Sphere
+from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import Progress, simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle

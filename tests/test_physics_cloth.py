@@ -16,11 +16,12 @@ from scipy.integrate import quad, solve_bvp
 from scipy.optimize import brentq
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ShellEnergy
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial

@@ -12,10 +12,12 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from yarnscale.files.material_json import read_material
+from yarnscale.motion.handles import Handle
+from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import rectangle

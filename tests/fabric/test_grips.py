@@ -33,7 +33,7 @@ def test_distances_are_of_the_farthest_vertex_along_the_held_axes() -> None:
     nodes = np.array([0, 5, 9])
     targets = sheet.vertices[nodes] + np.array([[1e-3, 0, 0], [0, 5e-3, 3e-3], [0, 0, 2e-3]])
     grips = {"left": np.array([True, False, True]), "right": np.array([False, True, False])}
-    found = Holds(nodes, targets, (True, False, True), grips=grips).distances(energy, energy.start())
+    found = Holds(nodes, targets, (True, False, True), handles=grips).distances(energy, energy.start())
     assert found == {"left": pytest.approx(2e-3), "right": pytest.approx(3e-3)}
     assert Holds(nodes, targets).distances(energy, energy.start()) == {
         "held vertices": pytest.approx(np.hypot(5e-3, 3e-3))

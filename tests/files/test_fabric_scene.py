@@ -66,8 +66,8 @@ def test_a_scene_holds_moves_and_meets_what_the_file_says(path: Path) -> None:
     assert isinstance(ball, Sphere) and isinstance(table, MeshObstacle)
     np.testing.assert_allclose(ball.points(0.2), [[0.0, 0.0, 0.006]])
     start, end = scene.holds(0.0), scene.holds(0.1)
-    assert list(start.grips) == ["handle 'left'", "handle 'handles[1]'"]
-    left, right = start.grips.values()
+    assert list(start.handles) == ["handle 'left'", "handle 'handles[1]'"]
+    left, right = start.handles.values()
     np.testing.assert_array_equal(start.nodes[left], np.flatnonzero(sheet.vertices[:, 0] <= 0.096))
     np.testing.assert_array_equal(start.nodes[right], np.flatnonzero(sheet.vertices[:, 0] >= 0.104))
     np.testing.assert_allclose(start.targets, sheet.vertices[start.nodes])
@@ -79,7 +79,7 @@ def test_a_pin_holds_the_nearest_vertex(path: Path) -> None:
     planned = read_fabric_scene(path)
     sheet = planned.laid(YarnSheet.of(library.build("plain"), 3, 3))
     held = planned.of(sheet).holds(0.0)
-    (pin,) = held.nodes[held.grips["handle 'left'"]]
+    (pin,) = held.nodes[held.handles["handle 'left'"]]
     away = np.linalg.norm(sheet.vertices[:, :2] - [0.08, 0.22], axis=1)
     assert away[pin] == away.min()
 

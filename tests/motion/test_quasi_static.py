@@ -14,11 +14,13 @@ from scipy.special import ellipe, ellipk
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.body import Step
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.quasi_static import equilibrium, follow_load
+from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import LoadSteps, Schedule
 from yarnscale.numerics.newton import Status
-from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle

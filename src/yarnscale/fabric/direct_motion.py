@@ -155,7 +155,7 @@ class FabricDynamics(Body[FabricMotion]):
         return step.status is not Status.INVALID
 
     def distances_from_places(self, state: FabricMotion) -> dict[str, float]:
-        """How far each grip's farthest vertex is from its target [m]."""
+        """How far each handle's farthest vertex is from its target [m]."""
         return self.holds(state.time).distances(self.energy, state.x)
 
     def renewed(self, state: FabricMotion, duration: float) -> FabricMotion:

@@ -27,8 +27,8 @@ HOLD = 1000.0
 class Holds:
     """Vertices held at places: nodes (k,), targets (k, 3) [m]; axes: along which they are held (all).
 
-    spun: edges (j,) whose twist is held at ``angles`` (j,) [rad]. grips: which of the vertices each grip holds, by its
-    name, as masks (k,) (none: one grip holds all).
+    spun: edges (j,) whose twist is held at ``angles`` (j,) [rad]. handles: which of the vertices each handle holds, by
+    its name, as masks (k,) (none: one holds all).
     """
 
     nodes: Integers
@@ -36,7 +36,7 @@ class Holds:
     axes: tuple[bool, bool, bool] = (True, True, True)
     spun: Integers = field(default_factory=lambda: np.empty(0, np.int64))
     angles: Array = field(default_factory=lambda: np.empty(0))
-    grips: Mapping[str, Flags] = field(default_factory=dict)
+    handles: Mapping[str, Flags] = field(default_factory=dict)
 
     @classmethod
     def none(cls) -> Holds:
@@ -72,11 +72,11 @@ class Holds:
         return gradient * np.array(self.axes, np.float64) * energy.force_unit
 
     def distances(self, energy: FabricEnergy, x: Array) -> dict[str, float]:
-        """How far each grip's farthest vertex is from its target [m]."""
+        """How far each handle's farthest vertex is from its target [m]."""
         away = energy.positions(x)[self.nodes] * energy.radius - self.targets
         away = np.linalg.norm(away * np.array(self.axes, np.float64), axis=1)
-        grips = self.grips or {"held vertices": np.ones(len(away), bool)}
-        return {name: float(away[held].max(initial=0.0)) for name, held in grips.items()}
+        handles = self.handles or {"held vertices": np.ones(len(away), bool)}
+        return {name: float(away[held].max(initial=0.0)) for name, held in handles.items()}
 
     def torques(self, energy: FabricEnergy, x: Array) -> Array:
         """Torque with which each edge is held (j,) [N m]."""

@@ -1,10 +1,9 @@
-"""Loads and grips of a sheet of yarns: it hangs, is stretched between two grips, or drapes over a ball."""
+"""Loads and handles of a sheet of yarns: it hangs, is stretched between two grips, or drapes over a ball."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import Holds
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.kinematics import GRAVITY
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Obstacle, Sphere
 from yarnscale.motion.rigid import STILL, Motion
 from yarnscale.motion.schedule import Schedule
@@ -27,51 +27,41 @@ SECOND = "second grip"
 
 
 @dataclass(frozen=True, eq=False)
-class HeldGrip:
-    """Vertices (k,) of a sheet that move together, and their places at time 0 (k, 3) [m]."""
-
-    nodes: Integers
-    places: Array
-    motion: Motion = STILL
-
-
-@dataclass(frozen=True, eq=False)
 class SheetScene:
-    """Gravity [m/s²], grips by name, obstacles and the friction of yarns on them.
+    """Gravity [m/s²], handles, obstacles and the friction of yarns on them.
 
-    axis: along which the grip ``SECOND`` is pulled away from the other one; None where no grip pulls.
+    axis: along which the handle ``SECOND`` is pulled away from the other one; None where none pulls.
     """
 
     gravity: tuple[float, float, float]
-    grips: Mapping[str, HeldGrip] = field(default_factory=dict)
+    handles: tuple[Handle, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     friction: float = 0.0
     axis: int | None = None
 
     def holds(self, time: float) -> Holds:
         """Held vertices and their targets at a time [s]."""
-        grips = self.grips.values()
-        nodes = np.concatenate([*(grip.nodes for grip in grips), np.empty(0, np.int64)])
-        places = np.concatenate([*(g.motion.place(g.places, time) for g in grips), np.empty((0, 3))])
-        owner = np.repeat(np.arange(len(grips)), [len(grip.nodes) for grip in grips])
-        return Holds(nodes, places, grips={name: owner == k for k, name in enumerate(self.grips)})
+        nodes = np.concatenate([*(handle.vertices for handle in self.handles), np.empty(0, np.int64)])
+        places = np.concatenate([*(handle.places(time) for handle in self.handles), np.empty((0, 3))])
+        owner = np.repeat(np.arange(len(self.handles)), [len(handle.vertices) for handle in self.handles])
+        return Holds(nodes, places, handles={h.name: owner == k for k, h in enumerate(self.handles)})
 
     def pushes(self, energy: FabricEnergy) -> tuple[Pushes, ...]:
         """The obstacles as contacts of the simulation."""
         return tuple(Pushes(energy, obstacle, friction=self.friction) for obstacle in self.obstacles)
 
     def force(self, energy: FabricEnergy, x: Array, time: float, *, led: bool = False) -> float:
-        """Mean force that pulls the grips apart [N]; NaN where none is pulled. led: in explicit steps."""
+        """Mean force that pulls the handles apart [N]; NaN where none is pulled. led: in explicit steps."""
         if self.axis is None:
             return math.nan
         holds = self.holds(time)
         forces = (holds.reactions(energy, x) if led else holds.forces(energy, x))[:, self.axis]
-        second = holds.grips[SECOND]
+        second = holds.handles[SECOND]
         return 0.5 * float(forces[second].sum() - forces[~second].sum())
 
 
 @dataclass(frozen=True, eq=False)
-class Grip:
+class HandleRegion:
     """Vertices of a fabric with a common prescribed motion.
 
     bounds: of a box of the fabric as it is laid, from its middle (2, 2) [m]; or of a box of space (2, 3) [m]; or a
@@ -101,14 +91,14 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class PlannedScene:
-    """A scene for any sheet: gravity [m/s²], grips, obstacles and friction on these, schedule, damping [1/s].
+    """A scene for any sheet: gravity [m/s²], handles, obstacles and friction on these, schedule, damping [1/s].
 
-    position: of the middle of the sheet at the start [m]. may_give_way: whether grips may miss their prescribed places.
+    position: of the middle of the sheet at the start [m]. may_give_way: whether handles may miss their places.
     """
 
     schedule: Schedule
     gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
-    grips: tuple[Grip, ...] = ()
+    handles: tuple[HandleRegion, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     friction: float = 0.0
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -124,20 +114,20 @@ class PlannedScene:
         return sheet.moved(sheet.vertices + np.array(self.position) - _middle(sheet))
 
     def of(self, sheet: YarnSheet) -> SheetScene:
-        """The scene of a sheet in place. Raises InputError where grips have no vertices, or the same one."""
-        held = {
-            f"handle '{g.name}'": _grip(sheet, g.nodes(sheet, np.array(self.position)), g.motion)
-            for g in self.grips
-        }
-        scene = SheetScene(self.gravity, held, self.obstacles, self.friction)
+        """The scene of a sheet in place. Raises InputError where handles have no vertices, or the same one."""
+        held = [
+            _handle(f"handle '{h.name}'", sheet, h.nodes(sheet, np.array(self.position)), h.motion)
+            for h in self.handles
+        ]
+        scene = SheetScene(self.gravity, tuple(held), self.obstacles, self.friction)
         nodes = scene.holds(0.0).nodes
         if len(np.unique(nodes)) < len(nodes):
             raise InputError("handles", expected="different vertices each", found="vertices that two hold")
         return scene
 
 
-def _grip(sheet: YarnSheet, nodes: Integers, motion: Motion = STILL) -> HeldGrip:
-    return HeldGrip(nodes, sheet.vertices[nodes], motion)
+def _handle(name: str, sheet: YarnSheet, nodes: Integers, motion: Motion = STILL) -> Handle:
+    return Handle(name, nodes, sheet.vertices[nodes], motion)
 
 
 def _middle(sheet: YarnSheet) -> Array:
@@ -146,7 +136,7 @@ def _middle(sheet: YarnSheet) -> Array:
 
 def hang(sheet: YarnSheet) -> SheetScene:
     """Held along its last row, under gravity down the wales."""
-    return SheetScene((0.0, -GRAVITY, 0.0), {"held row": _grip(sheet, _border(sheet, 1, last=True))})
+    return SheetScene((0.0, -GRAVITY, 0.0), (_handle("held row", sheet, _border(sheet, 1, last=True)),))
 
 
 def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: float = 1.0) -> SheetScene:
@@ -173,10 +163,10 @@ def pulled_apart(
 ) -> SheetScene:
     """Two grips, each with its vertices, move by ``way`` [m] down and up an axis in ``duration`` [s], and stop."""
     way_up = tuple(way * float(k == axis) for k in range(3))
-    held = {
-        name: _grip(sheet, nodes, Motion(tuple(sign * w for w in way_up), 0.0, duration, ease=False))  # type: ignore[arg-type]
+    held = tuple(
+        _handle(name, sheet, nodes, Motion(tuple(sign * w for w in way_up), 0.0, duration, ease=False))  # type: ignore[arg-type]
         for name, nodes, sign in zip(("first grip", SECOND), grips, (-1.0, 1.0), strict=True)
-    }
+    )
     return SheetScene(gravity, held, axis=axis)
 
 
@@ -197,7 +187,7 @@ def drape(
     middle = _middle(sheet)
     top = float(low[2] - 1.5 * sheet.radius)
     centre = (float(middle[0]) + aside[0], float(middle[1]) + aside[1], top - ball)
-    return SheetScene((0.0, 0.0, -GRAVITY), {}, (Sphere(centre, ball),), friction)
+    return SheetScene((0.0, 0.0, -GRAVITY), (), (Sphere(centre, ball),), friction)
 
 
 def _ends(sheet: YarnSheet, axis: int) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from yarnscale.fabric.sheet_scene import Grip, PlannedScene
+from yarnscale.fabric.sheet_scene import HandleRegion, PlannedScene
 from yarnscale.files.fields import toml_file
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, REGION, Section
@@ -30,7 +30,7 @@ def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
         plan = PlannedScene(
             read_schedule(timing, usual),
             root.vector_or("gravity", (0.0, 0.0, -GRAVITY)),
-            tuple(_grip(item) for item in root.items("handles", optional=True)),
+            tuple(_handle(item) for item in root.items("handles", optional=True)),
             tuple(read_obstacle(item) for item in root.items("obstacles", optional=True)),
             position=fabric.vector_or("position", (0.0, 0.0, 0.0)),
         )
@@ -38,6 +38,6 @@ def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
         return root.changed(plan, "damping", "may_give_way")
 
 
-def _grip(section: Section) -> Grip:
+def _handle(section: Section) -> HandleRegion:
     section.known("name", *REGION, *MOTION)
-    return Grip(section.text_or("name", section.name), section.region(), section.motion())
+    return HandleRegion(section.text_or("name", section.name), section.region(), section.motion())

@@ -14,10 +14,11 @@ from yarnscale.files.material_json import read_material
 from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, REGION, Section
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Obstacle, Plane
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh

@@ -9,10 +9,11 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from yarnscale.arrays import Array, Integers
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh, disk

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.rigid import STILL, Motion, rotation_matrix
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion, rotation_matrix
 from yarnscale.motion.run import Run, simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import TriangleMesh, rectangle

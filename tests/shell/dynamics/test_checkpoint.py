@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Sphere
 from yarnscale.motion.run import Run, simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import rectangle

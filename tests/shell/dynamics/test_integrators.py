@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.integrator import Earlier, Integrator, step_rule
+from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
-from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import rectangle

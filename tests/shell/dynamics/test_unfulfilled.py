@@ -10,6 +10,7 @@ import pytest
 
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder, read_cloth_frames
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import Run
@@ -17,7 +18,7 @@ from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.motion.unfulfilled import Unfulfilled
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.mesh import rectangle

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.scenes.plausible import check_cloth, check_size, sizes_of

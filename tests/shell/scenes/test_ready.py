@@ -29,7 +29,7 @@ def test_ready_scenes_start_clear_of_everything(name: str) -> None:
     assert not solver.intersects(scene.start)
     assert scene.schedule.frame_interval is not None
     for handle in scene.cloth.handles:
-        np.testing.assert_allclose(handle.attachment(0.0).targets, scene.start.positions[handle.vertices])
+        np.testing.assert_allclose(handle.places(0.0), scene.start.positions[handle.vertices])
 
 
 def test_the_sweater_is_put_on_without_crossing_anything() -> None:

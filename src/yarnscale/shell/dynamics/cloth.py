@@ -6,41 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
 from yarnscale.errors import InputError, not_negative
 from yarnscale.kinematics import GRAVITY
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere, obstacle_name
-from yarnscale.motion.rigid import STILL, Motion
+from yarnscale.motion.rigid import Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.elastic.elements import FreeEdges
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.state import Attachment
-
-__all__ = ["Cloth", "Handle", "Motion"]
-
-
-@dataclass(frozen=True, eq=False)
-class Handle:
-    """Vertices that are held where they start, and moved: a pin (one vertex) or a bar (a strip of them).
-
-    vertices: (n,); rest: their places before the motion [m], (n, 3); stiffness: see ``Attachment`` [N/m].
-    """
-
-    name: str
-    vertices: Integers
-    rest: Array
-    motion: Motion = STILL
-    stiffness: float = 1e6
-
-    def __post_init__(self) -> None:
-        if len(self.vertices) == 0:
-            raise InputError(f"handle '{self.name}'", expected="vertices in its region", found="none")
-
-    def attachment(self, time: float) -> Attachment:
-        """Where the vertices are held at a time."""
-        return Attachment(self.vertices, self.motion.place(self.rest, time), self.stiffness)
 
 
 @checked

@@ -18,6 +18,7 @@ from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Step
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.integrator import Integrator, StepRule, checked_integrator, remembered, step_rule
 from yarnscale.motion.obstacles import current_points, obstacle_name
 from yarnscale.numerics.kkt import ConstrainedSolver
@@ -28,7 +29,7 @@ from yarnscale.numerics.sums import Load, MatrixSprings, Springs, Term
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosses
 from yarnscale.shell.dynamics.air import drag_entries
-from yarnscale.shell.dynamics.cloth import Cloth, Handle
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.step import PatternGrowth, StepObjective
 from yarnscale.shell.elastic.energy import ShellEnergy, ShellObjective
 from yarnscale.shell.state import Attachment, ClothState
@@ -189,7 +190,7 @@ class ClothSolver(Body[ClothState]):
         """
         found = {}
         for handle in self.cloth.handles:
-            away = state.positions[handle.vertices] - handle.motion.place(handle.rest, state.time)
+            away = state.positions[handle.vertices] - handle.places(state.time)
             found[f"handle '{handle.name}'"] = float(np.linalg.norm(away, axis=1).max())
         places = current_points(self.cloth.obstacles, state.time, state.obstacles)
         for number, (obstacle, place) in enumerate(zip(self.cloth.obstacles, places, strict=True)):
@@ -204,7 +205,7 @@ class ClothSolver(Body[ClothState]):
 
     def pull(self, handle: Handle, state: ClothState) -> Array:
         """Force of a handle on the cloth [N], (3,)."""
-        return handle.attachment(state.time).pull(state.positions).sum(axis=0)
+        return Attachment(handle.vertices, handle.places(state.time)).pull(state.positions).sum(axis=0)
 
     def _minimise(self, objective: StepObjective, start: Array, limit: int, *, static: bool) -> Solution:
         tolerance, done = self.options.tolerance, 0
@@ -269,4 +270,5 @@ class ClothSolver(Body[ClothState]):
 
     def _attachments(self, time: float) -> list[Attachment]:
         """What holds handles and, last, the points of moving obstacles."""
-        return [*(handle.attachment(time) for handle in self.cloth.handles), self.contact.attachment(time)]
+        handles = [Attachment(handle.vertices, handle.places(time)) for handle in self.cloth.handles]
+        return [*handles, self.contact.attachment(time)]

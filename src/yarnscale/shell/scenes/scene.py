@@ -12,12 +12,14 @@ import numpy as np
 from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Sphere
+from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import Run
 from yarnscale.motion.scene import SimulatedOutcome, SimulatedScene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.elastic.out_of_range import OutOfRange, out_of_range

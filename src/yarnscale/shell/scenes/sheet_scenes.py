@@ -10,10 +10,12 @@ import numpy as np
 from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Sphere
+from yarnscale.motion.rigid import Motion
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
-from yarnscale.shell.dynamics.cloth import Cloth, Handle, Motion
+from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
