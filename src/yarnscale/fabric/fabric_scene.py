@@ -16,10 +16,7 @@ from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.run import Run
 from yarnscale.motion.scene import SimulatedOutcome, SimulatedScene
-from yarnscale.motion.schedule import Schedule
-
-FRAME = 1 / 30
-"""Time between frames [s]."""
+from yarnscale.motion.schedule import FRAME, Schedule
 
 
 def fabric_schedule(duration: float = 3.0, time_step: float = 1 / 240) -> Schedule:

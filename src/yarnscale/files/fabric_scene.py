@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from yarnscale.fabric.fabric_scene import fabric_schedule
 from yarnscale.fabric.sheet_scene import HandleRegion, PlannedScene
 from yarnscale.files.fields import toml_file
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, REGION, Section
 from yarnscale.files.scene_toml import read_schedule
 from yarnscale.kinematics import GRAVITY
-from yarnscale.motion.schedule import Schedule
 
 
 def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
@@ -24,9 +24,7 @@ def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
         fabric = root.fields("fabric", optional=True).known("position")
         contact = root.fields("contact", optional=True).known("friction")
         timing = root.fields("schedule")
-        usual = timing.build(
-            lambda: Schedule(timing.number("duration"), 1 / 240, to_rest=False, frame_interval=1 / 30)
-        )
+        usual = timing.build(lambda: fabric_schedule(timing.number("duration")))
         plan = PlannedScene(
             read_schedule(timing, usual),
             root.vector_or("gravity", (0.0, 0.0, -GRAVITY)),

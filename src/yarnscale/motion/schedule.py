@@ -6,6 +6,9 @@ from dataclasses import dataclass, field, replace
 
 from yarnscale.errors import InputError, not_negative, positive
 
+FRAME = 1 / 30
+"""Usual time between frames [s]."""
+
 
 @dataclass(frozen=True)
 class LoadSteps:
@@ -70,10 +73,10 @@ class Schedule:
 
         Steps are kept as they are then; the forces left over act in the next one. Contact stays free of crossings.
         """
-        frame = min(self.frame_interval or ANIMATION_STEP, ANIMATION_STEP)
+        frame = min(self.frame_interval or FRAME, FRAME)
         return replace(
             self,
-            time_step=ANIMATION_STEP,
+            time_step=FRAME,
             to_rest=False,
             frame_interval=frame,
             rough_iterations=ANIMATION_ITERATIONS,
@@ -83,5 +86,5 @@ class Schedule:
 
 MOST_STEPS = 1e6
 """Steps and frames of a schedule."""
-ANIMATION_STEP, ANIMATION_ITERATIONS = 1 / 30, 20
-"""Step [s] and iterations a step of an animation."""
+ANIMATION_ITERATIONS = 20
+"""Iterations a step of an animation."""

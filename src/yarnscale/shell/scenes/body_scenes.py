@@ -13,7 +13,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
-from yarnscale.motion.schedule import Schedule
+from yarnscale.motion.schedule import FRAME, Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import SolverOptions
@@ -22,7 +22,6 @@ from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 from yarnscale.shell.garments.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import Scene, measure_sheet
-from yarnscale.shell.scenes.sheet_scenes import FRAME
 from yarnscale.shell.state import ClothState
 
 THIN = 0.2

@@ -7,14 +7,15 @@ from functools import partial
 
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
+from yarnscale.motion.schedule import FRAME
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.scenes import body_scenes, scene, sheet_scenes
 from yarnscale.shell.scenes.scene import Scene
 
 READY: dict[str, Callable[..., Scene]] = {
-    "stretch-course": partial(scene.stretch, direction="course", frame_interval=1 / 30),
-    "stretch-wale": partial(scene.stretch, direction="wale", frame_interval=1 / 30),
-    "drape": partial(scene.drape, frame_interval=1 / 30),
+    "stretch-course": partial(scene.stretch, direction="course", frame_interval=FRAME),
+    "stretch-wale": partial(scene.stretch, direction="wale", frame_interval=FRAME),
+    "drape": partial(scene.drape, frame_interval=FRAME),
     "drape-on-ball": sheet_scenes.drape_on_ball,
     "hang": sheet_scenes.hang,
     "twist": sheet_scenes.twist,

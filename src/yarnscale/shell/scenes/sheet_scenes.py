@@ -13,7 +13,7 @@ from yarnscale.errors import InputError
 from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Sphere
 from yarnscale.motion.rigid import Motion
-from yarnscale.motion.schedule import Schedule
+from yarnscale.motion.schedule import FRAME, Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.elastic.energy import ElementMaterial
@@ -21,9 +21,6 @@ from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
-
-FRAME = 1.0 / 30.0
-"""Time between frames [s]."""
 
 
 def _scene(
