@@ -19,6 +19,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 SMALLER: dict[str, list[str]] = {
+    "samples": ["--overwrite"],
     "gallery": ["plain", "--as-drawn"],
     "homogenize": ["--solves", "30", "--workers", "1", "--overwrite"],
     "test": ["--directions", "0", "--loads", "1", "--curvatures", "5"],
