@@ -21,7 +21,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import Holds, Rest, equilibrium, safe_way
+from yarnscale.fabric.direct_static import Holds, Rest, equilibrium, safe_path
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -100,7 +100,7 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         state = cell.relax(first)
         goal = cell.placement(state)(whole.source, whole.tile)
         goal = goal + (places.mean(axis=0) - goal.mean(axis=0))
-        start = safe_way(energy, start, energy.vector(goal, state.twist[whole.source]))
+        start = safe_path(energy, start, energy.vector(goal, state.twist[whole.source]))
         shares, ahead_of = np.array([amount]), None
     else:
         ahead_of = ahead
@@ -134,7 +134,7 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
     for share in shares:
         solved = x
         if ahead_of is not None:
-            x = safe_way(energy, x, ahead_of(x, before, float(share)))
+            x = safe_path(energy, x, ahead_of(x, before, float(share)))
         energy.rub(solved, YarnFriction(friction) if friction else None)
         rest = equilibrium(energy, x, holds(float(share)), tolerance=2e-4, max_iterations=300, linear=solver)
         x, before = rest.x, float(share)

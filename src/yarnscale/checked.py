@@ -82,8 +82,8 @@ def _fault(name: str, argument: str, kinds: tuple[type, ...], found: object) -> 
     made = [MAKERS[kind] for kind in names if kind in MAKERS]
     expected = " or ".join(names) + (f" ({made[0]})" if made else "")
     kind, text = type(found).__name__, f"{found!r:.60}"
-    told = text if text.startswith(kind) else f"{kind} {text}"
-    return WrongArgument(f"{name}: argument {argument}", expected=expected, found=told)
+    quoted = text if text.startswith(kind) else f"{kind} {text}"
+    return WrongArgument(f"{name}: argument {argument}", expected=expected, found=quoted)
 
 
 def _name(kind: type) -> str:

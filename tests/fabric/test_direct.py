@@ -13,7 +13,7 @@ import pytest
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings, rigid_motion
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load, safe_way
+from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load, safe_path
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Plane
@@ -258,7 +258,7 @@ def test_a_yarn_that_is_forced_through_another_is_counted_and_safe_steps_stop_be
     assert energy.passage_count == 1
     energy.anchor(start)
     assert energy.passage_count == 0  # taken back
-    stopped = safe_way(energy, start, through)
+    stopped = safe_path(energy, start, through)
     above = energy.positions(stopped)[21:, 2].min()
     assert 0.0 < above < 0.1
     assert energy.passage_count == 0

@@ -11,7 +11,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import Holds, equilibrium, safe_way
+from yarnscale.fabric.direct_static import Holds, equilibrium, safe_path
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -34,7 +34,7 @@ def test_stretched_between_grips_its_inside_is_as_the_cell() -> None:
     energy.count_passages()
     state = CELL.relax(ShellStrain(s_x=0.15, s_y=-0.1))
     goal = energy.vector(CELL.placement(state)(sheet.source, sheet.tile), state.twist[sheet.source])
-    x = safe_way(energy, energy.start(), goal)
+    x = safe_path(energy, energy.start(), goal)
     grips = np.flatnonzero((sheet.tile[:, 0] == 0) | (sheet.tile[:, 0] == 7))
     holds = Holds(grips, energy.positions(x)[grips] * sheet.radius, (True, False, True))
     energy.rub(x, YarnFriction(0.2))

@@ -1,4 +1,4 @@
-"""The way to the equilibrium of a cell: direct solves, load paths through intermediate states, perturbed starts."""
+"""Load paths to the equilibrium of a cell: direct solves, load paths through intermediate states, perturbed starts."""
 
 from __future__ import annotations
 

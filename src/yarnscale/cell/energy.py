@@ -73,7 +73,7 @@ class CellEnergy:
         self.surface = cell_midsurface(pattern, self.strain)
         n = self.count = len(pattern.edges)
         large = n > LARGE
-        # Yarns of a weave slide across each other on long curved ways; knits, whose contacts change, need new factors.
+        # Yarns of a weave slide across each other on long curved paths; knits, whose contacts change, need new factors.
         self.reuse = Reuse() if large and pattern.woven else None
         self.strands = Strands.around(pattern, self._reach(SLACK))
         self.reference = self.placed(self.strands)

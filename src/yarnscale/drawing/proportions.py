@@ -61,7 +61,7 @@ def _unusual(pattern: YarnPattern) -> Iterator[str]:
 
 def _parallel(pattern: YarnPattern) -> bool:
     """Whether all yarns are straight and parallel, so that their distance is arbitrary."""
-    ways = pattern.yarn_shift * pattern.period
-    straight = np.linalg.norm(ways, axis=1).sum() > 0.98 * float(pattern.rest_length.sum())
-    turned = ways[0, 0] * ways[:, 1] - ways[0, 1] * ways[:, 0]
-    return bool(straight and (np.abs(turned) < 1e-9 * (ways[0] ** 2).sum()).all())
+    laps = pattern.yarn_shift * pattern.period
+    straight = np.linalg.norm(laps, axis=1).sum() > 0.98 * float(pattern.rest_length.sum())
+    turned = laps[0, 0] * laps[:, 1] - laps[0, 1] * laps[:, 0]
+    return bool(straight and (np.abs(turned) < 1e-9 * (laps[0] ** 2).sum()).all())

@@ -225,8 +225,8 @@ def _wave(heights: np.ndarray, axis: int, places: np.ndarray, lap: float, across
     u = (np.arange(SAMPLES_PER_CROSSING) / SAMPLES_PER_CROSSING)[None, :]
     step = (np.roll(heights, -1) - heights)[:, None]
     z = heights[:, None] + step * (3.0 * u**2 - 2.0 * u**3)
-    way = np.diff(places, append=places[0] + lap)
-    along = places[:, None] + way[:, None] * u
+    pitch = np.diff(places, append=places[0] + lap)
+    along = places[:, None] + pitch[:, None] * u
     points = np.empty((z.size, 3))
     points[:, axis] = along.ravel()
     points[:, 1 - axis] = across

@@ -59,8 +59,8 @@ class EdgeFrames:
 class FabricEnergy(RodEnergy):
     """Energy of a sheet as a function of [positions / r, twists].
 
-    springs: hold boundaries together. passages: those on the straight ways from each anchored state to the next, None
-    where they are not counted. Yarns are linked after the way as before it exactly where none is left.
+    springs: hold boundaries together. passages: those on the straight paths from each anchored state to the next, None
+    where they are not counted. Yarns are linked at the end as at the beginning exactly where none is left.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class FabricEnergy(RodEnergy):
     def anchor(self, x: Array, frames: EdgeFrames | None = None) -> None:
         """Carry all frames to this state; energies stay as they are, whatever turned since the last call.
 
-        frames: those of this state, where they are known; passages on the way to it are then not counted.
+        frames: those of this state, where they are known; passages on the path to it are then not counted.
         """
         before, self._places = self._places, self.positions(x).copy()
         tangent = unit_edges(self._places, self.sheet.following)

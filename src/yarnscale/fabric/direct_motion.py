@@ -137,7 +137,7 @@ class FabricDynamics(Body[FabricMotion]):
             energy, [mass, self.holds(until).springs(energy)], self.load, self.obstacles,
             force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
-        # From where the fabric is: the way ahead may press yarns into each other, and Newton's method knows inertia.
+        # From where the fabric is: an extrapolation may press yarns into each other, and Newton's method knows inertia.
         enough = settings.enough * self.fall_energy(duration) if inertia else 0.0
         shift = replace(_SHIFT, start=state.shift)
         options = NewtonOptions(

@@ -18,7 +18,7 @@ from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 
 _MOST_PIECES = 400
-"""Pieces of a way that is walked safely."""
+"""Pieces into which a safe path is cut."""
 HOLD = 1000.0
 """Stiffness of what holds a vertex, over that of its yarn in tension."""
 
@@ -143,8 +143,8 @@ def relaxed_sheet(energy: FabricEnergy, *, max_iterations: int = 25) -> YarnShee
     return replace(sheet, reference_director=energy.frames.director, reference_twist=energy.frames.twist)
 
 
-def safe_way(energy: FabricEnergy, start: Array, goal: Array) -> Array:
-    """The farthest state on the straight way to ``goal`` (4n,) that is reached without yarns passing each other."""
+def safe_path(energy: FabricEnergy, start: Array, goal: Array) -> Array:
+    """The farthest state on the straight path to ``goal`` (4n,) that is reached without yarns passing each other."""
     x = start
     for _ in range(_MOST_PIECES):
         step = goal - x

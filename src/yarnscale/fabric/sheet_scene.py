@@ -148,23 +148,23 @@ def stretch(sheet: YarnSheet, *, amount: float = 0.2, axis: int = 0, duration: f
         raise InputError("stretch", expected="a number from -0.5 to 3", found=amount)
     sides = _border(sheet, axis, last=False), _border(sheet, axis, last=True)
     low, high = _ends(sheet, axis)
-    way = 0.5 * amount * (high - low - 2.0 * _GRIP * sheet.radius)
-    return pulled_apart(sheet, sides, way, axis=axis, duration=_PULLED * duration)
+    travel = 0.5 * amount * (high - low - 2.0 * _GRIP * sheet.radius)
+    return pulled_apart(sheet, sides, travel, axis=axis, duration=_PULLED * duration)
 
 
 def pulled_apart(
     sheet: YarnSheet,
     grips: tuple[Integers, Integers],
-    way: float,
+    travel: float,
     *,
     axis: int,
     duration: float,
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> SheetScene:
-    """Two grips, each with its vertices, move by ``way`` [m] down and up an axis in ``duration`` [s], and stop."""
-    way_up = tuple(way * float(k == axis) for k in range(3))
+    """Two grips, each with its vertices, move by ``travel`` [m] down and up an axis in ``duration`` [s], and stop."""
+    upwards = tuple(travel * float(k == axis) for k in range(3))
     held = tuple(
-        _handle(name, sheet, nodes, Motion(tuple(sign * w for w in way_up), 0.0, duration, ease=False))  # type: ignore[arg-type]
+        _handle(name, sheet, nodes, Motion(tuple(sign * w for w in upwards), 0.0, duration, ease=False))  # type: ignore[arg-type]
         for name, nodes, sign in zip(("first grip", SECOND), grips, (-1.0, 1.0), strict=True)
     )
     return SheetScene(gravity, held, axis=axis)

@@ -28,7 +28,7 @@ def equilibrium(
     Also whether the viscous flow was needed. The result's status says whether it is an equilibrium.
     """
     target = state.time if time is None else time
-    # Holds and body move together in a static solve; a long way is left to the flow before it gets lost.
+    # Holds and body move together in a static solve; a long distance is left to the flow before it gets lost.
     result = body.step(state, math.inf, until=target, iterations=4 * loads.easy)
     if result.status is Status.CONVERGED:
         return result, False

@@ -40,7 +40,7 @@ class Progress:
 class Run(Generic[State]):
     """A run at its end or between two steps: all that is needed to go on as if it had never stopped.
 
-    Equilibria (``statics``) go on with load steps of their first length, and so reach other states on the way.
+    Equilibria (``statics``) go on with load steps of their first length, and so pass through other states.
 
     state: reached. begin: time at which the schedule began [s]. status: how the run ended, None while it goes on.
     frames: made so far; next_frame: time from which the next is due [s]; shown: whether the state is the last frame.

@@ -1,4 +1,4 @@
-"""Prescribed motions that were not carried out: of obstacles that gave way, of handles, of grips."""
+"""Prescribed motions that were not carried out: of obstacles that gave way, of handles."""
 
 from __future__ import annotations
 

@@ -308,7 +308,7 @@ class _Newton(Descent):
         return moved
 
     def _gains_little(self, gradient: Array, model: QuadraticModel, step: Array) -> bool:
-        """Whether the way along a step promises less than ``enough``, whatever shift has shortened the step."""
+        """Whether the line along a step promises less than ``enough``, whatever shift has shortened the step."""
         slope = -float(self.project(gradient) @ step)
         if not 0.0 <= slope < 2.0 * self.options.enough:
             return False
@@ -384,7 +384,7 @@ class _Newton(Descent):
         if self.escapes > _MOST_ESCAPES:
             return False, None
         whole = self.admissible(x, vector)
-        # Where contacts just touch, curvature is negative on a short way only: look close by too.
+        # Where contacts just touch, curvature is negative over a short distance only: look close by too.
         for fraction in whole / 4.0 ** np.arange(8):
             for sign in (1.0, -1.0):
                 trial = x + sign * fraction * vector

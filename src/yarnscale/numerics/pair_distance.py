@@ -101,7 +101,7 @@ def _products(x, i, j, p, q, o):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _on_edge(x, p, i, j):
-    """Share of the way from x[i] to x[j] where x[p] is closest, and the squared distance."""
+    """Share of the distance from x[i] to x[j] where x[p] is closest, and the squared distance."""
     along = up = 0.0
     for k in range(3):
         a = x[j, k] - x[i, k]

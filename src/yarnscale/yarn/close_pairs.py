@@ -90,7 +90,7 @@ def _find(
                 apart += (moves[e, c] - moves[k, c]) ** 2
                 common[c] += pace[k, c]
         half[k], spread[k] = 0.5 * np.sqrt(length), 0.5 * np.sqrt(apart)
-    # How far from its middle a segment reaches on its way, but for what all of them do in common.
+    # How far from its middle a segment reaches while it moves, but for what all of them do in common.
     size = half + spread
     if moving:
         common /= max((ends >= 0).sum(), 1)

@@ -4,8 +4,8 @@ Both shapes are joined by straight motions of all vertices. Two segments pass th
 tetrahedron of their four ends, a cubic in time, changes its sign while the segments meet; the sign of the change tells
 from which side. A straight motion is no record of what happened. Where it has no passage, or only passages that are
 taken back near the same place of the same two yarns, both shapes are the same fabric. Where it has others, they may be:
-a loop that swings around another is passed twice on the straight way and not at all on its own. But the passages of two
-different yarns, or of two copies of one, add up to the change of their linking number, which no motion without a
+a loop that swings around another is passed twice on the straight path and not at all on its own. But the passages of
+two different yarns, or of two copies of one, add up to the change of their linking number, which no motion without a
 passage changes.
 """
 
@@ -47,7 +47,7 @@ class Passages:
     rows: Array = field(default_factory=lambda: np.empty((0, 6)))
 
     def along(self, before: Array, after: Array) -> Passages:
-        """These, and those on straight ways between two positions (T·n, 3) [r] of all copies."""
+        """These, and those on straight paths between two positions (T·n, 3) [r] of all copies."""
         before, after = np.ascontiguousarray(before), np.ascontiguousarray(after)
         neighbours = self.stiffness.rule.neighbours
         pairs = close_pairs(self.strands, before, _ROUNDING, neighbours=neighbours, moves=after - before)
@@ -104,8 +104,8 @@ class _Ends:
         names: list[tuple[int, ...] | None] = []
         for yarn, tile in zip(self.yarn, self.tile, strict=True):
             (one, two), apart = sorted(yarn), tile[1] - tile[0]
-            ways = [apart] if yarn[0] < yarn[1] else [-apart] if yarn[0] > yarn[1] else [apart, -apart]
-            reduced = min(_remainder(way, self.shift[one], self.shift[two]) for way in ways)
+            turns = [apart] if yarn[0] < yarn[1] else [-apart] if yarn[0] > yarn[1] else [apart, -apart]
+            reduced = min(_remainder(turn, self.shift[one], self.shift[two]) for turn in turns)
             names.append(None if one == two and reduced == (0, 0) else (int(one), int(two), *reduced))
         return names
 

@@ -37,12 +37,12 @@ class Crossing:
 
 def start_that_crosses(found: Sequence[Crossing], lines: Integers) -> InputError:
     """The error of a start with these crossings; lines: of the cloth's triangles in their file, if any."""
-    told = "; ".join(c.description + _in_file(lines, c.triangles) for c in found) or "some that do"
+    text = "; ".join(c.description + _in_file(lines, c.triangles) for c in found) or "some that do"
     remedies = "; ".join(dict.fromkeys(c.remedy for c in found))
     return InputError(
         "start of the cloth",
         expected="surfaces that do not cross",
-        found=f"{told}. {remedies[:1].upper()}{remedies[1:]}" if found else told,
+        found=f"{text}. {remedies[:1].upper()}{remedies[1:]}" if found else text,
     )
 
 
@@ -176,7 +176,7 @@ def _beside(positions, one, two):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _meeting(x, c):
-    """Share of the way from x₀ to x₁ where it meets the triangle x₂ x₃ x₄, or −1; c (4,): memory."""
+    """Share of the distance from x₀ to x₁ where it meets the triangle x₂ x₃ x₄, or −1; c (4,): memory."""
     a, b, normal, across = x[3] - x[2], x[4] - x[2], np.empty(3), np.empty(3)
     cross(a, b, normal)
     start, end = np.dot(normal, x[0] - x[2]), np.dot(normal, x[1] - x[2])

@@ -214,11 +214,11 @@ class PairContact:
 
 def _free_fraction(pairs: Pairs, start: Array, moves: Array, until: float) -> float:
     """Fraction of moves (nv, 3), up to ``until``, during which all pairs keep a part of their distance."""
-    moved, ways = np.linalg.norm(start - pairs.origin, axis=1), np.linalg.norm(moves, axis=1)
+    moved, travels = np.linalg.norm(start - pairs.origin, axis=1), np.linalg.norm(moves, axis=1)
 
     def part(bounds: tuple[int, int]) -> float:
         return pair_loops.free_fraction(
-            start, moves, pairs.vertices, pairs.corners, pairs.gaps, moved, ways, pairs.radius, KEPT, until, *bounds
+            start, moves, pairs.vertices, pairs.corners, pairs.gaps, moved, travels, pairs.radius, KEPT, until, *bounds
         )  # fmt: skip
 
     return min(run_parts(part, shares(len(pairs.vertices))))

@@ -57,17 +57,17 @@ def close_pairs(positions, pairs, corners, gaps, moved, radius, within, begin, e
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def free_fraction(positions, step, pairs, corners, gaps, moved, ways, radius, kept, until, begin, end):
+def free_fraction(positions, step, pairs, corners, gaps, moved, travels, radius, kept, until, begin, end):
     """Fraction of a step, up to ``until``, in which pairs begin … end − 1 keep a share of their distances.
 
-    gaps: their distances (n,) before vertices moved by lengths (nv,); ways: lengths of the step (nv,);
+    gaps: their distances (n,) before vertices moved by lengths (nv,); travels: lengths of the step (nv,);
     radius: taken off distances.
     """
     fraction = until
     x, p, y, c = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3)), np.empty(4)
     for n in range(begin, end):
         is_corner = n < corners
-        fastest = fraction * _both_sides(ways, pairs, n, is_corner) / (1.0 - kept)
+        fastest = fraction * _both_sides(travels, pairs, n, is_corner) / (1.0 - kept)
         if gaps[n] - _both_sides(moved, pairs, n, is_corner) - radius >= fastest:
             continue
         if _gap(positions, pairs, n, is_corner) - radius >= fastest:

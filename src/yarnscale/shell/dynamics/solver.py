@@ -238,7 +238,7 @@ class ClothSolver(Body[ClothState]):
         return np.concatenate([state.positions, places])
 
     def _with_obstacle_steps(self, begin: Array, moved: Array, held: list[Attachment]) -> Array:
-        """A step of the cloth and, after it, the ways of the obstacles' points to their places."""
+        """A step of the cloth and, after it, the displacements of the obstacles' points to their places."""
         return np.concatenate([moved, held[-1].targets - begin[len(moved) :]])
 
     def _bound(self, x: Array, step: Array) -> float:

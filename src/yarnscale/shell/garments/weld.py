@@ -153,7 +153,7 @@ def _merged(cloth: Polygons, vertices: Integers, reach: Array) -> Polygons:
 
 @dataclass(frozen=True, eq=False)
 class _Hanging:
-    """Vertices (n,) that hang within the edges that begin at corners (n,), at a share of the way (n,), in order."""
+    """Vertices (n,) that hang within the edges that begin at corners (n,), at a share of its length (n,), in order."""
 
     corners: Integers
     vertices: Integers
@@ -163,15 +163,15 @@ class _Hanging:
 def _hanging(cloth: Polygons, reach: Array) -> _Hanging:
     border = cloth.border()
     starts = cloth.positions[cloth.vertices[border]]
-    ways = cloth.positions[cloth.vertices[cloth.following[border]]] - starts
-    lengths = np.linalg.norm(ways, axis=1)
+    spans = cloth.positions[cloth.vertices[cloth.following[border]]] - starts
+    lengths = np.linalg.norm(spans, axis=1)
     ends = np.unique(cloth.vertices[np.concatenate([border, cloth.following[border]])])
-    near = KDTree(cloth.positions[ends]).query_ball_point(starts + 0.5 * ways, 0.5 * lengths)
+    near = KDTree(cloth.positions[ends]).query_ball_point(starts + 0.5 * spans, 0.5 * lengths)
     rows = np.repeat(np.arange(len(border)), [len(found) for found in near])
     vertices = ends[np.concatenate([np.zeros(0, np.int64), *map(np.asarray, near)]).astype(np.int64)]
     offset = cloth.positions[vertices] - starts[rows]
-    along = np.einsum("ij,ij->i", offset, ways[rows]) / lengths[rows] ** 2
-    away = np.linalg.norm(offset - along[:, None] * ways[rows], axis=1)
+    along = np.einsum("ij,ij->i", offset, spans[rows]) / lengths[rows] ** 2
+    away = np.linalg.norm(offset - along[:, None] * spans[rows], axis=1)
     limit = np.minimum(reach[vertices], reach[cloth.vertices[border]][rows])
     inside = (along * lengths[rows] > limit) & ((1 - along) * lengths[rows] > limit)
     faces = cloth.faces

@@ -107,21 +107,21 @@ def _thickness(cloth: Cloth) -> Iterator[str]:
 
 def _ways(cloth: Cloth) -> Iterator[str]:
     size = _size(cloth.mesh.assembled)
-    ways = [(f"handle '{handle.name}'", handle.motion, size) for handle in cloth.handles]
+    moving = [(f"handle '{handle.name}'", handle.motion, size) for handle in cloth.handles]
     for body in cloth.obstacles:
         motion = getattr(body, "motion", None)
         if motion is not None and not isinstance(body, Plane):
-            ways.append(("an obstacle", motion, max(size, _size(body.points(0.0)))))
-    for name, motion, reach in ways:
-        way = math.sqrt(sum(d * d for d in motion.displacement))
-        times = way / reach
+            moving.append(("an obstacle", motion, max(size, _size(body.points(0.0)))))
+    for name, motion, reach in moving:
+        travel = math.sqrt(sum(d * d for d in motion.displacement))
+        times = travel / reach
         if times > _LONGEST_WAY:
             expected = f"at most {_LONGEST_WAY:g} times its size, {100 * reach:.3g} cm"
             raise InputError(f"displacement of {name}", expected=expected, found=motion.displacement)
         if times > _LONG_WAY:
             yield f"{name} moves by {times:.3g} times its size, {100 * reach:.3g} cm"
-        if motion.duration > 0 and way / motion.duration > _FAST:
-            yield f"{name} moves at {way / motion.duration:.3g} m/s"
+        if motion.duration > 0 and travel / motion.duration > _FAST:
+            yield f"{name} moves at {travel / motion.duration:.3g} m/s"
     moved = np.array([handle.motion.displacement for handle in cloth.handles]).reshape(-1, 3)
     apart = float(np.ptp(moved, axis=0).max()) / size if len(moved) > 1 else 0.0
     if apart > _FAR_APART:

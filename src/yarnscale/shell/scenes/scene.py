@@ -156,12 +156,12 @@ def stretch(
     axis = 0 if direction == "course" else 1
     mesh = rectangle(size, size, scale * SPACING if spacing is None else spacing)
     start = ClothState.flat(mesh)
-    way = np.zeros(3)
-    way[axis] = travel
+    shift = np.zeros(3)
+    shift[axis] = travel
     bars = []
     for name, side in (("first bar", -1.0), ("second bar", 1.0)):
         vertices = bar_points(mesh.panel, axis, side, size)
-        displacement = side * way
+        displacement = side * shift
         motion = Motion((displacement[0], displacement[1], displacement[2]), 0.0, duration)
         bars.append(Handle(name, vertices, start.positions[vertices], motion))
     contact = ContactSettings(thickness=cloth_thickness(material, mesh)) if self_contact else None

@@ -37,6 +37,6 @@ def cloth_thickness(material: ElementMaterial, mesh: TriangleMesh) -> float:
     0.4 of the median edge of the mesh.
     """
     provenance = getattr(material, "provenance", {})
-    told = provenance.get("thickness") if isinstance(provenance, Mapping) else None
-    thickness = float(told) if isinstance(told, int | float) and 0 < told < np.inf else UNKNOWN_THICKNESS
+    given = provenance.get("thickness") if isinstance(provenance, Mapping) else None
+    thickness = float(given) if isinstance(given, int | float) and 0 < given < np.inf else UNKNOWN_THICKNESS
     return min(thickness, _LARGEST_SHARE * mesh.median_edge)
