@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import tomllib
 from collections.abc import Iterable, Mapping
+from importlib.resources import files
 
 import argcomplete
 from argcomplete.completers import FilesCompleter
@@ -31,9 +33,8 @@ def _completer(action: argparse.Action) -> argcomplete.completers.BaseCompleter 
 def _names(action: argparse.Action) -> Iterable[str]:
     kind = action.metavar or action.dest
     if kind == "PATTERN":
-        from yarnscale.drawing.library import names
-
-        return names()
+        # Not by yarnscale.drawing, which would load numba.
+        return tomllib.loads((files("yarnscale") / "drawing" / "patterns.toml").read_text(encoding="utf-8"))
     if kind == "YARN":
         from yarnscale.yarn.material import PRESETS
 

@@ -34,11 +34,9 @@ def export(options: argparse.Namespace) -> int:
                 "material cannot be exported", where=options.material,
                 expected="kind 'compact', which homogenize writes",
             )  # fmt: skip
-        if options.format == "c":
-            from yarnscale.files.c_export import write_c_source as write
-        else:
-            from yarnscale.files.warp_export import write_warp_source as write
-        write(options.out, material)
+        from yarnscale.files.energy_source import write_energy_source
+
+        write_energy_source(options.out, material, options.format)
     summary = {"out": str(options.out), "format": options.format, "lost": lost}
     report(options, summary, f"{options.out}: exported from {options.material}")
     return 0

@@ -1,39 +1,4 @@
-"""C source of a compact material: one file, one function, no memory, for other people's engines."""
-
-from __future__ import annotations
-
-import re
-from pathlib import Path
-
-import numpy as np
-
-from yarnscale.arrays import Array
-from yarnscale.files.atomic import write_text
-from yarnscale.shell.materials.compact import MIRROR, CompactMaterial
-
-
-def write_c_source(path: str | Path, material: CompactMaterial) -> None:
-    """Write a C99 file of a material, whole or not at all; InputError where the file cannot be written."""
-    write_text(path, c_source(material))
-
-
-def c_source(material: CompactMaterial) -> str:
-    """The C source: ``int yarnscale_energy(strain[6], *energy, gradient[6], hessian[36])``."""
-    springs = material.springs
-    counts = {name: len(getattr(springs, name)) for name in ("steps", "springs", "walls")}
-    numbers = [f"enum {{ {', '.join(f'{name.upper()} = {count}' for name, count in counts.items())} }};\n"]
-    numbers += [_array(name, array) for name, array in springs._asdict().items()]
-    numbers.append(_array("inverse_scale", 1.0 / material.scale))
-    images = [np.ones(6), MIRROR] if material.mirrored else [np.ones(6)]
-    numbers.append(_array("images", np.array(images)))
-    body = _BODY.replace("CONSTANT", repr(float(material.constant))).replace("IMAGES", str(len(images)))
-    return "\n".join([_header(material), "#include <math.h>\n", *numbers, body])
-
-
-def _header(material: CompactMaterial) -> str:
-    name = re.sub(r"[^\w .,()+-]", "_", str(material.provenance.get("pattern", "")))[:80]
-    return f"""\
-/* Energy density of a shell material{": " + name if name else ""}, written by yarnscale.
+/* Energy density of a shell material{{ title }}, written by yarnscale.
 
    strain: s_x = sqrt(I11) - 1, s_a = I12/sqrt(I11 I22), s_y = sqrt(I22) - 1, II11, II12, II22 [1/m].
    energy [J/m^2] per rest area; gradient and hessian (row by row) are its derivatives by the strain.
@@ -41,25 +6,25 @@ def _header(material: CompactMaterial) -> str:
    (s_x <= -1, s_y <= -1, |s_a| >= 1 or not a number), and then writes nothing.
    Thread-safe: no state is kept. Compile as C99 or later, without -ffast-math; link with -lm.
 
-   density: {material.density:.9g} kg/m^2.
+   density: {{ density }} kg/m^2.
 */
-"""
 
+#include <math.h>
 
-def _array(name: str, values: Array) -> str:
-    flat = values.ravel()
-    rows = [", ".join(repr(float(v)) for v in flat[k : k + 6]) for k in range(0, len(flat), 6)]
-    return f"static const double {name}[{max(len(flat), 1)}] = {{\n  " + ",\n  ".join(rows or ["0"]) + "};\n"
+enum { STEPS = {{ springs.steps|length }}, SPRINGS = {{ springs.springs|length }}, WALLS = {{ springs.walls|length }} };
 
+{% for name, values in arrays.items() %}
+static const double {{ name }}[{{ [values.size, 1]|max }}] = {
+  {{ values|rows|join(",\n  ") or "0" }}};
 
-_BODY = """\
+{% endfor %}
 int yarnscale_energy(const double strain[6], double *energy, double gradient[6], double hessian[36]) {
-  double psi = CONSTANT, first[6] = {0}, second[36] = {0};
+  double psi = {{ constant }}, first[6] = {0}, second[36] = {0};
   if (!(strain[0] > -1.0 && strain[2] > -1.0 && fabs(strain[1]) < 1.0)) return 1;
   for (int i = 0; i < 6; ++i) if (!isfinite(strain[i])) return 1;
-  for (int m = 0; m < IMAGES; ++m) {
+  for (int m = 0; m < {{ images|length }}; ++m) {
     double x[6], bent[STEPS + 1], bent1[STEPS + 1], bent2[STEPS + 1], through[STEPS + 1] = {0};
-    const double *sign = images + 6 * m, share = 1.0 / IMAGES;
+    const double *sign = images + 6 * m, share = 1.0 / {{ images|length }};
     for (int i = 0; i < 6; ++i) x[i] = sign[i] * strain[i] * inverse_scale[i];
     for (int i = 0; i < 6; ++i) {
       psi += share * 0.5 * background[i] * x[i] * x[i];
@@ -116,4 +81,3 @@ int yarnscale_energy(const double strain[6], double *energy, double gradient[6],
       for (int l = 0; l < 6; ++l) hessian[6 * i + l] = second[6 * i + l] * inverse_scale[i] * inverse_scale[l];
   return 0;
 }
-"""

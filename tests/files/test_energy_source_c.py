@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yarnscale.files.c_export import c_source, write_c_source
+from yarnscale.files.energy_source import energy_source, write_energy_source
 from yarnscale.shell.materials.compact import CompactMaterial
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -22,7 +22,7 @@ def compiled(folder, ours: CompactMaterial):
     if COMPILER is None:
         pytest.skip("no C compiler (cc or gcc) on this machine")
     source, library = folder / "material.c", folder / "material.so"
-    write_c_source(source, ours)
+    write_energy_source(source, ours, "c")
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]
     outcome = subprocess.run(
         [COMPILER, *flags, str(source), "-o", str(library), "-lm"],
@@ -74,5 +74,5 @@ def test_outputs_may_be_missing_and_impossible_strains_are_refused(tmp_path, com
 
 def test_a_name_cannot_break_the_comment(compact):
     named = replace(compact, provenance={"pattern": "a */ int x; /*\n#error"})
-    assert c_source(named).count("*/") == c_source(compact).count("*/")
-    assert "\n#error" not in c_source(named)
+    assert energy_source(named, "c").count("*/") == energy_source(compact, "c").count("*/")
+    assert "\n#error" not in energy_source(named, "c")

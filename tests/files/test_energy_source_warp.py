@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yarnscale.files.warp_export import write_warp_source
+from yarnscale.files.energy_source import write_energy_source
 from yarnscale.shell.materials.compact import SpringNetwork, shapes_of
 
 PROGRAM = """
@@ -29,7 +29,7 @@ def test_energy_and_its_gradient_agree(tmp_path, compact, states):
     wp = pytest.importorskip("warp")
     wp.config.kernel_cache_dir = str(tmp_path / "cache")
     path = tmp_path / "exported.py"
-    write_warp_source(path, compact)
+    write_energy_source(path, compact, "warp")
     path.write_text(path.read_text() + PROGRAM)
     spec = importlib.util.spec_from_file_location("exported", path)
     assert spec is not None and spec.loader is not None
