@@ -36,13 +36,25 @@ class InputError(ValueError):
 
 @contextmanager
 def located(where: object) -> Iterator[None]:
-    """Faults that name no place get this one."""
+    """Faults that name no place get this one; a function finds it from the fault."""
     try:
         yield
     except InputError as error:
         if error.where is not None:
             raise
-        raise error.at(where) from None
+        raise error.at(where(error) if callable(where) else where) from None
+
+
+@contextmanager
+def system_errors(where: object, what: str = "output cannot be written") -> Iterator[None]:
+    """Errors of the operating system, such as a full disk, become InputErrors of a place."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        found = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise InputError(what, where=f"{where!s:.400}", found=found) from None
 
 
 def positive(what: str, value: float, expected: str = "a positive number") -> float:

@@ -142,24 +142,24 @@ FAULTS: dict[str, tuple[Callable[[list[str]], list[str]], tuple[str, int] | None
     "no number": (
         in_row("*Q", 4, put(1, "0.1x")),
         ("*Q", 4),
-        r"\*Q y is no number; expected a number; found '0.1x'",
+        r"\*Q y is no number; expected a finite number; found '0.1x'",
     ),
     "NaN": (
         in_row("*Q", 4, put(2, "nan")),
         ("*Q", 4),
-        r"\*Q z is not finite; expected a finite number; found 'nan'",
+        r"\*Q z is no number; expected a finite number; found 'nan'",
     ),
     "infinite": (
         in_row("*RT", 7, put(0, "1e999")),
         ("*RT", 7),
-        r"\*RT twist is not finite; .* found '1e999'",
+        r"\*RT twist is no number; .* found '1e999'",
     ),
     "fractional index": (
         in_row("*E", 3, put(1, "4.0")),
         ("*E", 3),
         r"\*E v1 is no integer; expected an integer; found '4.0'",
     ),
-    "other digits": (in_row("*RL", 3, put(0, "1_0")), ("*RL", 3), r"\*RL length is not finite"),
+    "other digits": (in_row("*RL", 3, put(0, "1_0")), ("*RL", 3), r"\*RL length is no number"),
     "index out of range": (
         in_row("*E", 3, put(1, "32")),
         ("*E", 3),

@@ -22,7 +22,7 @@ from yarnscale.detail.yarns import YarnDetail
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.cell_origin import CellOrigin
-from yarnscale.files.cloth_frames import MESH, ClothFrames, frame_paths, read_cloth_frames
+from yarnscale.files.cloth_frames import ClothFrames, frame_paths, read_cloth_frames
 from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
 from yarnscale.files.run_folder import RunFolder, note_result
 from yarnscale.homogenize.sample import check_resumable, create_store
@@ -40,7 +40,7 @@ ORIGIN = "origin.json"
 def detail(options: argparse.Namespace) -> int:
     """Put yarns on the frames of a run."""
     writable_file(options.picture, ".png")
-    frames = read_cloth_frames(_frame_folder(options.frames))
+    frames = read_cloth_frames(options.frames)
     if options.chosen is not None:
         frames = frames.among(options.chosen.of(list(frames.paths)))
     out = options.out or options.frames / "yarns"
@@ -70,12 +70,6 @@ def detail(options: argparse.Namespace) -> int:
         options, summary, f"{out}: {summary['curves']} curves, {summary['yarn_vertices']} vertices; {written}"
     )
     return 0
-
-
-def _frame_folder(folder: Path) -> Path:
-    """The folder of the cloth's frames: the folder itself or ``frames`` within."""
-    inner = folder / "frames"
-    return inner if (inner / MESH).is_file() and not (folder / MESH).is_file() else folder
 
 
 def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, dict[str, object]]:

@@ -9,17 +9,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from yarnscale.errors import InputError
+from yarnscale.files.source_text import finite_number
 
 
 def numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
     """A parser of ``count`` finite numbers with commas between them."""
 
     def parse(text: str) -> tuple[float, ...]:
-        try:
-            values = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            values = ()
-        if len(values) != count or not all(math.isfinite(v) for v in values):
+        values = tuple(finite_number(part.strip()) for part in text.split(","))
+        if len(values) != count or any(map(math.isnan, values)):
             raise argparse.ArgumentTypeError(f"expected {count} numbers {names}; found {text!r}")
         return values
 
@@ -93,11 +91,8 @@ def refuse(options: argparse.Namespace, names: Sequence[str], expected: str) -> 
 
 def number(text: str) -> float:
     """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+    value = finite_number(text)
+    if math.isnan(value):
         raise argparse.ArgumentTypeError(f"expected a number; found {text!r}")
     return value
 

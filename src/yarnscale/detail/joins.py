@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.detail.alignment import aligned_tilings
@@ -106,8 +107,6 @@ def _across(points: Array, places: Array, steps: Array) -> tuple[Array, Array]:
 
 def _nearest_seam(mesh: TriangleMesh, places: Array, panel: Integers, spacing: float) -> Integers:
     """Row of ``sewn_edges`` that is the nearest border to places (k, 2) on panels (k,); −1: a free edge is."""
-    from scipy.spatial import KDTree
-
     sewn = mesh.sewn_edges[:, :2]
     free = np.stack([mesh.corners, np.roll(mesh.corners, -1, axis=1)], axis=-1)[~mesh.has_neighbour]
     ends = mesh.material[np.concatenate([sewn, free])]
@@ -152,8 +151,6 @@ def _partners(ends: YarnEnds, mesh: TriangleMesh, reach: float) -> _Pairs:
 
 def _nearest_pairs(ends: YarnEnds, mesh: TriangleMesh, reach: float, free: Flags) -> _Pairs:
     """Pairs of free ends that miss each other by less than ``reach`` [m], the best first, each end once."""
-    from scipy.spatial import KDTree
-
     tree = KDTree(np.column_stack([ends.place, _far_apart(ends.panel, mesh)]))
     aim = ends.seen_place + 0.5 * ends.seen_step
     found = tree.query_ball_point(

@@ -150,7 +150,7 @@ def _panel_pieces(
             found=f"{shape[0]} × {shape[1]} tiles of {len(rest)}",
         )
     owner, place = _locate(corners, rest, period, low, shape)
-    chain, lengths, closed = _chains(
+    chain, lengths, closed = chains(
         owner, pattern.next_vertex, pattern.edges[:, 2:].copy(), pattern.previous_vertex
     )
     return chain % len(rest), own[owner.ravel()[chain]], place.reshape(-1, 3)[chain], lengths, closed
@@ -189,7 +189,7 @@ def _locate(corners, rest, period, low, shape):
 
 
 @numba.njit(cache=True)
-def _chains(owner, following, steps, preceding):
+def chains(owner, following, steps, preceding):
     """Flat indices of copies inside, in order along each yarn; of each piece its number of vertices, whether closed."""
     across, along, n = owner.shape
     used = np.zeros(owner.shape, np.bool_)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from dataclasses import dataclass, field
@@ -13,9 +12,9 @@ import numpy as np
 from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.stitches import LARGEST_CHART
-from yarnscale.errors import InputError, quoted
-from yarnscale.files.source_text import read_source
-from yarnscale.files.structure_file import StructureFile, placed
+from yarnscale.errors import InputError, located, quoted
+from yarnscale.files.source_text import finite_number, read_source
+from yarnscale.files.structure_file import StructureFile
 from yarnscale.yarn.units import FACTORS, to_si
 
 NUMBERS = {
@@ -82,7 +81,7 @@ def read_chart(path: str | os.PathLike[str]) -> StructureFile:
     if kind == "knit":
         structure = Structure(f"Chart file {path.name}", tuple(row.symbols for row in rows), sizes=options)
     else:
-        with placed(place):
+        with located(place):
             structure = Structure(f"Chart file {path.name}", draft=np.array(_draft(rows)), sizes=options)
     return StructureFile(path, structure, place)
 
@@ -186,13 +185,8 @@ def _options(path: Path, chart: _Chart, kind: str) -> dict:
 
 
 def _number(where: str, key: str, value: str) -> float:
-    # Python would also accept 1_0, nan and digits of other scripts.
-    plain = value.isascii() and "_" not in value
-    try:
-        number = float(value) if plain else math.nan
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
+    number = finite_number(value)
+    if not number > 0.0:
         expected = "a number of radii"
         raise InputError(f"{key} is no positive number", where=where, expected=expected, found=quoted(value))
     return number

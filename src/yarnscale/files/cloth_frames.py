@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, system_errors
 from yarnscale.files.array_file import checked, checked_indices, read_arrays, write_arrays
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.motion.obstacles import Obstacle
@@ -37,16 +37,13 @@ class FrameWriter:
     ) -> None:
         self.folder = Path(folder)
         self._bodies = BodySurface(obstacles)
-        try:
+        with system_errors(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             for number, path in frame_paths(self.folder).items():
                 if number >= keep:
                     path.unlink()
             if not self._bodies:
                 (self.folder / BODIES).unlink(missing_ok=True)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InputError("output cannot be written", where=self.folder, found=reason) from None
         if self._bodies:
             write_arrays(self.folder / BODIES, triangles=self._bodies.triangles)
 
@@ -156,13 +153,15 @@ class ClothFrames(Frames):
 
 
 def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
-    """The frames of a folder, each read on first use.
+    """The frames of a folder, or of ``frames`` within it, each read on first use.
 
     Raises InputError where the folder, the mesh or frames are missing or damaged.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("folder does not exist", where=folder, expected="frames of a cloth")
+    if not (folder / MESH).is_file() and (folder / "frames").is_dir():
+        folder = folder / "frames"
     arrays = read_arrays(
         folder / MESH, "material", "triangles", optional=("corners",), what="mesh of a cloth"
     )

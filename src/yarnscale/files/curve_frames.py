@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.arrays import Array, Flags, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, located
 from yarnscale.files.array_file import checked, read_arrays, write_arrays
 from yarnscale.files.cloth_frames import Frames, FrameWriter, frame_files
 from yarnscale.motion.obstacles import Obstacle
@@ -159,10 +159,8 @@ def read_curve_frames(folder: str | os.PathLike[str]) -> CurveFrames:
         raise InputError("folder does not exist", where=folder, expected="frames of curves")
     path = folder / CURVES
     arrays = read_arrays(path, "offsets", "radii", optional=("closed", "yarn"), what="set of curves")
-    try:
+    with located(path):
         curves = CurveSet(
             arrays["offsets"], arrays["radii"], closed=arrays.get("closed"), yarn=arrays.get("yarn")
         )
-    except InputError as error:
-        raise error.at(path) from None
     return CurveFrames(*frame_files(folder), curves)

@@ -12,6 +12,7 @@ from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.fingerprint import code_fingerprint, fingerprint
+from yarnscale.files.run_folder import writable_folder
 from yarnscale.swatches.evaluations import Residuals
 from yarnscale.swatches.objective import YarnObjective
 
@@ -56,8 +57,4 @@ def evaluation_folder(folder: Path, *, resume: bool) -> Path:
     """The folder for evaluations. InputError where there is nothing to resume."""
     if resume:
         check_resumable(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError("cannot write", where=folder, expected="a folder", found=error.strerror) from None
-    return folder
+    return writable_folder(folder)

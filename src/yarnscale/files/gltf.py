@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from yarnscale import __version__
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, system_errors
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
 from yarnscale.files.colours import colour_of, yarn_name
@@ -49,27 +49,24 @@ def write_gltf(
     Raises InputError where the file cannot be written or would pass the 4 GiB of the format.
     """
     target = Path(path)
-    try:
-        with tempfile.TemporaryFile(dir=target.parent) as data:
-            file = _Gltf(data)
-            meshes = _meshes(animation, yarns_as, detail or TubeDetail())
-            size = sum(mesh.bytes_per_frame for mesh in meshes) * len(animation)
-            if size > _LARGEST:
-                raise InputError(
-                    "binary glTF holds 4 GiB at most",
-                    where=path,
-                    expected="fewer frames (--frames FIRST:LAST:STEP), --yarns-as lines, or --format usd",
-                    found=f"{size / 2**30:.1f} GiB",
-                )
-            for k, moment in enumerate(animation):
-                for mesh in meshes:
-                    if k == 0 or mesh.moves:
-                        file.add_shape(mesh, *mesh.shape(moment))
-                if on_frame is not None:
-                    on_frame(k + 1)
-            file.write(target, meshes, animation.times)
-    except OSError as error:
-        raise InputError("output cannot be written", where=path, found=error.strerror or error) from None
+    with system_errors(path), tempfile.TemporaryFile(dir=target.parent) as data:
+        file = _Gltf(data)
+        meshes = _meshes(animation, yarns_as, detail or TubeDetail())
+        size = sum(mesh.bytes_per_frame for mesh in meshes) * len(animation)
+        if size > _LARGEST:
+            raise InputError(
+                "binary glTF holds 4 GiB at most",
+                where=path,
+                expected="fewer frames (--frames FIRST:LAST:STEP), --yarns-as lines, or --format usd",
+                found=f"{size / 2**30:.1f} GiB",
+            )
+        for k, moment in enumerate(animation):
+            for mesh in meshes:
+                if k == 0 or mesh.moves:
+                    file.add_shape(mesh, *mesh.shape(moment))
+            if on_frame is not None:
+                on_frame(k + 1)
+        file.write(target, meshes, animation.times)
 
 
 _Part = tuple[slice, Integers, str]

@@ -5,7 +5,6 @@ docs/reference/shell_material_format.md describes the format. Numbers are writte
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.errors import InputError, located
-from yarnscale.files.atomic import write_text
+from yarnscale.files.atomic import write_json, write_text
 from yarnscale.files.fields import Fields, read_json
 from yarnscale.files.hylc_json import hylc_material, hylc_text, is_hylc
 from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
@@ -82,39 +81,17 @@ def write_material(path: str | Path, material: ShellMaterial) -> None:
 
     Also raises InputError where the provenance does not consist of JSON values.
     """
-    write_text(path, material_text(material))
-
-
-def material_text(material: ShellMaterial) -> str:
-    """The content of the material file of a material, ending in a newline."""
     if isinstance(material, CompactMaterial):
         body = _compact_content(material)
     elif isinstance(material, DirectionalMaterial):
         body = _directional_content(material)
     elif isinstance(material, SplineMaterial):
-        return hylc_text(material)
+        return write_text(path, hylc_text(material))
     else:
         raise InputError(
             "material", expected="a compact, orthotropic or stiffening one", found=type(material).__name__
         )
-    content = {"format": FORMAT, "version": VERSION, **body}
-    try:
-        return _layout(content) + "\n"
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            "material cannot be written", expected="provenance of plain JSON values", found=error
-        ) from None
-
-
-def _layout(value: object, indent: str = "") -> str:
-    """JSON with one row of numbers a line, so that a file can be read and compared by eye."""
-    inner = indent + "  "
-    if isinstance(value, Mapping) and value:
-        rows = [f"{inner}{json.dumps(str(key))}: {_layout(item, inner)}" for key, item in value.items()]
-        return "{\n" + ",\n".join(rows) + f"\n{indent}}}"
-    if isinstance(value, (list, tuple)) and any(isinstance(item, (list, tuple, Mapping)) for item in value):
-        return "[\n" + ",\n".join(inner + _layout(item, inner) for item in value) + f"\n{indent}]"
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+    write_json(path, {"format": FORMAT, "version": VERSION, **body})
 
 
 def _compact_content(material: CompactMaterial) -> dict[str, object]:

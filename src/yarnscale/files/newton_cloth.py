@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import statistics
 from collections.abc import Iterable
 from pathlib import Path
 
-from yarnscale.files.atomic import write_text
+from yarnscale.files.atomic import write_json, write_text
 from yarnscale.laboratory.programme import FabricTests
 from yarnscale.laboratory.style3d import MISSING, Style3DFit
 from yarnscale.laboratory.table import Deviation, Measured, measured
@@ -56,7 +55,7 @@ def write_newton_cloth(path: str | Path, fit: Style3DFit, subject: str) -> dict[
         "not_represented": MISSING,
         "certificate": [_deviation(one) for one in fit.deviations],
     }  # fmt: skip
-    write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_json(path, content)
     return content
 
 

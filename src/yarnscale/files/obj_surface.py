@@ -16,7 +16,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
-from yarnscale.files.source_text import read_source
+from yarnscale.files.source_text import finite_number, read_source
 from yarnscale.shell.garments.polygons import PolygonError, in_own_plane, triangulated
 
 _LARGEST_NUMBER = 10**9
@@ -164,12 +164,9 @@ def read_obj_poses(paths: Sequence[Path]) -> tuple[Array, Integers]:
 
 
 def _coordinates(what: str, words: list[str], count: int, where: str) -> list[float]:
-    names = {2: "two", 3: "three"}[count]
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        raise InputError(what, where=where, expected=f"{names} numbers", found=" ".join(words)[:60]) from None
-    if len(values) != count or not all(math.isfinite(v) for v in values):
+    values = [finite_number(word) for word in words]
+    if len(values) != count or any(map(math.isnan, values)):
+        names = {2: "two", 3: "three"}[count]
         raise InputError(what, where=where, expected=f"{names} finite numbers", found=" ".join(words)[:60])
     return values
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from yarnscale.drawing.proportions import check_proportions
 from yarnscale.errors import quoted
-from yarnscale.files.atomic import write_text
+from yarnscale.files.atomic import write_json
 from yarnscale.files.fields import Fields, json_file
 from yarnscale.files.material_toml import material_of
 from yarnscale.yarn.clearance import check_clearance
@@ -70,29 +68,22 @@ def write_pattern_json(
 
     yarns: the materials of its yarns, one for all or one for each number in ``yarn_material``.
     """
-    head: dict[str, Any] = {
+    content: dict[str, object] = {
         "format": FORMAT,
         "version": VERSION,
         "name": pattern.name,
         "units": UNITS,
         "period": pattern.period.tolist(),
         "radius": pattern.radius,
+        **{field: getattr(pattern, field).tolist() for field in TABLES},
     }
-    entries = [f'  "{key}": {json.dumps(value, ensure_ascii=False)}' for key, value in head.items()]
-    for field in TABLES:
-        rows = ",\n".join("    " + json.dumps(row) for row in getattr(pattern, field).tolist())
-        entries.append(f'  "{field}": [\n{rows}\n  ]')
-    if pattern.material_of_vertex.any():
-        assert pattern.yarn_material is not None
-        entries.append(f'  "yarn_material": {json.dumps(pattern.yarn_material.tolist())}')
+    if pattern.yarn_material is not None and pattern.material_of_vertex.any():
+        content["yarn_material"] = pattern.yarn_material.tolist()
     if pattern.yarn_radius is not None:
-        entries.append(f'  "yarn_radius": {json.dumps(pattern.yarn_radius.tolist())}')
+        content["yarn_radius"] = pattern.yarn_radius.tolist()
     if yarns is not None:
-        rows = ",\n".join(
-            "    " + json.dumps(asdict(m), ensure_ascii=False) for m in materials_of(pattern, yarns)
-        )
-        entries.append(f'  "materials": [\n{rows}\n  ]')
-    write_text(path, "{\n" + ",\n".join(entries) + "\n}\n")
+        content["materials"] = [asdict(material) for material in materials_of(pattern, yarns)]
+    write_json(path, content)
 
 
 def _pattern(document: Fields) -> YarnPattern:

@@ -13,7 +13,7 @@ import numpy as np
 from yarnscale.drawing.proportions import check_proportions
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.atomic import write_text
-from yarnscale.files.source_text import read_source
+from yarnscale.files.source_text import finite_number, read_source
 from yarnscale.yarn.clearance import check_clearance
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -158,24 +158,15 @@ def _parse_row(where: str, name: str, tokens: list[str]) -> list[float]:
 def _number(where: str, name: str, column: str, token: str) -> float:
     """One number of a row: indices strictly integer, the rest finite."""
     label = f"*{name} {column}"
-    # Python would also accept 1_000 and digits of other scripts.
-    plain = token.isascii() and "_" not in token and len(token) <= 64
     if (name, column) in INTEGERS:
-        digits = token[1:] if token[:1] in "+-" else token
-        if not (plain and digits.isdigit() and len(digits) <= 15):
+        if not re.fullmatch(r"[+-]?\d{1,15}", token, re.ASCII):
             raise InputError(
                 f"{label} is no integer", where=where, expected="an integer", found=quoted(token)
             )
         return int(token)
-    try:
-        value = float(token) if plain else math.nan
-    except ValueError:
+    if math.isnan(value := finite_number(token)):
         raise InputError(
-            f"{label} is no number", where=where, expected="a number", found=quoted(token)
-        ) from None
-    if not math.isfinite(value):
-        raise InputError(
-            f"{label} is not finite", where=where, expected="a finite number", found=quoted(token)
+            f"{label} is no number", where=where, expected="a finite number", found=quoted(token)
         )
     return value
 

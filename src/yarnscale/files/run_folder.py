@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, system_errors
 from yarnscale.files.atomic import write_text
 
 RECORD = ".yarnscale.json"
@@ -156,7 +156,7 @@ def _matching(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 def _remove(folder: Path, paths: Sequence[Path]) -> None:
     """Remove results, and folders that are empty then. A folder with a record of its own loses what that lists."""
-    try:
+    with system_errors(folder, "output cannot be removed"):
         for path in paths:
             if not path.is_dir():
                 path.unlink()
@@ -169,8 +169,6 @@ def _remove(folder: Path, paths: Sequence[Path]) -> None:
         for place in sorted(touched, reverse=True):
             if place.is_dir() and not any(place.iterdir()):
                 place.rmdir()
-    except OSError as error:
-        raise InputError("output cannot be removed", where=folder, found=error.strerror) from None
 
 
 def check_place(folder: Path) -> None:
@@ -183,12 +181,8 @@ def check_place(folder: Path) -> None:
 
 def writable_folder(folder: Path) -> Path:
     """Create a folder and make sure that it can be written, before long work begins."""
-    try:
+    with system_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except OSError as error:
-        raise InputError(
-            "output cannot be written", where=folder, expected="a folder", found=error.strerror
-        ) from None
     return folder

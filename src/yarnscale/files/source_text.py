@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from pathlib import Path
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, system_errors
 
 LARGEST_FILE = 256 * 1024 * 1024
 
@@ -20,7 +21,7 @@ def read_source(
     files where only names and comments go beyond ASCII; letters that are not UTF-8 are replaced.
     """
     path = Path(path)
-    try:
+    with system_errors(path, "file cannot be read"):
         if path.is_dir():
             raise InputError("path is a folder", where=path, expected="a file")
         if not path.is_file():
@@ -31,11 +32,6 @@ def read_source(
         if (size := path.stat().st_size) > LARGEST_FILE:
             raise InputError("file is too large", where=path, expected=f"≤ {LARGEST_FILE} bytes", found=size)
         content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError("file cannot be read", where=path, found=reason) from None
     if not content.strip():
         raise InputError("file is empty", where=path, expected="text", found=f"{len(content)} bytes")
     if content.startswith((b"PK\3\4", b"\xd0\xcf\x11\xe0")):
@@ -70,6 +66,15 @@ def read_source(
             expected="UTF-8, UTF-16 or Windows-1252 (Latin-1)" if other_encodings else "UTF-8",
             found=f"byte 0x{content[error.start]:02x}",
         ) from None
+
+
+def finite_number(text: str) -> float:
+    """A finite number, NaN for any other text; Python would also take 1_0, inf and digits of other scripts."""
+    try:
+        value = float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
 
 
 def _utf_16(content: bytes) -> str | None:

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.proportions import check_proportions
 from yarnscale.drawing.stitches import StitchChart
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, located
 from yarnscale.yarn.pattern import YarnPattern
-
-
-@contextmanager
-def placed(place: Callable[[InputError], object]) -> Iterator[None]:
-    """Faults that name no place get that which ``place`` finds for them."""
-    try:
-        yield
-    except InputError as error:
-        if error.where is not None:
-            raise
-        raise error.at(place(error)) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +23,7 @@ class StructureFile:
 
     def pattern(self) -> YarnPattern:
         """The pattern drawn; InputError with file and line for what cannot be knitted or woven."""
-        with placed(self.place):
+        with located(self.place):
             pattern = self.structure.build()
         check_proportions(pattern, where=self.path)
         return pattern
@@ -44,5 +32,5 @@ class StructureFile:
         """The stitches of a knit, None of a weave; InputError as ``pattern``."""
         if self.structure.woven:
             return None
-        with placed(self.place):
+        with located(self.place):
             return StitchChart.read(self.structure.chart)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.files.cloth_frames import MESH, read_cloth_frames
+from yarnscale.files.cloth_frames import read_cloth_frames
 from yarnscale.shell.elastic.elements import shell_elements
 from yarnscale.shell.mesh import TriangleMesh
 
@@ -22,10 +21,7 @@ def visited_strains(folder: str | os.PathLike[str]) -> Array:
 
     Triangles that are nearly folded flat are left out. Raises InputError where there are no frames.
     """
-    place = Path(folder)
-    if not (place / MESH).exists() and (place / "frames").is_dir():
-        place = place / "frames"
-    stored = read_cloth_frames(place)
+    stored = read_cloth_frames(folder)
     elements = shell_elements(TriangleMesh(stored.material, stored.triangles, corners=stored.corners))
     numbers = list(stored.paths)
     taken = {numbers[int(i)] for i in np.linspace(0, len(numbers) - 1, min(FRAMES, len(numbers)))}

@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr, unescape
 
 import numpy as np
 
-from yarnscale.errors import InputError
+from yarnscale.errors import system_errors
 from yarnscale.files.animation import Animation, Moment, vertex_normals
 from yarnscale.files.atomic import write_bytes, write_text
 
@@ -37,10 +37,8 @@ class VtkSeries:
 
     def write(self, number: int, moment: Moment) -> None:
         """Write one frame. Raises InputError where a file cannot be written."""
-        try:
+        with system_errors(self.folder):
             self.folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise InputError("output cannot be written", where=self.folder, found=error.strerror) from None
         for part, (name, content) in enumerate(_parts(self.animation, moment)):
             file = self.folder / f"{name}_{number:04d}.vtp"
             write_bytes(file, content)
@@ -83,7 +81,7 @@ def _parts(animation: Animation, moment: Moment) -> Iterator[tuple[str, bytes]]:
 
 
 def _content(mesh: object) -> bytes:
-    """A .vtp file of the mesh."""
+    """A .vtp file of the mesh, made in memory: on a full disk VTK's writer of files crashes."""
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
     writer = vtkXMLPolyDataWriter()

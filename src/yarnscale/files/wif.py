@@ -15,7 +15,7 @@ from yarnscale.drawing.library import Structure
 from yarnscale.drawing.weave import LARGEST_DRAFT, side_changes
 from yarnscale.errors import InputError, notify, quoted
 from yarnscale.files.repeats import one_repeat, repeat_of
-from yarnscale.files.source_text import read_source
+from yarnscale.files.source_text import finite_number, read_source
 from yarnscale.files.structure_file import StructureFile
 
 LARGEST_WEB = 4096
@@ -122,12 +122,8 @@ class _Wif:
 
     def number(self, section: str, key: str) -> float:
         """A positive number, nan where there is none."""
-        text = self.text(section, key)
-        try:
-            value = float(text or "nan") if text.isascii() and "_" not in text else -1.0
-        except ValueError:
-            value = -1.0
-        if text and not 0.0 < value < math.inf:
+        value = finite_number(text := self.text(section, key))
+        if text and not value > 0.0:
             raise self.fault(section, key, expected="a positive number")
         return value
 

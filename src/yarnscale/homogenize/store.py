@@ -11,7 +11,8 @@ import math
 import os
 import shutil
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ import zarr
 from numpy.typing import NDArray
 
 from yarnscale.arrays import Array
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, system_errors
 from yarnscale.homogenize.worker import STATUS_CODES, STRAINS
 from yarnscale.kinematics import COMPONENTS
 
@@ -42,36 +43,38 @@ class _Field:
     dims: tuple[str, ...] = ()
 
 
+_NAN = float("nan")
+_FIELDS = {
+    "energy_density": _Field("<f8", _NAN, "J/m^2", "energy per reference area"),
+    "iterations": _Field("<i4", 0, "1", "Newton iterations"),
+    "seconds": _Field("<f8", _NAN, "s", "wall time of the solve"),
+    "residual": _Field("<f8", _NAN, "1", "force norm over the summed norms of the energy terms"),
+    "min_distance_over_diameter": _Field("<f8", _NAN, "1", "closest approach of two yarns"),
+    "stress": _Field("<f8", _NAN, "J/m^2, J/m", "derivative of energy_density by s_x, s_a, s_y [J/m^2], II11, II12, "
+                     "II22 [J/m]", ("component",)),
+    "strain": _Field("<f8", _NAN, "1, 1/m", "s_x, s_a, s_y, II11 [1/m], II12 [1/m], II22 [1/m]", ("component",)),
+    "moduli": _Field("<f8", _NAN, "J/m^2, J/m, J", "second derivative of energy_density by the components of stress, "
+                     "NaN where the cell has none", ("component", "component_2")),
+    "fluctuation": _Field("<f8", _NAN, "m", "co-rotated fluctuation of the primary tile's vertices",
+                          ("vertex", "axis")),
+    "twist": _Field("<f8", _NAN, "rad", "twist of every edge", ("vertex",)),
+    "positions": _Field("<f8", _NAN, "m", "positions of the primary tile's vertices", ("vertex", "axis")),
+    "status": _Field("|i1", 0, "1", ", ".join(f"{code} {name}" for code, name in STATUS_CODES.items())),
+}  # fmt: skip
+"""What is stored of a state, the last to be written last; not every store has strain, moduli and positions."""
+
+
 def _fields(
     vertices: int, positions: bool, moduli: bool, strains: bool = False
 ) -> dict[str, tuple[_Field, tuple[int, ...]]]:
-    nan = float("nan")
-    scalar = {
-        "energy_density": _Field("<f8", nan, "J/m^2", "energy per reference area"),
-        "iterations": _Field("<i4", 0, "1", "Newton iterations"),
-        "seconds": _Field("<f8", nan, "s", "wall time of the solve"),
-        "residual": _Field("<f8", nan, "1", "force norm over the summed norms of the energy terms"),
-        "min_distance_over_diameter": _Field("<f8", nan, "1", "closest approach of two yarns"),
+    """The fields of a store, and their shapes."""
+    kept = {"positions": positions, "moduli": moduli, "strain": strains}
+    sizes = {"component": 6, "component_2": 6, "vertex": vertices, "axis": 3}
+    return {
+        name: (entry, tuple(sizes[axis] for axis in entry.dims))
+        for name, entry in _FIELDS.items()
+        if kept.get(name, True)
     }
-    fields: dict[str, tuple[_Field, tuple[int, ...]]] = {name: (entry, ()) for name, entry in scalar.items()}
-    about = "derivative of energy_density by s_x, s_a, s_y [J/m^2], II11, II12, II22 [J/m]"
-    fields["stress"] = _Field("<f8", nan, "J/m^2, J/m", about, ("component",)), (6,)
-    if strains:
-        about = "s_x, s_a, s_y, II11 [1/m], II12 [1/m], II22 [1/m]"
-        fields["strain"] = _Field("<f8", nan, "1, 1/m", about, ("component",)), (6,)
-    if moduli:
-        about = "second derivative of energy_density by the components of stress, NaN where the cell has none"
-        dims = ("component", "component_2")
-        fields["moduli"] = _Field("<f8", nan, "J/m^2, J/m, J", about, dims), (6, 6)
-    about = "co-rotated fluctuation of the primary tile's vertices"
-    fields["fluctuation"] = _Field("<f8", nan, "m", about, ("vertex", "axis")), (vertices, 3)
-    fields["twist"] = _Field("<f8", nan, "rad", "twist of every edge", ("vertex",)), (vertices,)
-    if positions:
-        about = "positions of the primary tile's vertices"
-        fields["positions"] = _Field("<f8", nan, "m", about, ("vertex", "axis")), (vertices, 3)
-    about = ", ".join(f"{code} {name}" for code, name in STATUS_CODES.items())
-    fields["status"] = _Field("|i1", 0, "1", about), ()
-    return fields
 
 
 class SampleStore:
@@ -160,32 +163,15 @@ class SampleStore:
         fields: Mapping[str, tuple[_Field, tuple[int, ...]]], vertices: int, provenance: Mapping[str, object],
         rays: Sequence[Mapping[str, object]] = (),
     ) -> SampleStore:  # fmt: skip
-        try:
-            taken = path.exists() and (not path.is_dir() or any(path.iterdir()))
-        except OSError as error:
-            raise InputError(
-                "cannot write the store", where=f"{path!s:.200}", expected="a folder", found=error.strerror
-            ) from None
-        if taken:
-            raise InputError(
-                "output exists",
-                where=path,
-                expected="a new folder, --overwrite or --resume",
-                found="files in it",
-            )
-        building = _beside(path, "building")
-        try:
+        with _building(path) as building:
+            if path.exists() and (not path.is_dir() or any(path.iterdir())):
+                expected = "a new folder, --overwrite or --resume"
+                raise InputError("output exists", where=path, expected=expected, found="files in it")
             path.parent.mkdir(parents=True, exist_ok=True)
-            shutil.rmtree(building, ignore_errors=True)
             _write_empty(building, axes, dims, shape, fields, vertices, provenance, rays)
             if path.exists():
                 path.rmdir()
             os.replace(building, path)
-        except OSError as error:
-            shutil.rmtree(building, ignore_errors=True)
-            raise InputError(
-                "cannot write the store", where=path, expected="a writable folder", found=error
-            ) from None
         return cls(path)
 
     def extended(self, rays: Sequence[Mapping[str, object]]) -> SampleStore:
@@ -198,10 +184,8 @@ class SampleStore:
             raise InputError("rays cannot be added", where=self.path, expected="a store of rays of loads")
         everything = [*self.rays, *rays]
         shape = (len(everything), *self.shape[1:])
-        vertices, building = int(self.attributes["vertices"]), _beside(self.path, "building")
-        try:
-            shutil.rmtree(building, ignore_errors=True)
-            provenance = self.attributes["provenance"]
+        vertices, provenance = int(self.attributes["vertices"]), self.attributes["provenance"]
+        with _building(self.path) as building:
             _write_empty(building, {}, self.dims, shape, self._fields, vertices, provenance, everything)
             for name in self._fields:
                 if (self.path / name / "c").is_dir():
@@ -209,11 +193,6 @@ class SampleStore:
             os.replace(self.path, _beside(self.path, "before"))
             os.replace(building, self.path)
             shutil.rmtree(_beside(self.path, "before"), ignore_errors=True)
-        except OSError as error:
-            shutil.rmtree(building, ignore_errors=True)
-            raise InputError(
-                "cannot write the store", where=self.path, expected="a writable folder", found=error
-            ) from None
         return SampleStore(self.path)
 
     @staticmethod
@@ -285,6 +264,18 @@ class SampleStore:
 
         with xarray.open_zarr(str(self.path), consolidated=True) as opened:
             return opened.load()
+
+
+@contextmanager
+def _building(path: Path) -> Iterator[Path]:
+    """Where a store is built that is to be at ``path``, removed on any error. InputError where it cannot be written."""
+    building = _beside(path, "building")
+    try:
+        with system_errors(path, "cannot write the store"):
+            shutil.rmtree(building, ignore_errors=True)
+            yield building
+    finally:
+        shutil.rmtree(building, ignore_errors=True)
 
 
 def _beside(path: Path, word: str) -> Path:

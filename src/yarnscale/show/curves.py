@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from yarnscale.arrays import Array, Flags, Integers
+from yarnscale.detail.tiling import chains
 from yarnscale.yarn.pattern import YarnPattern
 
 Placement = Callable[[Integers, Integers], Array]
@@ -61,24 +64,24 @@ def periodic_curves(edges: Integers, place: Placement, *, rings: int | tuple[int
     the copy of v1 in the tile (dx, dy) further. A yarn is joined through all tiles it passes, so that
     smoothing has no seams.
     """
-    following = {v: (w, dx, dy) for v, w, dx, dy in edges.tolist()}
-    preceding = {w: (v, -dx, -dy) for v, w, dx, dy in edges.tolist()}
-    yarn_of = _yarn_numbers(following)
-    x, y = (range(-n, n + 1) for n in ((rings, rings) if isinstance(rings, int) else rings))
-    waiting = dict.fromkeys((v, a, b) for v in following for a in x for b in y)
+    _, following, steps = np.split(edges[np.argsort(edges[:, 0])], [1, 2], axis=1)
+    following, steps = following[:, 0].copy(), steps.copy()
+    inner, margin = np.broadcast_to(rings, 2), np.abs(steps).max(axis=0)
+    x, y = (2 * (inner + margin) + 1).tolist()
+    copies = np.full((x, y, len(following)), -1)
+    copies[margin[0] : x - margin[0], margin[1] : y - margin[1]] = 0
+    chain, lengths, closed = chains(copies, following, steps, np.argsort(following))
+    *tiles, vertices = np.unravel_index(chain, copies.shape)
+    places = np.column_stack(tiles) - inner - margin
+    yarns = connected_components(
+        csr_matrix((np.ones(len(following)), following, np.arange(len(following) + 1)))
+    )[1]
     curves = []
-    while waiting:
-        seed = next(iter(waiting))
-        first = _run(seed, preceding, waiting)[-1]
-        nodes = _run(first, following, waiting)
-        closed = len(nodes) > 2 and _step(nodes[-1], following) == nodes[0]
-        for node in nodes:
-            del waiting[node]
-        table = np.array(nodes, dtype=np.int64)
-        vertices, places = table[:, 0], table[:, 1:]
-        if len(nodes) > 1:
-            yarn = yarn_of[nodes[0][0]]
-            curves.append(Curve(place(vertices, places), yarn, closed, (places == 0).all(axis=1)))
+    for end, length, ring in zip(np.cumsum(lengths), lengths, closed, strict=True):
+        own = slice(end - length, end)
+        solid, yarn = (places[own] == 0).all(axis=1), int(yarns[vertices[end - 1]])
+        if length > 1:
+            curves.append(Curve(place(vertices[own], places[own]), yarn, bool(ring and length > 2), solid))
     return curves
 
 
@@ -102,36 +105,3 @@ def smooth_curve(curve: Curve, *, per_segment: int = 8) -> tuple[Array, Flags]:
     fraction = np.arange(per_segment) / per_segment
     places = np.append((knots[:-1, None] + np.diff(knots)[:, None] * fraction).ravel(), knots[-1])
     return spline(places), np.append(np.repeat(solid[:-1], per_segment), solid[-2])
-
-
-Node = tuple[int, int, int]
-"""A copy of a vertex: its number and its tile (a, b)."""
-
-
-def _step(node: Node, neighbour: dict[int, Node]) -> Node:
-    """The next copy along the yarn."""
-    vertex, dx, dy = neighbour[node[0]]
-    return vertex, node[1] + dx, node[2] + dy
-
-
-def _run(start: Node, neighbour: dict[int, Node], window: dict[Node, None]) -> list[Node]:
-    """Copies met from ``start`` on, up to the edge of the window or, in a closed loop, once around."""
-    nodes = [start]
-    while (node := _step(nodes[-1], neighbour)) in window and node != start:
-        nodes.append(node)
-    return nodes
-
-
-def _yarn_numbers(following: dict[int, Node]) -> dict[int, int]:
-    """Number of the yarn of every vertex, in the order of their first vertices."""
-    number: dict[int, int] = {}
-    yarns = 0
-    for start in following:
-        vertex = start
-        if vertex in number:
-            continue
-        while vertex not in number:
-            number[vertex] = yarns
-            vertex = following[vertex][0]
-        yarns += 1
-    return number
