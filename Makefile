@@ -16,7 +16,7 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	@echo "Setting up .venv (once, a few minutes)"
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	@$(BIN)/python -m pip install -qq --editable '.[dask,tables,export,dev]' --constraint constraints.txt
+	@$(BIN)/python -m pip install -qq --editable '.[dask,tables,trace,export,dev]' --constraint constraints.txt
 	@touch $@
 
 demo: $(STAMP)

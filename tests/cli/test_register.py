@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,9 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import yarnscale
 from yarnscale.drawing import library
 from yarnscale.files.patterns import read_pattern
 from yarnscale.swatches.registration.curves import YarnCurves
+from yarnscale.swatches.registration.registration import Registration
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +51,59 @@ def test_a_pattern_and_its_counts(run, pictures: Path, tmp_path: Path) -> None:
     assert again.status == 0 and "going on from here" in again.err
     other = run(*_command(pictures, out, "--scale", "13 px/mm"))
     assert other.status == 2 and "state of another registration" in other.err
+
+
+def test_the_page_of_a_command_that_was_killed_goes_on(pictures: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    scale = ("--scale", "12px/mm")
+    words = [str(word) for word in _command(pictures, out, *scale) if word != "--no-page"]
+    environment = os.environ | {"PYTHONPATH": str(Path(yarnscale.__file__).parents[1])}
+
+    def started() -> tuple[subprocess.Popen[str], str]:
+        command = [sys.executable, "-m", "yarnscale", *words]
+        process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+        )
+        assert process.stderr is not None
+        lines = iter(process.stderr.readline, "")
+        return process, next(line.split()[0] for line in lines if line.startswith("http://127.0.0.1:"))
+
+    def ask(address: str, name: str, **request: object) -> dict:
+        headers = {"Content-Type": "application/json"}
+        made = urllib.request.Request(address + name, json.dumps(request).encode(), headers)
+        return json.loads(urllib.request.urlopen(made, timeout=60).read())
+
+    process, address = started()
+    place = ask(address, "undo")["sides"]["front"]["controls"][2]
+    told = ask(address, "move", side="front", point=2, place=[place[0] + 1.0, place[1]])
+    assert told["pins"] == [2]
+    process.kill()
+    process.communicate()
+    assert not out.exists()
+    process, address = started()
+    assert ask(address, "finish")["pins"] == [2]
+    assert process.wait(60) == 0 and "1 points" in process.communicate()[0]
+    assert read_pattern(out).radius == pytest.approx(0.5e-3, rel=0.08)
+
+
+def test_traced_curves_need_their_size(run, refused, tmp_path: Path) -> None:
+    traced = tmp_path / "traced.csv"
+    true = YarnCurves.of(library.build("plain", radius=1.0))
+    state, rows = Registration(true, {}, 1.0), ["side,curve,x,y"]
+    for side, turn in (("front", 1.0), ("back", -1.0)):
+        seen = state.seen(side)
+        runs = np.split(np.arange(len(seen)), np.flatnonzero(np.diff(seen.astype(int))) + 1)
+        for number, part in enumerate(part for part in runs if seen[part[0]] and len(part) > 1):
+            rows += [f"{side},{number},{turn * x},{y}" for x, y in true.samples[part, :2]]
+    traced.write_text("\n".join(rows))
+    out = tmp_path / "out.json"
+    command = ("register", "--traced", traced, "--chart", "plain", "--out", out)
+    size = f"{true.period[0]}x{true.period[1]}"
+    assert "--radius is missing" in refused(*command, "--period", size)
+    assert "period of the traced curves is unknown" in refused(*command, "--radius", "0.001")
+    assert not out.exists()
+    assert run(*command, "--radius", "0.001", "--period", size).status == 0
+    assert read_pattern(out).period == pytest.approx(1e-3 * true.period)
 
 
 def test_what_is_refused_in_one_line(refused, pictures: Path, tmp_path: Path) -> None:

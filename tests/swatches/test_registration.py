@@ -13,7 +13,8 @@ from yarnscale.errors import InputError
 from yarnscale.swatches.registration.curves import YarnCurves
 from yarnscale.swatches.registration.lattice import Lattice, even, lattice_of
 from yarnscale.swatches.registration.registration import SIDES, Registration, registered
-from yarnscale.swatches.registration.start import Repeat, flattened
+from yarnscale.swatches.registration.start import Repeat, drawn, flattened
+from yarnscale.swatches.registration.traced_fit import onto_lines
 
 PIXEL = 1.0 / 6.0
 """Of the pictures here [r]."""
@@ -63,7 +64,8 @@ def _away(true: YarnCurves, found: YarnCurves) -> float:
     from scipy.spatial import KDTree
 
     tiles = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) * true.period
-    lines = found.samples[:, :2] * (true.period / found.period)
+    between = np.linspace(0.0, 1.0, 4, endpoint=False)[:, None, None] * (found.following - found.samples)
+    lines = (found.samples + between).reshape(-1, 3)[:, :2] * (true.period / found.period)
     tree = KDTree((lines[None] + tiles[:, None]).reshape(-1, 2))
     best = np.inf
     for u in np.linspace(0.0, 1.0, 6, endpoint=False):
@@ -111,3 +113,22 @@ def test_pictures_that_do_not_repeat_and_scales_that_differ(lit_picture: Picture
     pictures = flattened({"front": lit_picture(true, "front"), "back": large})
     with pytest.raises(InputError, match="front and back differ"):
         registered(library.structure("stockinette"), pictures, pixel=PIXEL, name="x")
+
+
+def test_lines_traced_over_what_is_seen_lead_the_yarns() -> None:
+    """Visible runs of a known fabric, each side at a place of its own, the back mirrored as photographs are."""
+    true = YarnCurves.of(library.build("rib-1x1", radius=1.0, wale_spacing=8.8, loop_height=8.0))
+    state, lines = Registration(true, {}, 1.0), {}
+    for side, turn in (("front", 1.0), ("back", -1.0)):
+        seen, points = state.seen(side), true.samples[:, :2] * [turn, 1.0] + [1.3 * turn, 0.4]
+        runs = np.split(np.arange(len(seen)), np.flatnonzero(np.diff(seen.astype(int))) + 1)
+        lines[side] = [points[run] for run in runs if seen[run[0]] and len(run) > 1]
+    _, curves = drawn(library.structure("rib-1x1"), true.period, 1.0, name="x")
+    wrong = 0.8 * np.sin(2 * np.pi * curves.controls[:, 1:2] / 8.0 + [0.3, 1.0])
+    curves = curves.moved(np.column_stack([curves.controls[:, :2] + wrong, curves.controls[:, 2]]))
+    found = onto_lines(curves, lines)
+    assert _away(true, curves) > 0.25 and _away(true, found.curves) < 0.2
+    lengths = [line.length(true.period) for shown in (true, found.curves) for line in shown.lines()]
+    assert lengths[1] == pytest.approx(lengths[0], rel=0.08)
+    with pytest.raises(InputError, match=r"cover \d+ % of what it shows"):
+        onto_lines(curves, lines | {"back": lines["back"][:1]})

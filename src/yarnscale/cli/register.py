@@ -10,14 +10,16 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.drawing.library import Structure
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, located
 from yarnscale.files.fingerprint import fingerprint
 from yarnscale.files.pattern_json import write_pattern_json
 from yarnscale.files.patterns import stitches_of, structure_of
 from yarnscale.files.photograph import Photograph, read_photograph
 from yarnscale.files.registration_json import Session, read_session, session_path
+from yarnscale.files.traced import read_traced
 from yarnscale.swatches.registration.registration import Registration, registered
-from yarnscale.swatches.registration.start import flattened
+from yarnscale.swatches.registration.start import drawn, flattened
+from yarnscale.swatches.registration.traced_fit import onto_lines
 from yarnscale.yarn.pattern import YarnPattern
 
 
@@ -25,6 +27,12 @@ def register(options: argparse.Namespace) -> int:
     """Register a pattern."""
     writable_file(options.out, ".json")
     structure = _structure(options)
+    if options.traced is not None:
+        drawing, found = _traced(options, structure)
+        pattern = found.pattern(drawing)
+        write_pattern_json(pattern, options.out)
+        _report(options, pattern, structure, found)
+        return 0
     if options.front is None:
         raise InputError("--front is missing", expected="a photograph of the right side")
     files = {"front": options.front, "back": options.back}
@@ -55,6 +63,25 @@ def _structure(options: argparse.Namespace) -> Structure:
         raise InputError("--chart", expected=expected, found=options.chart)
     stitches_of(options.chart)  # faults with their line
     return structure
+
+
+def _traced(options: argparse.Namespace, structure: Structure) -> tuple[YarnPattern, Registration]:
+    """The drawing and its curves on the lines of ``--traced``."""
+    for name in ("front", "back"):
+        if getattr(options, name) is not None:
+            raise InputError(
+                f"--{name}", expected="photographs or --traced, not both", found=getattr(options, name)
+            )
+    if options.radius is None:
+        raise InputError("--radius is missing", expected="the radius of the yarn for traced curves [m]")
+    traced = read_traced(options.traced, options.scale)
+    period = traced.period if options.period is None else np.array(options.period)
+    if period is None:
+        expected = "a rectangle named period in the drawing, or --period WxH"
+        raise InputError("period of the traced curves is unknown", where=options.traced, expected=expected)
+    drawing, curves = drawn(structure, period, options.radius, name=options.out.stem)
+    with located(options.traced):
+        return drawing, onto_lines(curves, traced.lines)
 
 
 def _session(

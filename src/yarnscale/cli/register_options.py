@@ -20,35 +20,28 @@ def add_register_options(add: Add) -> None:
     about = "Register the yarns of a fabric to photographs of its sides, with the order over and under from its chart."
     option = add("register", "register", about, add_json)
     option("--front", type=Path, metavar="FRONT.png", help="photograph of the right side, its wales upright")
-    option("--back", type=Path, metavar="BACK.png", help="of the other side, the fabric turned about a wale")
     option(
-        "--chart",
-        required=True,
-        metavar="KNIT.chart",
-        help="chart, draft or built-in pattern: what crosses what",
+        "--back", type=Path, metavar="BACK.png", help="of the other side, the fabric turned over about a wale"
     )
+    option(
+        "--traced", type=Path, metavar="FILE.svg",
+        help="instead of photographs: curves traced over both sides, .svg (layers front and back, a rectangle period) "
+        "or .csv (side,curve,x,y in mm)",
+    )  # fmt: skip
+    about = "chart, draft or built-in pattern: which yarns cross, and which is on top"
+    option("--chart", required=True, metavar="KNIT.chart", help=about)
     option(
         "--scale", type=pixel_size, metavar="SCALE",
-        help="of the photographs: 40px/mm, 600dpi, 1.8um/px, or a length in the picture, 820px=20mm",
+        help="of photographs or of an SVG's units: 40px/mm, 600dpi, 1.8um/px, or a length in the picture, 820px=20mm",
     )  # fmt: skip
-    option(
-        "--period",
-        type=_period,
-        metavar="WxH",
-        help="of the chart [mm], to within a seventh, where pictures mislead",
-    )
-    option(
-        "--radius",
-        type=positive,
-        metavar="METRES",
-        help="of the yarn (default: from the width of bright ridges)",
-    )
+    about = "of the chart [mm]: nearly, where pictures mislead; exactly, of traced curves"
+    option("--period", type=_period, metavar="WxH", help=about)
+    about = "of the yarn (default: from the width of bright ridges; traced curves need it)"
+    option("--radius", type=positive, metavar="METRES", help=about)
     option("--no-page", action="store_true", help="no page in the browser: the automatic registration alone")
-    option(
-        "--overwrite",
-        action="store_true",
-        help="begin anew instead of going on with the state beside PATTERN",
-    )
+    option("--port", type=_port, default=0, metavar="N", help="of the page (a free one)")
+    about = "begin anew instead of going on with the state beside the pattern"
+    option("--overwrite", action="store_true", help=about)
     option("--out", type=Path, required=True, metavar="PATTERN.json", help="the pattern, at rest as it lies")
 
 

@@ -169,7 +169,7 @@ class _Problem:
             normal, slope, reached = jacobian.T @ jacobian, jacobian.T @ residual, value
             for _attempt in range(6):
                 step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-3), slope)
-                step *= min(1.0, 0.5 / float(np.abs(step).max()))
+                step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
                 trial = self.linearised(unknowns + step, blur, targets, slopes=False)[0]
                 if (reached := float(trial @ trial)) < value:
                     break
