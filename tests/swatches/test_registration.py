@@ -117,18 +117,19 @@ def test_pictures_that_do_not_repeat_and_scales_that_differ(lit_picture: Picture
 
 def test_lines_traced_over_what_is_seen_lead_the_yarns() -> None:
     """Visible runs of a known fabric, each side at a place of its own, the back mirrored as photographs are."""
+    # Another fabric than the chart is drawn as: each wale leans, and loops of both beds lie apart in depth.
     true = YarnCurves.of(library.build("rib-1x1", radius=1.0, wale_spacing=8.8, loop_height=8.0))
+    lean = 0.6 * np.sin(2 * np.pi * true.controls[:, :1] / true.period[0] + [0.3, 1.0])
+    true = true.moved(np.column_stack([true.controls[:, :2] + lean, true.controls[:, 2]]))
     state, lines = Registration(true, {}, 1.0), {}
     for side, turn in (("front", 1.0), ("back", -1.0)):
         seen, points = state.seen(side), true.samples[:, :2] * [turn, 1.0] + [1.3 * turn, 0.4]
         runs = np.split(np.arange(len(seen)), np.flatnonzero(np.diff(seen.astype(int))) + 1)
         lines[side] = [points[run] for run in runs if seen[run[0]] and len(run) > 1]
     _, curves = drawn(library.structure("rib-1x1"), true.period, 1.0, name="x")
-    wrong = 0.8 * np.sin(2 * np.pi * curves.controls[:, 1:2] / 8.0 + [0.3, 1.0])
-    curves = curves.moved(np.column_stack([curves.controls[:, :2] + wrong, curves.controls[:, 2]]))
     found = onto_lines(curves, lines)
-    assert _away(true, curves) > 0.25 and _away(true, found.curves) < 0.2
+    assert _away(true, found.curves) < min(0.2, 0.5 * _away(true, curves))
     lengths = [line.length(true.period) for shown in (true, found.curves) for line in shown.lines()]
-    assert lengths[1] == pytest.approx(lengths[0], rel=0.08)
-    with pytest.raises(InputError, match=r"cover \d+ % of what it shows"):
+    assert lengths[1] == pytest.approx(lengths[0], rel=0.05)
+    with pytest.raises(InputError, match=r"cover \d+ of \d+ points that it shows"):
         onto_lines(curves, lines | {"back": lines["back"][:1]})

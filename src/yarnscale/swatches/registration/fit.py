@@ -120,11 +120,12 @@ def fitted(
     views: Sequence[View],
     *,
     pins: dict[int, Array] | None = None,
+    pinned: float = PINNED,
     blurs: Sequence[float] = BLURS,
     progress: Callable[[str], object] | None = None,
 ) -> Fitted:
-    """The curves moved onto the pictures. pins: places (2,) [m] of control points by number, which stay there."""
-    problem = _Problem(drawn, list(views), pins or {}, progress or (lambda text: None))
+    """The curves moved onto the pictures. pins: places (2,) [m] of control points by number."""
+    problem = _Problem(drawn, list(views), pins or {}, pinned, progress or (lambda text: None))
     unknowns = problem.start()
     for blur in blurs:
         unknowns = problem.solved(unknowns, blur * drawn.radius)
@@ -144,6 +145,7 @@ class _Problem:
     drawn: YarnCurves
     views: list[View]
     pins: dict[int, Array]
+    pinned: float
     progress: Callable[[str], object]
 
     def start(self) -> Array:
@@ -230,9 +232,9 @@ class _Problem:
         parts = [bends @ shape.ravel(), KEEP_PLACE * change.ravel(), share * overlap]
         blocks = [bends, KEEP_PLACE * np.eye(n), share * slope * size]
         for point, place in self.pins.items():
-            parts.append(PINNED * (curves.controls[point, :2] - place) / size)
+            parts.append(self.pinned * (curves.controls[point, :2] - place) / size)
             block = np.zeros((2, n))
-            block[[0, 1], [3 * point, 3 * point + 1]] = PINNED
+            block[[0, 1], [3 * point, 3 * point + 1]] = self.pinned
             blocks.append(block)
         rows = np.concatenate(blocks)
         return np.concatenate(parts), np.hstack([rows, np.zeros((len(rows), len(unknowns) - n))])

@@ -14,7 +14,8 @@ from yarnscale.swatches.registration import fit
 from yarnscale.swatches.registration.curves import SAMPLES, YarnCurves
 from yarnscale.swatches.registration.registration import Registration
 
-ROUNDS = 8
+STIFFENING = (0.2, 0.2, 0.3, 0.3, 0.5, 0.5, 1.0, 1.0, 1.0)
+"""Weights of visible points on their nearest lines, round after round: first the yarn as a whole, then its parts."""
 _GRID = 24
 """Places along each period at which a side is tried."""
 _FAR = 2.0
@@ -36,34 +37,36 @@ def onto_lines(drawn: YarnCurves, lines: Mapping[str, Sequence[Array]]) -> Regis
         trees[side] = KDTree(points % period, boxsize=period)
     state = Registration(drawn, {}, 1.0)
     places = {side: _place(state, side, tree) for side, tree in trees.items()}
-    for _ in range(ROUNDS):
+    for number, weight in enumerate(STIFFENING):
         pins = {}
         for side, tree in trees.items():
             seen = np.flatnonzero(state.seen(side)[::SAMPLES])
             here = state.curves.controls[seen, :2] + places[side]
             distance, nearest = tree.query(here % period)
             near = distance < _FAR * radius
-            if near.mean() < LEAST_COVERED:
-                what = f"traced lines of the {side} cover {100 * near.mean():.0f} % of what it shows"
-                raise InputError(what, expected=f"{100 * LEAST_COVERED:.0f} % or more, of one whole period")
+            if number == 0 and near.sum() < max(1.0, LEAST_COVERED * len(near)):
+                what = f"traced lines of the {side} cover {near.sum()} of {len(near)} points that it shows"
+                raise InputError(what, expected=f"{100 * LEAST_COVERED:.0f} % or more, over one whole period")
             away = tree.data[nearest] - here % period
             away -= np.rint(away / period) * period
+            if not near.any():
+                continue
             # What is left of the side's place is common to all points.
             common = away[near].mean(axis=0)
             places[side] = places[side] + common
             targets = state.curves.controls[seen, :2] + away - common
             pins |= {int(point): targets[k] for k, point in enumerate(seen) if near[k]}
-        state = replace(state, curves=fit.fitted(drawn, (), pins=pins, blurs=(0.0,)).curves)
+        state = replace(state, curves=fit.fitted(drawn, (), pins=pins, pinned=weight, blurs=(0.0,)).curves)
     return state
 
 
 def _place(state: Registration, side: str, tree: KDTree) -> Array:
     """Where the curves' origin lies on a side's lines (2,) [m]."""
     curves = state.curves
-    shown = curves.samples[state.seen(side), :2]
+    crests = curves.samples[state.seen(side), :2]
     steps = np.arange(_GRID) / _GRID
     tried = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2) * curves.period
-    distance = tree.query((shown[None] + tried[:, None]) % curves.period)[0]
+    distance = tree.query((crests[None] + tried[:, None]) % curves.period)[0]
     return tried[np.argmin(np.minimum(distance, _FAR * curves.radius).mean(axis=1))]
 
 
