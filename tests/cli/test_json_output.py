@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
 
+from yarnscale.cli import convert, detail, materials, register
 from yarnscale.files.material_json import write_material
+from yarnscale.laboratory.programme import FabricTests
+from yarnscale.motion.run import Run
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.shell.scenes.scene import SceneResult
+from yarnscale.swatches.yarn_estimate import FabricEstimate
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "json_output.md"
 
@@ -26,6 +32,28 @@ def test_every_field_has_a_unit() -> None:
     for row in rows():
         unit = row[-2]
         assert unit and "`" not in unit, row
+
+
+def documented() -> set[str]:
+    return {
+        name
+        for row in rows()
+        for cell in row
+        for name in re.findall(r"\w+", " ".join(re.findall("`(.+?)`", cell)))
+    }
+
+
+@pytest.mark.parametrize(
+    "summary",
+    [
+        FabricEstimate.summary, FabricTests.plain, Run.summary, SceneResult.summary, convert.convert, detail.detail,
+        materials.homogenize, register._report,
+    ],
+    ids=lambda function: function.__qualname__,
+)  # fmt: skip
+def test_what_long_runs_print_is_on_the_page(summary: Callable[..., object]) -> None:
+    names = set(re.findall(r'"(\w+)":', inspect.getsource(summary)))
+    assert names and names <= documented()
 
 
 @pytest.mark.parametrize(
@@ -44,13 +72,13 @@ def test_what_commands_print_is_on_the_page(run, monkeypatch, tmp_path: Path, ar
         tmp_path / "cloth.json",
         OrthotropicMaterial(40.0, 9.0, 25.0, 6.0, bend_weft=4e-6, bend_bias=3e-6, bend_warp=2e-6),
     )
-    documented = {name for row in rows() for name in re.findall(r"`([\w.]+)`", " | ".join(row))}
+    known = documented()
     found = json.loads(run(*arguments.split(), "--json").out)
 
     def check(content: object) -> None:
         if isinstance(content, Mapping):
             for name, value in content.items():
-                assert name in documented
+                assert name in known
                 if name != "energy_parts":
                     check(value)
         elif isinstance(content, list):
