@@ -16,7 +16,7 @@ import numpy as np
 
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.numerics.kernel import BLOCK, Kernel, call_kernel
-from yarnscale.yarn.contact import contact_energy
+from yarnscale.yarn.contact import contact_energy, contact_samples
 from yarnscale.yarn.material import ContactRule
 from yarnscale.yarn.rod import BEND_TWIST, STRETCH, TWO_PHASE_STRETCH
 
@@ -132,8 +132,9 @@ def jax_microseconds(function: Callable, q: np.ndarray, p: np.ndarray, kind: str
 def yarn_table(with_jax: bool) -> None:
     rule = ContactRule()
     contacts = [
-        contact_energy(kernel, rule.quadrature_points, rule.quadrature_weights)
+        contact_energy(kernel, contact_samples(rule, polyline=polyline))
         for kernel in ("hylc2020", "est2022")
+        for polyline in (True, False)
     ]
     beside = jax_functions() if with_jax else {}
     print(f"{'µs per element':28}{'operations':>12}{'kernel':>10}{'target':>10}{'JAX':>10}")

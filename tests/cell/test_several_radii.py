@@ -58,7 +58,7 @@ def test_yarns_touch_at_the_sum_of_their_radii() -> None:
 @pytest.mark.parametrize("rule", [ContactRule(), ContactRule("est2022")])
 def test_sensitivities_follow_each_radius(rule: ContactRule) -> None:
     material = replace(WOOL, contact=rule)
-    pattern = woven()
+    pattern = woven(vertices_per_stitch=6)
     state = PeriodicCell(pattern, material).with_options(tolerance=1e-10).relax(ShellStrain(s_x=0.05))
     found = PeriodicCell(pattern, material).sensitivities(state)
     for name in ("young_modulus", "bending_scale"):

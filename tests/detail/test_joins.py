@@ -155,7 +155,7 @@ def test_where_patterns_do_not_meet_smooth_bridges_join_the_ends_one_to_one(
     if turn == 0.0:
         # Half a course and a third of a wale out of step: nothing may be aligned.
         tilings = Tilings(np.array([[0.0, 0.0], [0.0, 0.0]]), np.ones((2, 2)))
-        tilings.origin[1] = [0.5 + 0.3 * pattern.period[0], 0.4 * pattern.period[1]]
+        tilings.origin[1] = [0.5 + 0.35 * pattern.period[0], 0.4 * pattern.period[1]]
         layout = sewn_layout(pattern, mesh, tilings)
     else:
         layout = sewn_layout(pattern, mesh)
@@ -174,7 +174,7 @@ def test_where_patterns_do_not_meet_smooth_bridges_join_the_ends_one_to_one(
     first, second = segments(layout)
     lengths = np.linalg.norm(points[first] - points[second], axis=1)
     assert lengths.max() < 1.5 * pattern.rest_length.max()
-    # The pattern itself turns by up to 0.58 at a vertex.
+    # The pattern itself turns by up to 0.63 at a vertex.
     assert bends(layout, points).max() < 1.0
 
 

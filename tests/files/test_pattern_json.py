@@ -161,10 +161,13 @@ def flat_directors(vertices: np.ndarray, pattern) -> np.ndarray:
 def test_reading_by_name_suffix_or_content(tmp_path: Path) -> None:
     pattern = build("garter")
     for suffix in (".pyp", ".json"):
+        kept = replace(pattern, polyline=suffix == ".pyp")
         write_pattern(pattern, tmp_path / f"p{suffix}")
-        assert read_pattern(tmp_path / f"p{suffix}").content_hash() == pattern.content_hash()
+        assert read_pattern(tmp_path / f"p{suffix}").content_hash() == kept.content_hash()
         (tmp_path / "bare").write_bytes((tmp_path / f"p{suffix}").read_bytes())
-        assert read_pattern(tmp_path / "bare").content_hash() == pattern.content_hash()
+        assert read_pattern(tmp_path / "bare").content_hash() == kept.content_hash()
+    write_pattern(replace(pattern, polyline=True), tmp_path / "p.json")
+    assert read_pattern(tmp_path / "p.json").polyline
     assert read_pattern("garter").content_hash() == pattern.content_hash()
 
 

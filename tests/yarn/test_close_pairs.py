@@ -270,7 +270,7 @@ def test_arc_lengths_begin_anew_with_every_yarn() -> None:
     start, total = Strands.of(pattern, (1, 1)).arc_lengths(pattern.rest_length)
     for number, chain in enumerate(pattern.yarns):
         np.testing.assert_allclose(
-            start[chain], np.cumsum(pattern.rest_length[chain]) - pattern.rest_length[chain]
+            start[chain], np.cumsum(pattern.rest_length[chain]) - pattern.rest_length[chain], atol=1e-12
         )
         assert total[number] == pytest.approx(pattern.rest_length[chain].sum())
 

@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.numerics.kernel import run_columns
-from yarnscale.yarn.frames import material_curvature, parallel_transport, reference_twist
+from yarnscale.yarn.frames import (
+    GAUSS_POINTS,
+    curve_length,
+    material_curvature,
+    parallel_transport,
+    reference_twist,
+)
 from yarnscale.yarn.rod import ANCHORS, BEND_TWIST, STRETCH, TWO_PHASE_STRETCH, carried_frames
 
 
@@ -17,12 +23,14 @@ def values(energy: StencilEnergy, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def edges(count: int, seed: int = 0) -> np.ndarray:
-    """Edges strained by −0.4 … 0.6 of a rest length 1.3."""
+    """Edges strained by −0.4 … 0.6 of a rest length 1.3, where they go on straight; those beside them are random."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=(count, 3))
     direction *= (1.3 * np.linspace(0.6, 1.6, count) / np.linalg.norm(direction, axis=1))[:, None]
     start = rng.normal(size=(count, 3))
-    return np.concatenate([start, start + direction], axis=1)
+    beside = 0.7 * rng.normal(size=(2, count, 3))
+    ends = [start, start + direction, start + beside[0], start + direction + beside[1]]
+    return np.concatenate(ends, axis=1)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -50,11 +58,12 @@ def joints(count: int, seed: int = 0, *, bend: float = 1.0) -> tuple[np.ndarray,
 
 
 def two_phase_parameters(count: int) -> np.ndarray:
-    return np.tile([1.3, 2.0, 50.0, 0.15], (count, 1))
+    return np.tile([1.3, 2.0, 50.0, 0.15, 0.0, 0.0], (count, 1))
 
 
 CASES = {
-    "stretch": (STRETCH, edges(37), np.tile([1.3, 4.0], (37, 1))),
+    "stretch": (STRETCH, edges(37), np.tile([1.3, 4.0, 0.0, 0.0], (37, 1))),
+    "bent edges": (STRETCH, edges(37), np.tile([1.3, 4.0, 1.0, 1.0], (37, 1))),
     "two phases": (TWO_PHASE_STRETCH, edges(37), two_phase_parameters(37)),
     "bend and twist": (BEND_TWIST, *joints(40)),
     "nearly straight": (BEND_TWIST, *joints(40, 1, bend=1e-3)),
@@ -90,7 +99,7 @@ def test_parameter_derivatives_against_differences(case: str) -> None:
     names = ANCHORS if energy is BEND_TWIST else tuple(energy.parameters)
     if case == "two phases":
         # Away from the kinks, across which a central difference averages.
-        strain = np.linalg.norm(q[:, 3:] - q[:, :3], axis=1) / 1.3 - 1
+        strain = np.linalg.norm(q[:, 3:6] - q[:, :3], axis=1) / 1.3 - 1
         clear = (np.abs(strain) > 1e-3) & (np.abs(strain - 0.15) > 1e-3)
         q, p = q[clear], p[clear]
     columns = np.concatenate([np.arange(p.shape[1])[energy.parameter_rows(name)] for name in names])
@@ -108,17 +117,33 @@ def test_parameter_derivatives_against_differences(case: str) -> None:
 
 
 def test_stretch_is_half_k_l_strain_squared() -> None:
-    q, p = edges(11), np.tile([1.3, 4.0], (11, 1))
+    q, p = edges(11), np.tile([1.3, 4.0, 0.0, 0.0], (11, 1))
     expected = 0.5 * 4.0 * 1.3 * np.linspace(-0.4, 0.6, 11) ** 2
     np.testing.assert_allclose(values(STRETCH, q, p), expected, rtol=1e-12, atol=1e-30)
+
+
+def test_a_ring_through_its_gauss_points_is_not_strained() -> None:
+    """A polygon of n edges has the length of the circle through the Gauss points of its edges."""
+    for count in (6, 8, 12, 30):
+        angle = 2 * np.pi * np.arange(count) / count
+        ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+        place = (1 - GAUSS_POINTS[0]) * ring[0] + GAUSS_POINTS[0] * ring[1]
+        length = 2 * np.pi * np.linalg.norm(place) / count
+        q = np.concatenate([np.roll(ring, turn, axis=0) for turn in (0, -1, 1, -2)], axis=1)
+        energy = values(STRETCH, q, np.tile([length, 1.0, 1.0, 1.0], (count, 1)))
+        np.testing.assert_allclose(np.sqrt(2 * energy / length), 0, atol=8 / count**6)
+        around = np.arange(count)
+        lengths = curve_length(np.roll(ring, -1, axis=0) - ring, (around - 1) % count, (around + 1) % count)
+        np.testing.assert_allclose(lengths, length, rtol=30 / count**6)
 
 
 def test_the_two_phases_are_the_published_formula() -> None:
     """EST22 eq. 5, branch by branch."""
     soft, stiff, knee, length = 2.0, 50.0, 0.15, 1.3
     strain = np.array([-0.3, -0.01, 0.0, 0.01, 0.1, 0.15, 0.16, 0.5])
-    q = np.zeros((len(strain), 6))
+    q = np.zeros((len(strain), 12))
     q[:, 4] = length * (1 + strain)
+    q[:, 7], q[:, 10] = -1.0, 9.0
     expected = [
         0.5 * length * stiff * e**2
         if e <= 0
@@ -133,8 +158,9 @@ def test_the_two_phases_are_the_published_formula() -> None:
 
 @pytest.mark.parametrize("kink", [0.0, 0.15])
 def test_energy_and_force_of_the_two_phases_are_continuous(kink: float) -> None:
-    q = np.zeros((2, 6))
+    q = np.zeros((2, 12))
     q[:, 3] = 1.3 * (1 + kink + np.array([-1e-9, 1e-9]))
+    q[:, 6], q[:, 9] = -1.0, 9.0
     value, gradient, lower = run_columns(TWO_PHASE_STRETCH.hessian, q, two_phase_parameters(2))
     assert abs(value[1, 0] - value[0, 0]) < 1e-8
     assert np.abs(gradient[1] - gradient[0]).max() < 1e-6

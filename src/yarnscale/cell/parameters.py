@@ -84,7 +84,7 @@ def _summed(energy: CellEnergy, columns: Array, kind: Integers | None = None) ->
 
 def _stretch(energy: CellEnergy, full: Array, by_length: Array) -> Array:
     """Derivatives by (k_s1, k_s2, ε̄) of each material (materials, 3); adds those by rest lengths."""
-    names = tuple(energy.rods.stretch.energy.parameters)
+    names = tuple(name for name in energy.rods.stretch.energy.parameters if name != "turns")
     found = energy.rods.stretch.by_parameters(full, names)
     by_length += found[:, 0]
     columns = np.zeros((energy.count, 3))

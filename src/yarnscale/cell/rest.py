@@ -61,7 +61,7 @@ def settled(
     material: Materials,
     *,
     setting: float = SETTING,
-    shortening: float = 0.05,
+    shortening: float = 0.06,
     progress: Progress | None = None,
     watch: Watch | None = None,
 ) -> RestShape:

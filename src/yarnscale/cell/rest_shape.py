@@ -75,15 +75,14 @@ def set_as_drawn(pattern: YarnPattern, *, share: float = 1.0, lengths: bool = Tr
     what they are to what the drawing has.
     """
     edge = pattern.edge_vectors()
-    length = np.linalg.norm(edge, axis=1)
-    tangent = edge / length[:, None]
+    tangent = unit(edge)
     previous = pattern.previous_vertex
     director = upright(pattern.reference_director, tangent)
     curvature = material_curvature(tangent, director, pattern.twist, previous)
     twist = pattern.twist - pattern.twist[previous] + pattern.reference_twist
     rest_length = pattern.rest_length
     if lengths:
-        rest_length = rest_length + share * (length - rest_length)
+        rest_length = rest_length + share * (pattern.drawn_length - rest_length)
     return replace(
         pattern,
         rest_length=rest_length,

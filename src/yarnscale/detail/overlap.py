@@ -9,10 +9,8 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
-from yarnscale.yarn.strands import Strands
+from yarnscale.yarn.strands import Neighbours, Strands
 
-NEIGHBOURS = 3
-"""Segments at most so many edges apart along a yarn are no pair, as in the contact of the cell."""
 SAME_STITCH = 2.5
 """Segments closer than so many periods in the fabric belong to neighbouring stitches, others to layers of cloth."""
 
@@ -33,7 +31,8 @@ class Overlap:
         layout, diameter = detail.layout, 2.0 * detail.radius
         # Where a yarn closes, its ends are no neighbours.
         strands = Strands.finite(layout.offsets, np.zeros(len(layout.yarn), bool))
-        first, second = close_pairs(strands, curves, diameter, neighbours=NEIGHBOURS)
+        neighbours = Neighbours.by_length(strands, detail.table.pattern.rest_length[layout.vertex], diameter)
+        first, second = close_pairs(strands, curves, diameter, neighbours=neighbours)
         gaps = pair_gaps(curves, strands.ends, first, second) / diameter
         spans = np.abs(layout.material[first] - layout.material[second])
         same = (spans < SAME_STITCH * detail.table.pattern.period).all(axis=1)

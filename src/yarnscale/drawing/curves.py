@@ -6,12 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from yarnscale.errors import InputError
-from yarnscale.yarn.frames import carried_along, material_curvature, reference_twist, upright
+from yarnscale.yarn.frames import (
+    GAUSS_POINTS,
+    carried_along,
+    curve_length,
+    material_curvature,
+    reference_twist,
+    upright,
+)
 from yarnscale.yarn.pattern import YarnPattern
 
 REST_SHAPES = ("straight", "current")
+DENSITY = 16
+"""Points of a smooth curve for each vertex."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +46,43 @@ class PeriodicCurve:
 
     def resampled(self, count: int, period: np.ndarray) -> PeriodicCurve:
         """`count` points at equal distances along this (densely sampled) line, beginning at the first."""
+        return PeriodicCurve(self._points_at(np.arange(count) / count, period), self.shift)
+
+    def vertices(self, count: int, period: np.ndarray) -> PeriodicCurve:
+        """`count` vertices of a yarn along this (densely sampled) line, a little outside of its bends.
+
+        The polygon of them is the nearest one to the line: its Gauss points, where smooth yarns touch (theory §1), lie
+        on the line.
+        """
+        place = np.arange(count) / count
+        lap = np.array([*(np.asarray(self.shift) * period), 0.0])
+        nearest = np.zeros((count, 3))
+        for share in GAUSS_POINTS:
+            wave = self._points_at(place + share / count, period) - np.outer(place, lap)
+            nearest += (1.0 - share) * wave + share * np.roll(wave - lap / count, 1, axis=0)
+        # Normal equations: a vertex has 4/3 of itself and 1/3 of either neighbour.
+        size = (4.0 + 2.0 * np.cos(2.0 * np.pi * np.arange(count // 2 + 1) / count)) / 3.0
+        wave = np.fft.irfft(np.fft.rfft(nearest, axis=0) / size[:, None], count, axis=0)
+        return PeriodicCurve(wave + np.outer(place, lap), self.shift)
+
+    def smooth(self, period: np.ndarray) -> PeriodicCurve:
+        """The curve of a yarn with its vertices at these points, densely sampled."""
+        edge = np.diff(self.closed(period), axis=0)
+        points = self.points + (edge - np.roll(edge, 1, axis=0)) / 12.0
+        points = PeriodicCurve(points, self.shift).closed(period)
+        knots = np.arange(len(points))
+        lap, last = points[-1] - points[0], knots[-1]
+        wave = points - np.outer(knots / last, lap)
+        wave[-1] = wave[0]
+        at = np.arange(DENSITY * last) / DENSITY
+        dense = CubicSpline(knots, wave, bc_type="periodic")(at)
+        return PeriodicCurve(dense + np.outer(at / last, lap), self.shift)
+
+    def _points_at(self, places: np.ndarray, period: np.ndarray) -> np.ndarray:
+        """Points at places (k,) along the line, from 0 to 1, shape (k, 3) [m]."""
         points = self.closed(period)
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        at = np.arange(count) * along[-1] / count
-        return PeriodicCurve(np.stack([np.interp(at, along, points[:, k]) for k in range(3)], 1), self.shift)
+        return np.stack([np.interp(places * along[-1], along, points[:, k]) for k in range(3)], 1)
 
 
 def pattern_from_curves(
@@ -55,7 +98,7 @@ def pattern_from_curves(
 ) -> YarnPattern:
     """A pattern whose yarns have their vertices at the points of the curves.
 
-    Rest lengths are the present edge lengths times `rest_length_scale`. The rest curvature is zero
+    Rest lengths are those of the smooth curve times `rest_length_scale`. The rest curvature is zero
     (``rest_shape="straight"``) or the present one (``"current"``), and so is the rest twist. Reference
     directors are transported along each yarn; the angle that remains where the yarn closes is the reference twist of
     that joint, and the twist angles distribute it evenly along the yarn. yarn_material: number of each curve's
@@ -77,12 +120,11 @@ def pattern_from_curves(
     counts = np.array([len(curve.points) for curve in curves])
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     edges = _edges(starts, counts, [curve.shift for curve in curves])
+    edge = np.concatenate([np.diff(curve.closed(period), axis=0) for curve in curves])
     tangents = [_tangents(curve, period) for curve in curves]
     director = np.concatenate([_transported_directors(tangent) for tangent in tangents])
     tangent = np.concatenate(tangents)
-    length = np.concatenate(
-        [np.linalg.norm(np.diff(curve.closed(period), axis=0), axis=1) for curve in curves]
-    )
+    length = np.linalg.norm(edge, axis=1)
     previous = np.empty(len(edges), dtype=np.int64)
     previous[edges[:, 1]] = edges[:, 0]
     joint_twist = reference_twist(tangent, director, previous)
@@ -98,7 +140,7 @@ def pattern_from_curves(
         vertices=np.concatenate([curve.points for curve in curves]),
         twist=twist,
         edges=edges,
-        rest_length=length * rest_length_scale,
+        rest_length=curve_length(edge, previous, edges[:, 1]) * rest_length_scale,
         rest_curvature=curvature if bent else np.zeros((len(edges), 2)),
         rest_twist=twist - twist[previous] + joint_twist if bent else np.zeros(len(edges)),
         reference_director=director,

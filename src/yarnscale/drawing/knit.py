@@ -39,7 +39,7 @@ from yarnscale.drawing.stitches import StitchChart, signs
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
 
-SAMPLES_PER_STITCH = 400
+SAMPLES_PER_STITCH, FINE = 400, 60
 MOST_STITCHES = 1024
 """Stitches that are drawn schematically."""
 PLATING = 0.45
@@ -118,9 +118,11 @@ def knit(
         )
         if shaped or loop.interlocks(course):
             dense = _classical_curves(signs(chart), loop, course, 1.4 if thickness is None else thickness)
-            pattern = assembled(_sampled(dense, period, chart.wales, vertices_per_stitch))
-            if shaped or has_room(pattern):
-                return check_drawn(pattern)
+            # Corners of coarsely cut yarns come nearer than the yarns do.
+            fine = assembled(_sampled(dense, period, chart.wales, FINE))
+            if shaped or has_room(fine):
+                check_drawn(fine)
+                return assembled(_sampled(dense, period, chart.wales, vertices_per_stitch))
     return check_drawn(
         assembled(
             _swollen_curves(chart, kinds, relative, period, thickness or 1.1, tightness, vertices_per_stitch)
@@ -146,7 +148,7 @@ def _sampled(
 ) -> list[PeriodicCurve]:
     counts = [vertex_count(curve.length(period), wales, per_stitch, 1.0) for curve in curves]
     drawable(sum(counts))
-    return [curve.resampled(count, period) for curve, count in zip(curves, counts, strict=True)]
+    return [curve.vertices(count, period) for curve, count in zip(curves, counts, strict=True)]
 
 
 def _swollen_curves(

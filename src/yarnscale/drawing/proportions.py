@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -50,8 +49,7 @@ def _unusual(pattern: YarnPattern) -> Iterator[str]:
     if cover < _OPEN:
         # Neighbouring parts of one yarn are always close.
         reach = 3.0 * _FAR_APART * radius
-        own = math.ceil(reach / float(np.median(pattern.rest_length)))
-        apart = closest_approach(pattern, within=reach, neighbours=own).distance / (2.0 * radius)
+        apart = closest_approach(pattern, within=reach, own=reach).distance / (2.0 * radius)
         found = f"{sizes}; centre lines are {apart:.3g} diameters apart or more"
         if apart > _FAR_APART and not _parallel(pattern):
             raise InputError("radius of the yarn", expected="yarns that touch each other", found=found)

@@ -17,7 +17,7 @@ import numpy as np
 from yarnscale.arrays import Array, Integers
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.close_pairs import close_pairs, nearest_places, safe_fraction
-from yarnscale.yarn.strands import Strands
+from yarnscale.yarn.strands import Neighbours, Strands
 
 _JIT = {"cache": True, "error_model": "numpy"}
 
@@ -31,8 +31,6 @@ STEP_LIMIT = 0.1
 GAP_SHARE = 0.4
 AT_REST = 1e-3
 """Largest force at which the motion ends."""
-NEIGHBOUR_ARC = 3.5
-"""Segments of one yarn repel each other when so much length lies between them [r]."""
 
 
 @dataclass(frozen=True)
@@ -69,18 +67,23 @@ def swollen(
     wanted = [tightness * curve.length(period) for curve in curves]
     reached = FIRST_DIAMETER
     for number, stage in enumerate(stages):
-        last = number == len(stages) - 1
         edge = min(stage.edge, finest) if number == 0 else stage.edge
         sizes = [
             max(3, round(curve.length(period) / (edge * min(radius, 1.0))))
             for curve, radius in zip(curves, radii, strict=True)
         ]
-        if last and counts is not None:
-            sizes = list(counts)
+        if counts is not None and number == len(stages) - 1:
+            # Where yarns are cut more coarsely than that, corners need the room.
+            sizes = [min(size, count) for size, count in zip(sizes, counts, strict=True)]
         curves = [curve.resampled(size, period) for curve, size in zip(curves, sizes, strict=True)]
         curves = _stage(curves, period, wanted, reached, stage, radii)
         reached = stage.diameter
-    return curves
+    if counts is None:
+        return curves
+    return [
+        curve if len(curve.points) == count else curve.smooth(period).vertices(count, period)
+        for curve, count in zip(curves, counts, strict=True)
+    ]
 
 
 def _stage(
@@ -99,7 +102,7 @@ def _stage(
     reach = stage.diameter * float(radii.max()) + SKIN
     strands = Strands.around(pattern, reach + 2.0 * float(rest.max()))
     offset = strands.copies(np.zeros((1, 3)), period)
-    arc = max(3, int(np.ceil(NEIGHBOUR_ARC / (rest / share).min())))
+    neighbours = Neighbours.by_length(strands, rest, stage.diameter * share)
     edge_end, tile = pattern.edges[:, 1], np.zeros((n, 3))
     tile[:, :2] = pattern.edges[:, 2:] * period
 
@@ -113,7 +116,7 @@ def _stage(
         diameter = reached + grown * (stage.diameter - reached)
         if step == 0 or np.abs(x - listed_at).max() > 0.25 * SKIN:
             listed_at = x.copy()
-            pairs = close_pairs(strands, strands.copies(x, period), reach, neighbours=arc)
+            pairs = close_pairs(strands, strands.copies(x, period), reach, neighbours=neighbours)
             near = _Near.of(x, offset, strands, pairs)
         copies = x[near.source] + near.offset
         _forces(

@@ -77,7 +77,7 @@ def weave(
         for curve, crossings, share in zip(curves, [ends] * picks + [picks] * ends, relative, strict=True)
     ]
     drawable(sum(counts))
-    sampled = [curve.resampled(count, period) for curve, count in zip(curves, counts, strict=True)]
+    sampled = [curve.vertices(count, period) for curve, count in zip(curves, counts, strict=True)]
     level = np.concatenate([curve.points for curve in sampled])[:, 2].mean()
     centred = [PeriodicCurve(curve.points - [0.0, 0.0, level], curve.shift) for curve in sampled]
     pattern = pattern_from_curves(

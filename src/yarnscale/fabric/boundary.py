@@ -19,6 +19,7 @@ from yarnscale.errors import positive
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.stiffness import PatternStiffness
 
 WIDTH = 3.0
 """Width of a glued border [radii]: its outermost yarn and the yarns that it touches."""
@@ -98,9 +99,8 @@ def glue(
         if value is not None:
             positive(f"{name} of glue", value)
     inside = (border_distance(sheet) if distance is None else distance) >= width
-    first, second = close_pairs(
-        sheet.strands, sheet.vertices / sheet.radius, reach, neighbours=material.contact.neighbours
-    )
+    neighbours = PatternStiffness.of(sheet, material).neighbours(sheet.strands)
+    first, second = close_pairs(sheet.strands, sheet.vertices / sheet.radius, reach, neighbours=neighbours)
     ends = sheet.following
     strengths = np.where(looped(sheet, first, second), LOOPED, CROSSING)
     if stiffness is not None:

@@ -73,9 +73,10 @@ class FabricEnergy(RodEnergy):
             [
                 self.springs.rest_length / self.radius,
                 self.springs.stiffness * self.springs.rest_length / self.force_unit,
+                np.zeros((len(self.springs.pairs), 2)),
             ]
         )
-        self.glue = StencilSet(STRETCH, position_variables(self.springs.pairs), ties, 2)
+        self.glue = StencilSet(STRETCH, position_variables(self.springs.pairs[:, [0, 1, 1, 0]]), ties, 4)
         self._friction = no_friction()
         self.set_others(self.glue, self._friction)
         self._ties: tuple[PlacedPairs, Array] | None = None
@@ -129,13 +130,14 @@ class FabricEnergy(RodEnergy):
 
     def ties(self, x: Array) -> Array:
         """Entries of a matrix that resists motion of yarns against each other, at the yarn's stiffness in tension."""
-        pairs, block, slots = self.placed(x)
+        pairs, block, _ = self.placed(x)
         if self._ties is None or self._ties[0] is not pairs:
             stiffness = float(self.stiffness.position_scale().mean())
             entries, idle = np.zeros(block.pattern.entries), np.zeros(len(x))
+            edges = self.stretch.variables[:, :6]
             for energy, variables, own in (
                 (TIED_PAIR, pairs.stencils.variables, pairs.slots),
-                (TIED_EDGE, self.stretch.variables, slots[0]),
+                (TIED_EDGE, edges, block.slots(edges)),
             ):
                 vectors = energy.variable_count // 3
                 stencils = StencilSet(energy, variables, np.full((len(variables), 1), stiffness), vectors)
@@ -199,6 +201,8 @@ class FabricEnergy(RodEnergy):
             values, force, _ = stencils.elements(x)
             corners = stencils.variables[:, : 3 * stencils.vectors : 3] // 3
             places, nodes = self.positions(x)[corners], corners[:, 1:2] if corners.shape[1] == 3 else corners
+            if stencils in (self.stretch, self.glue):
+                nodes = corners[:, :2]
             push = force[:, : 3 * stencils.vectors].reshape(places.shape)
             pull = np.einsum("nai,naj->nij", push, places - places[:, :1])
             np.add.at(energies, nodes, values[:, None] / nodes.shape[1])

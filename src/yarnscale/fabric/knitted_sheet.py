@@ -185,5 +185,5 @@ def _assembled(pattern: YarnPattern, yarns: list[tuple[Strand, int]], columns: i
     rest[begin[back]] = pattern.rest_length[there[back]]
     return replace(
         sheet, rest_length=rest, source=whole.source, tile=whole.tile, area=size[0] * size[1], size=size,
-        yarn_material=np.array([kind for _, kind in yarns], np.int64),
+        yarn_material=np.array([kind for _, kind in yarns], np.int64), polyline=pattern.polyline,
     )  # fmt: skip

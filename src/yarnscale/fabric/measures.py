@@ -8,12 +8,10 @@ from yarnscale.arrays import Array
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
-from yarnscale.yarn.strands import Strands
+from yarnscale.yarn.strands import Neighbours, Strands
 
 _SPACING = 0.2
 """Length of the segments sampled on a yarn [radii]: a distance of 2 r is found to 0.1 %."""
-_TURN = 2.5
-"""Distance along a yarn within which it is not its own neighbour [diameters]."""
 
 
 def penetration(fabric: SplineFabric, control: Array) -> float:
@@ -26,11 +24,10 @@ def penetration(fabric: SplineFabric, control: Array) -> float:
     lines = fabric.lines(control, per_segment)
     points, reach = lines.reshape(-1, 3), 2.0 * fabric.radius
     strands = Strands.finite(lines.shape[1] * np.arange(len(lines) + 1), np.zeros(len(lines), bool))
-    first, second = close_pairs(strands, points, reach, neighbours=1)
-    place = strands.arc_lengths(np.linalg.norm(points[strands.ends] - points, axis=1))[0]
-    met = strands.yarn[first] != strands.yarn[second]
-    met |= np.abs(place[first] - place[second]) > _TURN * reach
-    gaps = pair_gaps(points, strands.ends, first[met], second[met])
+    lengths = np.linalg.norm(points[strands.ends] - points, axis=1)
+    neighbours = Neighbours.by_length(strands, lengths, reach)
+    first, second = close_pairs(strands, points, reach, neighbours=neighbours)
+    gaps = pair_gaps(points, strands.ends, first, second)
     return 1.0 - float(gaps.min(initial=reach)) / reach
 
 

@@ -34,6 +34,7 @@ class YarnSheet:
     source: (n,) vertex of the pattern, −1 of yarns that were added to it. tile: (n, 2) copy of the pattern.
     yarn_radius: (c,) radius of each yarn [m], None where all have ``radius``, which is the largest.
     yarn_material: (c,) number of each yarn's material. area: of the fabric at rest [m²]. name: a label.
+    polyline: as in ``YarnPattern``.
     """
 
     vertices: Array
@@ -54,6 +55,7 @@ class YarnSheet:
     name: str = "sheet"
     size: tuple[float, float] = field(default=(0.0, 0.0))
     yarn_radius: Array | None = None
+    polyline: bool = False
 
     # --- topology -------------------------------------------------------------------------------------
 
@@ -164,6 +166,7 @@ class YarnSheet:
             reference_twist=pattern.reference_twist[vertex], radius=pattern.radius, yarn=yarn, source=vertex,
             tile=tile, yarn_material=pattern.yarn_material[yarn], area=0.0, name=pattern.name,
             yarn_radius=None if pattern.yarn_radius is None else pattern.yarn_radius[yarn],
+            polyline=pattern.polyline,
         )  # fmt: skip
 
     @classmethod

@@ -29,7 +29,7 @@ TABLES = {
     "reference_twist": 1,
 }
 """Field -> numbers per row; every table has one row per vertex."""
-OPTIONAL = ("yarn_material", "yarn_radius", "materials")
+OPTIONAL = ("yarn_material", "yarn_radius", "materials", "polyline")
 FIELDS = ("format", "version", "name", "units", "period", "radius", *TABLES)
 
 
@@ -81,6 +81,8 @@ def write_pattern_json(
         content["yarn_material"] = pattern.yarn_material.tolist()
     if pattern.yarn_radius is not None:
         content["yarn_radius"] = pattern.yarn_radius.tolist()
+    if pattern.polyline:
+        content["polyline"] = True
     if yarns is not None:
         content["materials"] = [asdict(material) for material in materials_of(pattern, yarns)]
     write_json(path, content)
@@ -104,4 +106,5 @@ def _pattern(document: Fields) -> YarnPattern:
     return YarnPattern(
         **tables, edges=document.integers("edges", shape=(count, 4)), period=document.numbers("period", shape=(2,)),
         radius=document.number("radius"), name=document.text("name"),
+        polyline=document.flag_or("polyline", False),
     )  # fmt: skip

@@ -208,6 +208,7 @@ def _assemble(path: Path, blocks: dict[str, _Block]) -> YarnPattern:
             period=period,
             radius=radius,
             name=path.stem,
+            polyline=True,
         )
     except InputError as error:
         field, row = re.match(r"(\w*)(?:\[(\d+)\])?", error.what).groups()  # type: ignore[union-attr]

@@ -20,7 +20,7 @@ from yarnscale.errors import InputError, positive
 from yarnscale.kinematics import ShellStrain
 from yarnscale.swatches.construction import Stitches
 from yarnscale.swatches.measurements import LENGTH
-from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
+from yarnscale.yarn.close_pairs import close_pairs, pair_gaps, yarn_between
 from yarnscale.yarn.material import ContactRule, StretchRule, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.strands import Strands
@@ -47,8 +47,6 @@ knits end too and fail."""
 PUBLISHED_CONTACT = 1e2
 LARGEST_ASPECT = 3.0
 LARGEST_SHORTENING = 0.15
-_NEIGHBOURS = 3
-"""Segments of one yarn at most this many edges apart do not count as touching."""
 ITERATIONS, TOLERANCE = 150, 1e-8
 """Of equilibria: loose yarns change their stress long after forces are small, which differences would feel."""
 TWIST_SHARE = 0.8
@@ -180,7 +178,7 @@ def yarn_model(
 
 def drawn_length(pattern: YarnPattern) -> float:
     """Length of all yarns in one period of a drawing [m]."""
-    return float(np.linalg.norm(pattern.edge_vectors(), axis=1).sum())
+    return float(pattern.drawn_length.sum())
 
 
 def reshaped(pattern: YarnPattern, aspect: float) -> YarnPattern:
@@ -218,7 +216,10 @@ def _nearest(pattern: YarnPattern, reach: float) -> Array:
     """Distance of each segment to the nearest other one, infinite beyond ``reach``, (n,) [m]."""
     strands = Strands.around(pattern, reach + float(np.linalg.norm(pattern.edge_vectors(), axis=1).max()))
     nodes = strands.copies(pattern.vertices, pattern.period)
-    first, second = close_pairs(strands, nodes, reach, neighbours=_NEIGHBOURS, ordered=True)
+    first, second = close_pairs(strands, nodes, reach, neighbours=1, ordered=True)
+    gaps = pair_gaps(nodes, strands.ends, first, second)
+    # Where yarns touch at this distance, those of one yarn that count are so far apart along it (``Neighbours``).
+    touching = yarn_between(strands, pattern.rest_length, first, second) >= 0.5 * np.pi * gaps
     nearest = np.full(len(pattern.edges), np.inf)
-    np.minimum.at(nearest, first, pair_gaps(nodes, strands.ends, first, second))
+    np.minimum.at(nearest, first[touching], gaps[touching])
     return nearest

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.strands import Strands
+from yarnscale.yarn.strands import Neighbours, Strands
 
 THROUGH_EACH_OTHER = 0.05
 """Centre lines closer than this share of the diameter count as intersecting yarns."""
@@ -32,25 +31,24 @@ class ClosestApproach:
 
 
 def closest_approach(
-    pattern: YarnPattern, *, within: float | None = None, neighbours: int = 3
+    pattern: YarnPattern, *, within: float | None = None, own: float | None = None
 ) -> ClosestApproach:
     """The smallest distance between centre lines of segments that are not neighbours along a yarn.
 
-    All periodic images within `within` [m] (default: four radii) are searched. Segments of one yarn are neighbours if
-    at most `neighbours` edges or less than half the circumference of a circle of the yarn's radius apart along it.
+    All periodic images within `within` [m] (default: four radii) are searched. Segments of one yarn are neighbours
+    if they would be where yarns touch at the distance `own` [m] (default: their diameter; see ``Neighbours``).
     Raises InputError if the pattern is too crowded to be searched.
     """
     within = 4.0 * pattern.radius if within is None else within
-    wrapped = pattern.wrapped()
+    wrapped, share = pattern.wrapped(), pattern.relative_radius
     edge = np.linalg.norm(pattern.edge_vectors(), axis=1)
     strands = Strands.around(wrapped, within + float(edge.max()))
     nodes = strands.copies(wrapped.vertices, wrapped.period)
+    distance = 2.0 * pattern.radius * share if own is None else own
+    neighbours = Neighbours.by_length(strands, pattern.rest_length, distance)
     first, copy = close_pairs(strands, nodes, within, neighbours=neighbours)
     second, tile = copy % strands.count, strands.tiles[copy // strands.count]
-    radius = 0.5 * (pattern.relative_radius[first] + pattern.relative_radius[second])
-    distance = pair_gaps(nodes, strands.ends, first, copy) / radius
-    bend = np.pi * pattern.radius * pattern.relative_radius[first]
-    distance[_arc_between(wrapped, strands, first, second, tile) < bend] = np.inf
+    distance = 2.0 * pair_gaps(nodes, strands.ends, first, copy) / (share[first] + share[second])
     if distance.min(initial=np.inf) > within:
         return ClosestApproach(np.inf)
     best = int(np.argmin(distance))
@@ -79,22 +77,3 @@ def check_clearance(
             found=f"{approach.distance / diameter:.2g} diameters ({approach.distance:.2g} m)",
         )
     return approach
-
-
-def _arc_between(
-    pattern: YarnPattern, strands: Strands, first: Integers, second: Integers, tile: Integers
-) -> Array:
-    """Rest length between segments and copies of segments along their yarn (m,) [m]; inf on different yarns."""
-    yarn, shift = strands.yarn[first], strands.shift[strands.yarn[first]]
-    start, period = strands.arc_lengths(pattern.rest_length)
-    # Periods of the yarn that lead to this copy: tile_first + tile = tile_second + periods * shift.
-    wanted = strands.walked[first] + tile - strands.walked[second]
-    periods = np.rint((wanted * shift).sum(axis=1) / np.maximum((shift * shift).sum(axis=1), 1)).astype(
-        np.int64
-    )
-    middle = start + 0.5 * pattern.rest_length
-    arc = np.abs(middle[second] + periods * period[yarn] - middle[first])
-    ring = (shift == 0).all(axis=1)
-    arc[ring] = np.minimum(arc, period[yarn] - arc)[ring]
-    same = (yarn == strands.yarn[second]) & (periods[:, None] * shift == wanted).all(axis=1)
-    return np.where(same, arc - 0.5 * (pattern.rest_length[first] + pattern.rest_length[second]), np.inf)

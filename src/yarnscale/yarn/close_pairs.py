@@ -7,7 +7,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
-from yarnscale.yarn.strands import Strands
+from yarnscale.yarn.strands import Neighbours, Strands
 
 _JIT = {"cache": True, "error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 LARGEST_PAIRS = 1 << 27
@@ -20,24 +20,27 @@ def close_pairs(
     nodes: Array,
     reach: float,
     *,
-    neighbours: int,
+    neighbours: Neighbours | int,
     ordered: bool = False,
     moves: Array | None = None,
 ) -> tuple[Integers, Integers]:
     """Pairs of segments closer than ``reach``: primary segment (m,) and segment of any copy (m,), by their first nodes.
 
-    nodes: (T·n, 3) positions of all copies. neighbours: segments at most so many edges apart along a yarn are no pair.
+    nodes: (T·n, 3) positions of all copies. neighbours: segments that are no pair, or within how many edges they are.
     ordered: (i, j) and (j, i), otherwise every pair once. moves: (T·n, 3) of the nodes; pairs count as nearer by as
     much as they may move towards each other. Raises InputError where there are too many.
     """
     tight = np.ascontiguousarray
+    if isinstance(neighbours, int):
+        neighbours = Neighbours.by_edges(strands, neighbours)
+    arcs = neighbours.start, neighbours.length, neighbours.period
     going = np.empty((0, 3)) if moves is None else tight(moves)
     capacity = _PAIRS_PER_SEGMENT * strands.count + 64
     while True:
         pairs = np.empty((capacity, 2), np.int64)
         found = _find(
-            tight(nodes), going, strands.ends, strands.tiles, reach, ordered, neighbours, strands.yarn,
-            strands.place, strands.walked, strands.lengths, strands.shift, pairs,
+            tight(nodes), going, strands.ends, strands.tiles, reach, ordered, strands.yarn,
+            strands.walked, strands.shift, arcs, neighbours.least, pairs,
         )  # fmt: skip
         if found >= 0:
             return pairs[:found, 0].copy(), pairs[:found, 1].copy()
@@ -70,7 +73,7 @@ def nearest_places(x, a, b, c, d):
 
 @numba.njit(**_JIT)
 def _find(
-    nodes, moves, ends, tiles, reach, ordered, neighbours, yarn, place, walked, lengths, shift, pairs
+    nodes, moves, ends, tiles, reach, ordered, yarn, walked, shift, arcs, least, pairs
 ):  # fmt: skip
     n, segments = yarn.shape[0], ends.shape[0]
     moving = moves.shape[0] > 0
@@ -152,8 +155,9 @@ def _find(
                         j == i and (tiles[tile, 0] < 0 or (tiles[tile, 0] == 0 and tiles[tile, 1] <= 0))
                     ):
                         continue
-                    if yarn[i] == yarn[j] and _along(
-                        i, j, tiles[tile], neighbours, yarn, place, walked, lengths, shift
+                    if (
+                        yarn[i] == yarn[j]
+                        and _between(i, j, tiles[tile], yarn[i], walked, shift, arcs) < least[yarn[i]]
                     ):
                         continue
                     gap = nearest_places(nodes, i, ends[i], g, ends[g])[2]
@@ -202,19 +206,42 @@ def _grid(points, chosen, width):
     return shape, cell, starts, order
 
 
+def yarn_between(strands: Strands, length: Array, first: Integers, second: Integers) -> Array:
+    """Length of yarn between the segments of pairs (m,), as ``close_pairs`` gives them; inf on different yarns.
+
+    length: of segments (n,).
+    """
+    start, period = strands.arc_lengths(length)
+    arcs = start, np.ascontiguousarray(length), period
+    return _all_between(first, second, strands.tiles, strands.yarn, strands.walked, strands.shift, arcs)
+
+
 @numba.njit(**_JIT)
-def _along(i, j, tile, neighbours, yarn, place, walked, lengths, shift):
-    """Whether segment (tile, j) lies within ``neighbours`` edges of segment i along the same yarn."""
-    y = yarn[i]
-    turns = neighbours // lengths[y] + 1
-    for k in range(-turns, turns + 1):
-        apart = place[j] + k * lengths[y] - place[i]
-        if -neighbours <= apart <= neighbours:
-            a = walked[j, 0] + k * shift[y, 0] - walked[i, 0]
-            b = walked[j, 1] + k * shift[y, 1] - walked[i, 1]
-            if a == tile[0] and b == tile[1]:
-                return True
-    return False
+def _all_between(first, second, tiles, yarn, walked, shift, arcs):
+    found = np.full(first.shape[0], np.inf)
+    for m in range(first.shape[0]):
+        i, (tile, j) = first[m], divmod(second[m], yarn.shape[0])
+        if yarn[i] == yarn[j]:
+            found[m] = _between(i, j, tiles[tile], yarn[i], walked, shift, arcs)
+    return found
+
+
+@numba.njit(**_JIT)
+def _between(i, j, tile, y, walked, shift, arcs):
+    """Length of yarn y between its segments i and (tile, j), negative for a segment and itself; inf on two copies."""
+    start, length, period = arcs
+    # Tiles from i to j beside those that are walked along the yarn: some of its periods.
+    x, z = tile[0] - walked[j, 0] + walked[i, 0], tile[1] - walked[j, 1] + walked[i, 1]
+    a, b = shift[y, 0], shift[y, 1]
+    ring = a == 0 and b == 0
+    turns = 0 if ring else round((x * a + z * b) / (a * a + b * b))
+    if x != turns * a or z != turns * b:
+        return np.inf
+    found = np.inf
+    for k in range(-1, 2) if ring else range(turns, turns + 1):
+        way = start[j] + k * period[y] - start[i]
+        found = min(found, way - length[i] if way > 0.0 else -way - length[j])
+    return found
 
 
 @numba.njit(**_JIT)

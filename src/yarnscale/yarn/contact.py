@@ -4,14 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from yarnscale.numerics.energy import LinearTerms, StencilEnergy, Symbol
+from yarnscale.yarn.frames import GAUSS_POINTS
 from yarnscale.yarn.material import ContactRule
 
 _POINTS = {"a0": 3, "a1": 3, "b0": 3, "b1": 3}
+
+
+class Sample(NamedTuple):
+    """A place on a segment, from 0 to 1, its weight, and the share of the reach within which it counts."""
+
+    place: float
+    weight: float
+    reach: float = 1.0
+
+
+def contact_samples(rule: ContactRule, *, polyline: bool) -> tuple[Sample, ...]:
+    """Quadrature along a segment: the rule's on polylines, on smooth yarns Gauss's two places with the same sum.
+
+    Two places are too few to hold yarns that come very close: half as near as they touch, the middle counts too.
+    """
+    weights = rule.quadrature_weights
+    if polyline:
+        return tuple(map(Sample, rule.quadrature_points, weights))
+    weight = 0.5 * sum(weights)
+    return (*(Sample(place, weight) for place in GAUSS_POINTS), Sample(0.5, weight, 0.5))
 
 
 def _hylc2020(p: dict[str, Symbol]) -> Callable[[Symbol], Symbol]:
@@ -49,10 +71,10 @@ _KERNELS = {
 
 
 @lru_cache
-def contact_energy(kernel: str, points: tuple[float, ...], weights: tuple[float, ...]) -> StencilEnergy:
+def contact_energy(kernel: str, samples: tuple[Sample, ...]) -> StencilEnergy:
     """Contact energy of two segments (a0, a1), (b0, b1): Σ_ij w_i w_j penalty(distance at (s_i, t_j)).
 
-    kernel: ``hylc2020`` or ``est2022``. points, weights: quadrature along each segment on [0, 1].
+    kernel: ``hylc2020`` or ``est2022``. samples: along each segment; of two, the smaller share of the reach counts.
     Parameters of a pair: ``stiffness`` k l_a l_b [J], ``inverse_reach_squared`` 1/(2r)² [1/m²] (and the inner pair).
     """
     build, parameters = _KERNELS[kernel]
@@ -62,18 +84,20 @@ def contact_energy(kernel: str, points: tuple[float, ...], weights: tuple[float,
     def energy(v: dict[str, Symbol], p: dict[str, Symbol]) -> LinearTerms:
         penalty = build(p)
 
-        def along_second(weight: float, t: float) -> tuple[ca.DM, Callable[[Symbol], Symbol]]:
-            return ca.sparsify(ca.DM(np.block([eye, -t * eye]))), lambda u: weight * penalty(u)
+        def along_second(first: Sample, second: Sample) -> tuple[ca.DM, Callable[[Symbol], Symbol]]:
+            matrix = np.block([eye, -second.place * eye])
+            weight, share = first.weight * second.weight, min(first.reach, second.reach)
+            return ca.sparsify(ca.DM(matrix)), lambda u: weight * penalty(u / share)
 
-        def along_first(s: float, w: float) -> tuple[ca.DM, Callable[[Symbol], LinearTerms]]:
-            matrix = ca.sparsify(ca.DM(np.block([[eye, s * eye, zero], [zero, zero, eye]])))
-            inner = [along_second(w * w2, t) for t, w2 in zip(points, weights, strict=True)]
+        def along_first(first: Sample) -> tuple[ca.DM, Callable[[Symbol], LinearTerms]]:
+            matrix = ca.sparsify(ca.DM(np.block([[eye, first.place * eye, zero], [zero, zero, eye]])))
+            inner = [along_second(first, second) for second in samples]
             return matrix, lambda _: LinearTerms(inner)
 
-        outer = [along_first(s, w) for s, w in zip(points, weights, strict=True)]
+        outer = [along_first(first) for first in samples]
         return LinearTerms([(ca.sparsify(ca.DM(to_offsets)), lambda _: LinearTerms(outer))])
 
-    return StencilEnergy(f"contact_{kernel}_{len(points)}", _POINTS, parameters, energy)  # type: ignore[arg-type]
+    return StencilEnergy(f"contact_{kernel}_{len(samples)}", _POINTS, parameters, energy)  # type: ignore[arg-type]
 
 
 def contact_reach(rule: ContactRule) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps, safe_fraction
-from yarnscale.yarn.contact import contact_energy, contact_reach
+from yarnscale.yarn.contact import contact_energy, contact_reach, contact_samples
 from yarnscale.yarn.stiffness import PatternStiffness
 from yarnscale.yarn.strands import Strands
 
@@ -63,7 +63,7 @@ class ContactList:
         self._strands, self._stiffness = strands, stiffness
         self._symmetric, self._turning = symmetric, turning
         self._length = stiffness.pattern.rest_length / stiffness.pattern.radius
-        self.reach = contact_reach(stiffness.rule)
+        self.reach, self._neighbours = contact_reach(stiffness.rule), stiffness.neighbours(strands)
         self._last: Contacts | None = None
 
     def at(self, positions: Array) -> Contacts:
@@ -75,8 +75,8 @@ class ContactList:
         if old is not None and np.array_equal(first, old.first) and np.array_equal(second, old.second):
             old.built_at = primary.copy()
             return old
-        rule = self._stiffness.rule
-        energy = contact_energy(rule.kernel, rule.quadrature_points, rule.quadrature_weights)
+        rule, polyline = self._stiffness.rule, self._stiffness.pattern.polyline
+        energy = contact_energy(rule.kernel, contact_samples(rule, polyline=polyline))
         edge = second % self._strands.count
         measure = self._length[first] * self._length[edge] * (0.5 if self._symmetric else 1.0)
         parameters = self._stiffness.pair_parameters(first, edge, measure)
@@ -97,9 +97,8 @@ class ContactList:
         because the cylinder closes on itself, which no cloth that is bent like this at one point has to do.
         """
         first, second = close_pairs(
-            self._strands, positions, reach, neighbours=self._stiffness.rule.neighbours,
-            ordered=self._symmetric, moves=moves,
-        )  # fmt: skip
+            self._strands, positions, reach, neighbours=self._neighbours, ordered=self._symmetric, moves=moves
+        )
         if self._turning is None:
             return first, second
         turned = self._turning[second] - self._turning[first]

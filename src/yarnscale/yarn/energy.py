@@ -53,9 +53,10 @@ class RodEnergy:
         """
         self.stiffness, self.strands = stiffness, strands
         self.unit, self.count, self.radius = stiffness.unit, strands.count, stiffness.pattern.radius
-        edges, joints, ends = strands.edges, strands.joints, strands.ends
-        stretch = position_variables(np.stack([edges, ends[edges]], 1))
-        self.stretch = StencilSet(stiffness.stretch_energy, stretch, stiffness.edge_parameters()[edges], 2)
+        joints, ends = strands.joints, strands.ends
+        nodes, turns = strands.edges_between(smooth=not stiffness.pattern.polyline)
+        stretch = np.column_stack([stiffness.edge_parameters()[strands.edges], turns])
+        self.stretch = StencilSet(stiffness.stretch_energy, position_variables(nodes), stretch, 4)
         before, scalars = strands.before[joints], 3 * self.count * len(strands.tiles)
         nodes = position_variables(np.stack([before, joints, ends[joints]], 1))
         self._joint_variables = np.column_stack([nodes, scalars + before % self.count, scalars + joints])

@@ -6,14 +6,22 @@ of two edges then changes by an angle below half a turn, which is added up: fram
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING, Any
+
 import numba
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.yarn.strands import Strands
+
+if TYPE_CHECKING:
+    from yarnscale.yarn.strands import Strands
 
 NO_EDGE = np.array([1.0, 0.0, 0.0])
 """Direction at the end of an open yarn, where no edge starts."""
+
+GAUSS_POINTS = (0.5 - 0.5 / math.sqrt(3.0), 0.5 + 0.5 / math.sqrt(3.0))
+"""Places on an edge, from 0 to 1, at which edges and curve of a smooth yarn coincide (theory §1)."""
 
 
 def unit(vectors: Array) -> Array:
@@ -33,6 +41,27 @@ def unit_edges(positions: Array, ends: Integers) -> Array:
     edge = positions[ends] - positions
     edge[ends < 0] = NO_EDGE
     return unit(edge)
+
+
+def curve_share(turned: Any) -> Any:
+    """Length of the smooth curve over that of its edges where these turn: that of the circle through the two Gauss
+    points of every edge, θ √(1 + tan²(θ/2)/3)/(2 tan(θ/2)) of a polygon with joints turned by θ.
+
+    turned: squared difference of the unit tangents at a joint, 4 sin²(θ/2).
+    """
+    return 1.0 - turned / 24.0 - (13.0 / 5760.0) * turned * turned
+
+
+def curve_length(edge: Array, before: Integers, ends: Integers) -> Array:
+    """Length of the smooth curve along each edge (n, 3), as ``STRETCH`` counts it, (n,).
+
+    before: the edge that ends where one begins, ends: the one that begins where it ends, both (n,); −1: none.
+    """
+    length = np.linalg.norm(edge, axis=1)
+    tangent = edge / length[:, None]
+    turned = ((tangent - tangent[before]) ** 2).sum(axis=1)
+    turned[(before < 0) | (ends < 0)] = 0.0
+    return 0.5 * length * (curve_share(turned) + curve_share(turned[ends]))
 
 
 def parallel_transport(vector: Array, before: Array, after: Array) -> Array:
@@ -134,7 +163,9 @@ def untwisted_frames(positions: Array, strands: Strands) -> tuple[Array, Array, 
     twist = reference_twist(tangent, director, before)
     curvature = material_curvature(tangent, director, np.zeros(len(tangent)), before)
     curvature[(before < 0) | (ends < 0)] = 0.0
-    length = np.linalg.norm(positions[ends] - positions, axis=1)
+    edge = positions[ends] - positions
+    edge[ends < 0] = NO_EDGE
+    length = curve_length(edge, before, ends)
     # No edge starts at the end of a yarn; the length before it keeps means what they are.
     length[ends < 0] = length[before[ends < 0]]
     return director, twist, curvature, length

@@ -21,14 +21,12 @@ import numpy as np
 from yarnscale.arrays import Array, Integers
 from yarnscale.yarn.close_pairs import close_pairs
 from yarnscale.yarn.stiffness import PatternStiffness
-from yarnscale.yarn.strands import ENDLESS, Strands
+from yarnscale.yarn.strands import Strands
 
 UNDO_WITHIN = 4.0
 """Two opposite passages undo each other when they lie so near along both yarns [r]."""
 _ROUNDING = 1e-6
 """Distance at which yarns count as touching [r]."""
-_ENDLESS_LENGTH = 1e30
-"""Period of an open yarn [r]."""
 _JIT = {"cache": True, "error_model": "numpy"}
 _MEETING = 1e-8
 """Squared distance, over squared lengths of the segments, below which coplanar segments meet."""
@@ -49,7 +47,7 @@ class Passages:
     def along(self, before: Array, after: Array) -> Passages:
         """These, and those on straight paths between two positions (T·n, 3) [r] of all copies."""
         before, after = np.ascontiguousarray(before), np.ascontiguousarray(after)
-        neighbours = self.stiffness.rule.neighbours
+        neighbours = self.stiffness.neighbours(self.strands)
         pairs = close_pairs(self.strands, before, _ROUNDING, neighbours=neighbours, moves=after - before)
         found = pair_passages(before, after, self.strands.ends, *pairs)
         return replace(self, rows=np.concatenate([self.rows, found]))
@@ -96,7 +94,6 @@ class _Ends:
         nodes = found.rows[:, :2].astype(np.int64)
         vertex, tile = nodes % strands.count, strands.tiles[nodes // strands.count]
         place = start[vertex] + found.rows[:, 3:5] * length[vertex]
-        period = np.where(strands.lengths == ENDLESS, _ENDLESS_LENGTH, period)
         return cls(strands.yarn[vertex], place, tile - strands.walked[vertex], period, strands.shift)
 
     def pairs(self) -> list[tuple[int, ...] | None]:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from yarnscale.errors import InputError
+from yarnscale.yarn.frames import curve_length
 from yarnscale.yarn.pattern_fields import (
     LARGEST_LENGTH,
     check_angle,
@@ -53,6 +54,8 @@ class YarnPattern:
     yarn_material: number of each yarn's material (0 is the first), in the order of `yarns`, shape (yarns,);
         None stands for all 0.
     yarn_radius: radius of each yarn [m], shape (yarns,); None where all have ``radius``.
+    polyline: whether yarns are the straight segments between their vertices, as in the published patterns, with the
+        published convention of contact, or smooth curves (theory §1).
 
     Raises InputError with the field for invalid shapes, values or topology. Arrays are read-only:
     `dataclasses.replace` and the methods below return changed copies.
@@ -71,6 +74,7 @@ class YarnPattern:
     name: str = "pattern"
     yarn_material: np.ndarray | None = None
     yarn_radius: np.ndarray | None = None
+    polyline: bool = False
 
     def __post_init__(self) -> None:
         """Store contiguous arrays of the right type and check everything that can be checked cheaply."""
@@ -243,6 +247,13 @@ class YarnPattern:
         edge[:, :2] += self.edges[:, 2:] * self.period
         return edge
 
+    @property
+    def drawn_length(self) -> np.ndarray:
+        """Length of yarn along each edge as drawn, of the smooth curve unless yarns are polylines, shape (n,) [m]."""
+        if self.polyline:
+            return np.linalg.norm(self.edge_vectors(), axis=1)
+        return curve_length(self.edge_vectors(), self.previous_vertex, self.next_vertex)
+
     # --- changed copies -------------------------------------------------------------------------------
 
     def repeated(self, courses: int, wales: int) -> YarnPattern:
@@ -282,6 +293,7 @@ class YarnPattern:
             period=self.period * count,
             radius=self.radius,
             name=self.name if courses * wales == 1 else f"{self.name}-{courses}x{wales}",
+            polyline=self.polyline,
         )
         first = [chain[0] for chain in repeated.yarns]
         radius = None if self.yarn_radius is None else tiled(self.yarn_radius[self.yarn_of_vertex])[first]
@@ -337,4 +349,6 @@ class YarnPattern:
             digest.update(np.ascontiguousarray(self.yarn_material, dtype="<i8").tobytes())
         if self.yarn_radius is not None:
             digest.update(np.ascontiguousarray(self.yarn_radius, dtype="<f8").tobytes())
+        if not self.polyline:
+            digest.update(b"smooth")
         return digest.hexdigest()

@@ -15,6 +15,7 @@ import casadi as ca
 from yarnscale.arrays import Array
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
+from yarnscale.yarn.frames import curve_share
 
 
 def _cross(a: Symbol, b: Symbol) -> Symbol:
@@ -36,15 +37,21 @@ def _unit(vector: Symbol) -> Symbol:
     return vector / ca.sqrt(ca.dot(vector, vector))
 
 
-def _stretch(v: Mapping[str, Symbol], p: Mapping[str, Symbol]) -> Symbol:
+def _strain(v: Mapping[str, Symbol], p: Mapping[str, Symbol]) -> Symbol:
+    """Of the smooth curve that runs through the Gauss points of the edges: ``curve_share`` at both joints counts."""
     edge = v["x1"] - v["x0"]
-    strain = ca.sqrt(ca.dot(edge, edge)) / p["rest_length"] - 1
-    return 0.5 * p["stiffness"] * p["rest_length"] * strain**2
+    along = _unit(edge)
+    turned = [ca.sumsqr(along - _unit(way)) for way in (v["x0"] - v["before"], v["after"] - v["x1"])]
+    share = 0.5 * (curve_share(p["turns"][0] * turned[0]) + curve_share(p["turns"][1] * turned[1]))
+    return ca.sqrt(ca.dot(edge, edge)) * share / p["rest_length"] - 1
+
+
+def _stretch(v: Mapping[str, Symbol], p: Mapping[str, Symbol]) -> Symbol:
+    return 0.5 * p["stiffness"] * p["rest_length"] * _strain(v, p) ** 2
 
 
 def _two_phase_stretch(v: Mapping[str, Symbol], p: Mapping[str, Symbol]) -> Symbol:
-    edge = v["x1"] - v["x0"]
-    strain = ca.sqrt(ca.dot(edge, edge)) / p["rest_length"] - 1
+    strain = _strain(v, p)
     knee, soft, stiff = p["knee"], p["stiffness"], p["stiff"]
     pressed, drawn = ca.fmin(strain, 0), ca.fmax(strain - knee, 0)
     middle = ca.fmin(ca.fmax(strain, 0), knee)
@@ -72,13 +79,18 @@ def _bend_twist(v: Mapping[str, Symbol], p: Mapping[str, Symbol]) -> Symbol:
     return 0.5 * p["bend_stiffness"] * bending + 0.5 * p["twist_stiffness"] * (twist - p["rest_twist"]) ** 2
 
 
-STRETCH = StencilEnergy("stretch", {"x0": 3, "x1": 3}, {"rest_length": 1, "stiffness": 1}, _stretch)
-"""½ k_s l ε² of an edge; ``stiffness`` k_s [N], ``rest_length`` l [m]."""
+_EDGE = {"x0": 3, "x1": 3, "before": 3, "after": 3}
+STRETCH = StencilEnergy("stretch", _EDGE, {"rest_length": 1, "stiffness": 1, "turns": 2}, _stretch)
+"""½ k_s l ε² of an edge x0–x1 between two others; ``stiffness`` k_s [N], ``rest_length`` l [m].
+
+``turns``: 1 where the turn at x0 or x1 counts, 0 at the end of a yarn and of straight segments (polylines); ``before``
+or ``after`` is then any other point.
+"""
 
 TWO_PHASE_STRETCH = StencilEnergy(
     "two_phase_stretch",
-    {"x0": 3, "x1": 3},
-    {"rest_length": 1, "stiffness": 1, "stiff": 1, "knee": 1},
+    _EDGE,
+    {"rest_length": 1, "stiffness": 1, "stiff": 1, "knee": 1, "turns": 2},
     _two_phase_stretch,
 )
 """EST22 eq. 5: ``stiffness`` k_s1 up to the strain ``knee`` ε̄, ``stiff`` k_s2 beyond it and in compression [N]."""

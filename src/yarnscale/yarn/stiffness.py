@@ -16,8 +16,10 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.checked import MAKERS, WrongArgument
 from yarnscale.errors import InputError
 from yarnscale.numerics.energy import StencilEnergy
+from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 from yarnscale.yarn.rod import STRETCH, TWO_PHASE_STRETCH
+from yarnscale.yarn.strands import Neighbours, Strands
 
 Materials = YarnMaterial | Sequence[YarnMaterial]
 """One material for all yarns of a pattern, or one for each number in its ``yarn_material``."""
@@ -69,6 +71,11 @@ class Yarns(Protocol):
     @property
     def area(self) -> float:
         """Reference area [m²]."""
+        ...
+
+    @property
+    def polyline(self) -> bool:
+        """Whether yarns are straight segments with the published convention of contact."""
         ...
 
 
@@ -131,6 +138,13 @@ class PatternStiffness:
         """Law and quadrature of contact, the same for all materials."""
         return self.materials[0].contact
 
+    def neighbours(self, strands: Strands) -> Neighbours:
+        """Segments of one yarn that do not touch; lengths in radii."""
+        if self.pattern.polyline:
+            return Neighbours.by_edges(strands, self.rule.neighbours)
+        distance = contact_reach(self.rule) * self.pattern.relative_radius
+        return Neighbours.by_length(strands, self.pattern.rest_length / self.pattern.radius, distance)
+
     @property
     def stretch_energy(self) -> StencilEnergy:
         """The stretch energy of an edge: two-phase if any material is."""
@@ -138,7 +152,7 @@ class PatternStiffness:
         return TWO_PHASE_STRETCH if two_phase else STRETCH
 
     def edge_parameters(self) -> Array:
-        """Parameters of ``stretch_energy`` of every edge (n, 2 or 4); a linear yarn is a two-phase one of knee 0."""
+        """Parameters of ``stretch_energy`` of every edge but ``turns`` (n, 2 or 4); a linear yarn has knee 0."""
         r, force = self.pattern.radius, self.unit / self.pattern.radius
         section = self.pattern.relative_radius**2
         soft = section * self._by_kind([m.stretch_stiffness(r) / force for m in self.materials])

@@ -18,6 +18,8 @@ LARGEST_COPIES = 10_000_000
 """Vertices of all copies."""
 ENDLESS = 1 << 40
 """Edges in the period of a yarn that is open: it never repeats."""
+ENDLESS_LENGTH = 1e30
+"""Length of that period."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,9 @@ class Strands:
 
         Raises InputError where these are too many.
         """
-        n, outer = len(pattern.edges), np.array(rings) + np.abs(pattern.edges[:, 2:]).max(axis=0)
+        n, step = len(pattern.edges), np.abs(pattern.edges[:, 2:]).max(axis=0)
+        rings = np.maximum(rings, step)
+        outer = rings + step
         if np.prod(2.0 * outer + 1.0) * n > LARGEST_COPIES:
             raise InputError(
                 "copies that yarns may touch are too many", expected="edges, radius and extent of a few periods",
@@ -102,6 +106,18 @@ class Strands:
         """Vertices between two segments (j,)."""
         return np.flatnonzero((self.ends[: self.count] >= 0) & (self.before >= 0))
 
+    def edges_between(self, *, smooth: bool) -> tuple[Integers, Array]:
+        """Nodes of each edge (m, 4), its ends and those before and after it, and whether it turns there (m, 2).
+
+        At the ends of open yarns, and everywhere unless ``smooth``, it does not, and its own ends stand for the others.
+        """
+        edges = self.edges
+        ends = self.ends[edges]
+        beside = np.stack([self.before[edges], self.ends[ends]], 1)
+        turns = (beside >= 0) & smooth
+        beside = np.where(turns, beside, np.stack([ends, edges], 1))
+        return np.column_stack([edges, ends, beside]), turns.astype(np.float64)
+
     def copies(self, vertices: Array, period: Array) -> Array:
         """Positions (T·n, 3) of all copies of vertices (n, 3) in the plane, in the units of the period (2,)."""
         nodes = np.tile(vertices, (len(self.tiles), 1))
@@ -114,7 +130,41 @@ class Strands:
         start = np.empty(self.count)
         start[order] = np.cumsum(length[order]) - length[order]
         total = np.bincount(self.yarn, length, len(self.lengths)).astype(np.float64)
-        return start - (np.cumsum(total) - total)[self.yarn], total
+        start -= (np.cumsum(total) - total)[self.yarn]
+        return start, np.where(self.lengths == ENDLESS, ENDLESS_LENGTH, total)
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """Which segments of a yarn do not touch each other: those with less than ``least`` of the yarn between them.
+
+    By arc length that is half of the circumference of a circle of the radius of contact. Yarn that is bent no more than
+    this circle cannot touch itself before (Schur's theorem), so that contact begins without a jump, however finely the
+    yarn is cut. start: length of yarn before each vertex (n,). length: of each segment (n,). period: of each yarn (c,).
+    least: for each yarn (c,).
+    """
+
+    start: Array
+    length: Array
+    period: Array
+    least: Array
+
+    @classmethod
+    def by_length(cls, strands: Strands, length: Array, distance: Array | float) -> Neighbours:
+        """By arc length, at rest: length of segments (n,); yarns touch at a distance, of each vertex's yarn (n,)."""
+        least = np.zeros(len(strands.lengths))
+        least[strands.yarn] = 0.5 * np.pi * distance
+        return cls(*cls._arcs(strands, length), least)
+
+    @classmethod
+    def by_edges(cls, strands: Strands, count: int) -> Neighbours:
+        """The published convention: segments at most ``count`` edges apart, however long these are."""
+        return cls(*cls._arcs(strands, np.ones(strands.count)), np.full(len(strands.lengths), float(count)))
+
+    @staticmethod
+    def _arcs(strands: Strands, length: Array) -> tuple[Array, Array, Array]:
+        start, period = strands.arc_lengths(length)
+        return start, np.ascontiguousarray(length, np.float64), period
 
 
 def _tile_lookup(tiles: Integers, wanted: Integers) -> Integers:
