@@ -1,6 +1,9 @@
 """The command ``estimate``: its numbers and report, going on where it stopped, and what it refuses."""
 
+import importlib
 import json
+import math
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -49,9 +52,12 @@ def test_swatch_to_yarn_to_cloth_to_swatch_with_a_report_and_goes_on(
 ) -> None:
     out = tmp_path / "out"
     arguments = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out), *QUICK]
+    # The yarn of so short a search is not fitted again.
+    monkeypatch.setattr("yarnscale.cli.estimate.OTHER_CLAMPS", math.inf)
     main([*arguments, "--json", "--homogenize", "30"])
     first = json.loads(capsys.readouterr().out)
     assert {"error", "stages", "warnings", "parameters", "bending_error", "solves", "seconds"} <= set(first)
+    assert first["tests"]["bending"][0]["B"] > 0 and first["biaxial_error"] is None
     assert set(first["parameters"]) == {"k_s1", "knee", "k_b", "R_1", "k_c1", "k_s2", "R_est"}
     assert first["bending_error"] is None
     for errors in (first["error"], first["error"]["directions"]["weft"], first["stages"]["yarn"]):
@@ -159,6 +165,42 @@ def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
     refusal = run("estimate", fabrics, "--out", tmp_path / "other")
     assert refusal.status == 2 and "C.toml: --pattern" in refusal.err and len(begun) == 2
     assert not (tmp_path / "other").exists()
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What the command asks of an estimate before it fits the yarn again."""
+
+    clamp_difference: float
+    cloth: object = None
+    tests: object = None
+    measurements = SimpleNamespace(name="fabric")
+    fit = SimpleNamespace(options=FitOptions(), model=SimpleNamespace(names=("k_s1",)))
+
+
+@pytest.mark.parametrize(
+    ("difference", "second", "expected"), [(0.3, 0.07, "second"), (0.3, 0.2, "first"), (0.01, 0.07, "first")]
+)
+def test_the_yarn_is_fitted_again_where_clamps_hold_its_cloth_otherwise_and_the_nearer_cloth_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, difference: float, second: float, expected: str
+) -> None:
+    command = importlib.import_module("yarnscale.cli.estimate")
+    cloths = {
+        "homogenized": SimpleNamespace(material="first", errors=SimpleNamespace(comfort=0.1)),
+        "refitted": SimpleNamespace(material="second", errors=SimpleNamespace(comfort=second)),
+    }
+    written = []
+    monkeypatch.setattr(command, "_homogenized", lambda options, folder, found: cloths[folder.name])
+    monkeypatch.setattr(command, "refitted", lambda found, **_: Estimate(0.0))
+    monkeypatch.setattr(command, "_tested", lambda found: "numbers")
+    monkeypatch.setattr(
+        command, "write_material", lambda path, material: written.append((path.name, material))
+    )
+    options = SimpleNamespace(out=tmp_path, follow="measured", bending_weight=0.0)
+    found = command._as_cloth(options, Estimate(difference), None)
+    assert found.cloth.material == expected
+    assert written == ([("material.json", "second")] if expected == "second" else [])
+    assert found.tests == ("numbers" if expected == "second" else None)
 
 
 def test_units_of_loads() -> None:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.shell.materials.orthotropic import JERSEY
+from yarnscale.swatches.cloth_check import ClothCheck, without_own_clamps
 from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.swatch import StretchResponse
+from yarnscale.swatches.uniaxial import uniaxial
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData
 
 STRETCH = np.linspace(0.1, 1.0, 10)
@@ -37,3 +43,23 @@ def test_directions_can_be_held_out():
     assert DATA.only(Direction.WARP).curves == (STIFF,)
     with pytest.raises(InputError, match="directions"):
         DATA.only(Direction.BIAS)
+
+
+def test_clamps_are_taken_out_as_the_cloth_feels_them():
+    """Clamps make force larger by 30 and 10 %, contraction smaller by a tenth and by half; one state is lost."""
+    width, responses = 0.05, []
+    converged = STRETCH[4] != STRETCH
+    for curve, force, across in ((SOFT, 1.3, 0.9), (STIFF, 1.1, 0.5)):
+        stress, contraction = uniaxial(JERSEY, curve.direction.angle, STRETCH)
+        force = np.where(converged, force * width * stress, 77.0)
+        responses.append(
+            StretchResponse(width, STRETCH, force, across * contraction, converged, np.zeros((10, 1, 3)))
+        )
+    free = replace(STIFF, contraction_measured=True)
+    found = without_own_clamps(ClothCheck(JERSEY, UniformData("", (SOFT, free)), tuple(responses))).curves
+    np.testing.assert_allclose(found[0].stress, SOFT.stress / 1.3)
+    np.testing.assert_allclose(found[1].stress, STIFF.stress / 1.1)
+    np.testing.assert_allclose(found[0].contraction, SOFT.contraction / 0.9)
+    np.testing.assert_allclose(found[1].contraction, STIFF.contraction)
+    assert (found[0].contraction_weight, found[1].contraction_weight) == (1.0, 0.1)
+    np.testing.assert_allclose(found[1].contraction_decay, 0.1 * free.contraction_decay)

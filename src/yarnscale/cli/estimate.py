@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from yarnscale.cli.console import ProgressLine, plain_json, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
-from yarnscale.files.estimate_folder import check_resumable
+from yarnscale.files.estimate_folder import EstimateFolder, check_resumable
 from yarnscale.files.estimate_run import EVALUATIONS, fabric_model
 from yarnscale.files.estimate_run import estimate as estimate_yarn
 from yarnscale.files.fields import read_json
@@ -32,7 +33,7 @@ from yarnscale.swatches.construction import KnownConstruction
 from yarnscale.swatches.evaluations import Evaluations
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.objective import ErrorWeights
-from yarnscale.swatches.yarn_estimate import FabricEstimate, check_bending, fitted_directions
+from yarnscale.swatches.yarn_estimate import FabricEstimate, check_bending, fitted_directions, refitted
 from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
 from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT, YarnModel
 
@@ -41,6 +42,8 @@ HOMOGENIZED = "homogenized"
 ESTIMATE = "estimate.json"
 YARN = "yarn.toml"
 """The estimated yarn material."""
+OTHER_CLAMPS = 0.05
+"""Difference of stress by another effect of the clamps from which the yarn is fitted again."""
 COUNTS = {"wales": 1e2, "courses": 1e2, "loop_length": 1e-3, "tex": 1e-6, "area_density": 1e-3}
 """Option → factor to SI."""
 MAKES = (
@@ -175,14 +178,41 @@ def _estimated(
             executor=executor,
             progress=_progress(measurements.name, work_ahead(search, len(model.names))),
         )  # fmt: skip
-        write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
-        write_yarn(found.cell.materials[0], folder / YARN)
         found = replace(found, tests=_tested(found))
         _write(options, found)  # before what takes long and may fail
         if options.homogenize is not None:
-            found = replace(found, cloth=_homogenized(options, folder / HOMOGENIZED, found))
+            found = _as_cloth(options, found, executor)
             _write(options, found)
     return found
+
+
+def _as_cloth(
+    options: argparse.Namespace, found: FabricEstimate, executor: Executor | None
+) -> FabricEstimate:
+    """The estimate with the swatches as cloth; of a yarn fitted again where clamps hold that cloth in another way.
+
+    The better cloth counts.
+    """
+    place = options.out / HOMOGENIZED
+    found = replace(found, cloth=_homogenized(options, place, found))
+    if found.cloth is None or options.follow != "measured" or found.clamp_difference < OTHER_CLAMPS:
+        return found
+    _say(
+        f"in cloth of this yarn clamps change the force by up to {100 * found.clamp_difference:.0f} % more or less "
+        "than the shell said: the yarn is fitted again"
+    )
+    ahead = work_ahead(replace(found.fit.options, solver="local"), len(found.fit.model.names))
+    again = refitted(
+        found, weights=ErrorWeights(bending=options.bending_weight), executor=executor,
+        store=lambda objective: EstimateFolder(options.out / EVALUATIONS, objective),
+        progress=_progress(found.measurements.name, ahead),
+    )  # fmt: skip
+    again = replace(again, cloth=_homogenized(options, place / "refitted", again))
+    if again.cloth is None or not again.cloth.errors.comfort < found.cloth.errors.comfort:
+        _say("its cloth is no nearer to the measured swatches: the first yarn stays")
+        return found
+    write_material(place / "material.json", again.cloth.material)
+    return replace(again, tests=_tested(again))
 
 
 def _tested(found: FabricEstimate) -> FabricTests | None:
@@ -201,7 +231,7 @@ def _homogenized(options: argparse.Namespace, folder: Path, found: FabricEstimat
     folder.mkdir(exist_ok=True)
     check = homogenized_swatches(
         found.cell, found.measurements, folder, solves=options.homogenize, workers=worker_count(options),
-        dask=options.dask, resume=options.resume,
+        dask=options.dask, resume=options.resume and (folder / "samples").is_dir(),
         progress=ProgressLine(f"sampling yarn of {found.measurements.name}").sampled,
     )  # fmt: skip
     write_material(folder / "material.json", check.material)
@@ -219,8 +249,10 @@ def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:
 
 
 def _write(options: argparse.Namespace, found: FabricEstimate) -> None:
-    """Page and numbers."""
+    """The yarn, the page and the numbers."""
     folder, units = options.out, options.units
+    write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
+    write_yarn(found.cell.materials[0], folder / YARN)
     try:
         from yarnscale.show.canvas import PicturesUnavailable
         from yarnscale.show.estimate import write_estimate_report

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import notify
 from yarnscale.homogenize.homogenize import homogenize
@@ -16,8 +17,13 @@ from yarnscale.homogenize.sample import Progress
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.swatches.measurements import POWER_LOAD, SwatchMeasurements
 from yarnscale.swatches.swatch import StretchResponse, StretchSwatch
+from yarnscale.swatches.uniaxial import uniaxial
 from yarnscale.swatches.uniform_data import UniformData, UniformErrors, swatch_data
 
+_DECIDED = 1.5
+"""Ratio of contractions with and without clamps from which clamps decide what is measured."""
+_LITTLE = 0.1
+"""Weight of such a contraction beside 1 of the stress."""
 _BEYOND = 1.25
 """Largest load of the samples over that of the swatches: corners at clamps bear more than the mean."""
 
@@ -59,6 +65,33 @@ def check_cloth(material: ShellMaterial, measurements: SwatchMeasurements) -> Cl
         )
         responses.append(swatch.respond(material, curve.stretch))
     return ClothCheck(material, measured, tuple(responses))
+
+
+def without_own_clamps(check: ClothCheck) -> UniformData:
+    """The measured curves, times the simulated cloth's ratio of uniform to swatch response at the same stretch.
+
+    Where clamps change contraction by more than a factor of ``_DECIDED``, it stays as measured between them and weighs
+    little: clamps of the simulation hold short, wide swatches more than real ones do.
+    """
+    curves = []
+    for raw, load, across in zip(check.measured.curves, check.loads, check.contractions, strict=True):
+        stress, contraction = uniaxial(check.material, raw.direction.angle, raw.stretch)
+        held = _filled(raw.stretch, load / stress)
+        wider = _filled(raw.stretch, across / np.where(contraction > 1e-4, contraction, np.nan))
+        free = bool(np.all((wider > 1.0 / _DECIDED) & (wider < _DECIDED)))
+        curves.append(
+            replace(
+                raw, stress=raw.stress / held, contraction=raw.contraction / wider if free else raw.contraction,
+                contraction_weight=1.0 if free else _LITTLE,
+            )
+        )  # fmt: skip
+    return replace(check.measured, curves=tuple(curves))
+
+
+def _filled(stretch: Array, ratio: Array) -> Array:
+    """A ratio at every stretch, by those where it is known; one where it is known nowhere."""
+    good = np.isfinite(ratio)
+    return np.interp(stretch, stretch[good], ratio[good]) if good.any() else np.ones(len(stretch))
 
 
 def homogenized_swatches(

@@ -37,7 +37,8 @@ class UniformCurve:
     """Uniform uniaxial stretch along one direction, free across; arrays (n,).
 
     stretch s, contraction c: F = U diag(1 + s, 1 − c) Uᵀ. stress: first Piola–Kirchhoff [N/m].
-    comfort_stretch: the largest stretch of the comfort range. contraction_measured: whether c was measured.
+    comfort_stretch: the largest stretch of the comfort range. contraction_measured: whether c was measured;
+    contraction_weight: of its errors in a fit.
     """
 
     direction: Direction
@@ -46,6 +47,7 @@ class UniformCurve:
     stress: Array
     comfort_stretch: float
     contraction_measured: bool = True
+    contraction_weight: float = 1.0
 
     @property
     def second_stress(self) -> Array:
@@ -65,7 +67,8 @@ class UniformCurve:
     @property
     def contraction_decay(self) -> Array:
         """Weight of the contraction, likewise; zero where it was not measured, (n,)."""
-        return self.contraction_measured * _decay(self.contraction, self.stretch, self.comfort_stretch)
+        weight = self.contraction_weight if self.contraction_measured else 0.0
+        return weight * _decay(self.contraction, self.stretch, self.comfort_stretch)
 
 
 @dataclass(frozen=True)

@@ -115,8 +115,11 @@ def fit_yarn(
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
     progress: Callable[[Evaluations], None] | None = None,
+    start: Array | None = None,
 ) -> YarnFit:
     """Find the parameters with which a yarn model follows uniform data.
+
+    start: unknowns from which Gauss–Newton begins, in place of a search.
 
     executor: runs evaluations side by side. store: keeps evaluations, so that a killed run can continue.
     progress: called after every evaluation. The result depends on ``options.seed``, not on workers.
@@ -126,7 +129,9 @@ def fit_yarn(
         model, coarser(data, options.samples), rule or RestRule(), weights or ErrorWeights()
     )
     searches = [Evaluations(objective, executor, None if store is None else store(objective), progress)]
-    if options.solver == "paper":
+    if start is not None:
+        unknowns = gauss_newton(searches[0], start, iterations=options.iterations)
+    elif options.solver == "paper":
         fine = replace(objective, data=data)
         searches.append(Evaluations(fine, executor, None if store is None else store(fine), progress))
         unknowns = cobyla(searches[1], swarm(searches[0], seed=options.seed))
