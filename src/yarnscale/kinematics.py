@@ -17,6 +17,8 @@ LARGEST = 1e6
 """No strain [-] or curvature [1/m] exceeds this."""
 GRAVITY = 9.81
 """Acceleration of free fall [m/s²]."""
+INCH, GRAM_FORCE = 0.0254, 9.80665e-3
+"""An inch [m], and the weight of a gram [N]."""
 
 
 def strain_units(radius: float) -> Array:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from yarnscale.errors import InputError
+from yarnscale.kinematics import INCH
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": INCH}
 """Units [m] that a scene may name."""
 NOTED, REFUSED = 1.2, 10.0
 """Area in space over area of the fabric, or the reverse: reported beyond the first, refused beyond the second."""

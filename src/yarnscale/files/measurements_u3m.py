@@ -20,6 +20,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError, quoted
 from yarnscale.files.fields import Fields, json_file, json_text
+from yarnscale.kinematics import GRAM_FORCE
 from yarnscale.swatches.loading import Cycle, stretch_run
 from yarnscale.swatches.measurements import BendingRigidity, Direction, StretchTest, SwatchMeasurements
 from yarnscale.swatches.strip_bending import mean_rigidity
@@ -32,7 +33,7 @@ _LONG, _SHORT, _BENT = "S2", "S1", ("U1", "D1")
 _UNUSED = "bending from 8 cm (D2), which is mostly weight, and thickness (T)"
 _LARGEST, _MOST = 64 * 1024 * 1024, 10_000
 """Largest size of a JSON file in an archive when unpacked, and most files in one."""
-_CENTIMETRE, _GRAM = 1e-2, 9.80665e-3
+_CENTIMETRE = 1e-2
 
 
 def read_u3m(path: Path, *, cycle: Cycle, single_run: bool) -> SwatchMeasurements:
@@ -110,7 +111,7 @@ def _branches(part: Fields) -> list[Array]:
             raise part.fault(key, expected=expected, found=f"{len(branch)} numbers")
         if (branch[::2] <= 0).any():
             raise part.fault(key, expected="distances above zero [cm]", found=float(branch[::2].min()))
-        pairs.append(branch.reshape(-1, 2) * [_CENTIMETRE, _GRAM])
+        pairs.append(branch.reshape(-1, 2) * [_CENTIMETRE, GRAM_FORCE])
     if not any(len(branch) for branch in pairs):
         raise part.fault("samplesTree", expected="three readings or more", found="none")
     return pairs

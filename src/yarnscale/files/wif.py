@@ -17,11 +17,12 @@ from yarnscale.errors import InputError, notify, quoted
 from yarnscale.files.repeats import one_repeat, repeat_of
 from yarnscale.files.source_text import finite_number, read_source
 from yarnscale.files.structure_file import StructureFile
+from yarnscale.kinematics import INCH
 
 LARGEST_WEB = 4096
 """Most ends, picks, shafts or treadles of a file."""
 UNITS = {
-    "decipoints": 0.0254 / 720, "inches": 0.0254, "inch": 0.0254, "in": 0.0254, "centimeters": 1e-2,
+    "decipoints": INCH / 720, "inches": INCH, "inch": INCH, "in": INCH, "centimeters": 1e-2,
     "centimetres": 1e-2, "cm": 1e-2, "millimeters": 1e-3, "millimetres": 1e-3, "mm": 1e-3,
 }  # fmt: skip
 """Units of spacing and thickness [m]; the first, second and fifth are those of the format."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from yarnscale.errors import InputError, positive
+from yarnscale.kinematics import GRAM_FORCE, INCH
 
 FACTORS = {
     # linear density [kg/m]
@@ -16,7 +17,7 @@ FACTORS = {
     "N": ("force", 1.0),
     "cN": ("force", 1e-2),
     "mN": ("force", 1e-3),
-    "gf": ("force", 9.80665e-3),
+    "gf": ("force", GRAM_FORCE),
     # force per width [N/m]
     "N/m": ("line load", 1.0),
     "N/mm": ("line load", 1e3),
@@ -26,7 +27,7 @@ FACTORS = {
     "cm": ("length", 1e-2),
     "mm": ("length", 1e-3),
     "um": ("length", 1e-6),
-    "inch": ("length", 0.0254),
+    "inch": ("length", INCH),
     # pressure [Pa]
     "Pa": ("pressure", 1.0),
     "kPa": ("pressure", 1e3),

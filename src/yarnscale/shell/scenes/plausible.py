@@ -9,7 +9,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-from yarnscale.kinematics import GRAVITY
+from yarnscale.kinematics import GRAVITY, INCH
 from yarnscale.motion.obstacles import Obstacle, Plane, Sphere
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.garments.polygons import extent
@@ -47,9 +47,7 @@ def check_size(mesh: TriangleMesh, density: float) -> Iterator[str]:
     size = float(max(np.ptp(mesh.panel, axis=0).max(), np.ptp(mesh.assembled, axis=0).max()))
     low, high = _POSSIBLE_SIZE
     found = f"{extent(mesh.panel)} and {mesh.areas.sum() * density:.3g} kg"
-    fitting = " or ".join(
-        u for u, m in (("cm", 0.01), ("mm", 0.001), ("inch", 0.0254)) if 0.05 < m * size < 5
-    )
+    fitting = " or ".join(u for u, m in (("cm", 0.01), ("mm", 0.001), ("inch", INCH)) if 0.05 < m * size < 5)
     fits = f" (lengths in {fitting} would be common)" if fitting else ""
     if not low <= size <= high:
         raise InputError(
