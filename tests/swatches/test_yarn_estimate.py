@@ -32,7 +32,14 @@ def yarn(direction: Direction, factor: float, *, resting: int = 10) -> YarnCurve
 
 
 def estimate(
-    *, shell: float, weft: float, warp: float, follow: str, clamps: float = 1.0, assumed: bool = False
+    *,
+    shell: float,
+    weft: float,
+    warp: float,
+    follow: str,
+    clamps: float = 1.0,
+    assumed: bool = False,
+    left: float = 0.0,
 ) -> FabricEstimate:
     """An estimate whose shell and yarn are stiffer than the measurement by factors."""
     load = clamps * np.append(0.0, STRESS)
@@ -40,7 +47,8 @@ def estimate(
     tests = tuple(StretchTest(direction, 0.06, (run,)) for direction in (Direction.WEFT, Direction.WARP))
     curves = (yarn(Direction.WEFT, weft), yarn(Direction.WARP, warp))
     followed = data(shell if follow == "shell" else 1.0)
-    evaluation = SimpleNamespace(curves=curves, errors=errors_of(curves, followed), failed=0)
+    rested = SimpleNamespace(stress=np.array([left, 0.0, 0.0]), relaxed=True)
+    evaluation = SimpleNamespace(curves=curves, errors=errors_of(curves, followed), failed=0, rested=rested)
     membrane = SimpleNamespace(assumed_contraction=assumed)
     fitted = SimpleNamespace(uniform_data=lambda follow: data(shell), membrane=membrane)
     fit = SimpleNamespace(evaluation=evaluation)
@@ -77,6 +85,8 @@ def test_a_shell_that_is_the_culprit_is_warned_of():
     assert "clamps change the force by up to 20 %" in warning
     (warning,) = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured", assumed=True).warnings
     assert "contraction was not measured" in warning
+    (warning,) = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured", left=7.0).warnings
+    assert "coarse stress of 7 N/m" in warning
 
 
 def test_states_that_are_not_at_rest_are_left_out_of_errors():

@@ -10,7 +10,7 @@ from yarnscale.drawing.library import build
 from yarnscale.kinematics import ShellStrain
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
-from yarnscale.swatches.yarn_rest import RestRule, at_rest
+from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestRule, at_rest
 from yarnscale.swatches.yarn_states import pulled, strain_of
 from yarnscale.yarn.material import YarnMaterial
 
@@ -152,3 +152,16 @@ class Crossing:
 def test_states_of_crossed_yarns_do_not_count(rested):
     curve = pulled(Crossing(rested, 0.05), Direction.WEFT, STRETCHES)
     assert curve.converged.tolist() == [True, False, False]
+
+
+def test_a_drawing_of_known_shape_keeps_its_periods_and_says_what_stress_is_left():
+    """EST22 §7.2: rounds lower the coarse stress at the drawn periods, rest lengths change by 20 % at most."""
+    model = yarn_model(build("stockinette"), 20.0)
+    drawn = model.cell(model.values(np.full(5, 0.5)))
+    found = at_rest(drawn, KEPT_PERIODS)
+    assert found.relaxed and (found.change == 0.0).all()
+    np.testing.assert_array_equal(found.cell.pattern.period, drawn.pattern.period)
+    np.testing.assert_allclose(found.stress, found.cell.relax().stress[:3], atol=1e-3)
+    assert np.abs(found.stress).max() < 0.05 * np.abs(drawn.relax().stress[:3]).max()
+    change = found.cell.pattern.rest_length / drawn.pattern.rest_length
+    assert 0.01 < np.abs(change - 1.0).max() < 0.2 + 1e-12

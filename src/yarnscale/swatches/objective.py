@@ -18,7 +18,7 @@ from yarnscale.errors import InputError
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData, UniformErrors
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_model import YarnModel
-from yarnscale.swatches.yarn_rest import RestedCell, RestRule, at_rest
+from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestedCell, RestRule, at_rest
 from yarnscale.swatches.yarn_states import YarnCurve, pulled
 
 FAILED = 3.0
@@ -65,11 +65,14 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class YarnObjective:
-    """Uniform data that a yarn model is compared with."""
+    """Uniform data that a yarn model is compared with.
+
+    rule: of the rest shape; by default ``RestRule`` for drawings that are schemes, ``KEPT_PERIODS`` for known shapes.
+    """
 
     model: YarnModel
     data: UniformData
-    rule: RestRule = field(default_factory=RestRule)
+    rule: RestRule | None = None
     weights: ErrorWeights = field(default_factory=ErrorWeights)
 
     def __post_init__(self) -> None:
@@ -82,8 +85,9 @@ class YarnObjective:
         """Rest shape and states of a yarn; ``near``: of a similar yarn, whose states are started from."""
         began, unknowns = time.process_time(), np.array(unknowns, np.float64)
         values = self.model.values(unknowns)
+        usual = RestRule() if self.model.free_shape else KEPT_PERIODS
         rested = at_rest(
-            self.model.cell(values), self.rule, draw_in=self.model.draw_in(values),
+            self.model.cell(values), self.rule or usual, draw_in=self.model.draw_in(values),
             near=None if near is None else near.rested,
         )  # fmt: skip
         curves = []

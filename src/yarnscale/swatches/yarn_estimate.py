@@ -232,6 +232,12 @@ class FabricEstimate:
                 f"the shell is {100 * shell:.0f} % off the measurement in the comfort range, the yarn only "
                 f"{100 * yarn:.0f} % off the shell: what the yarn misses is the shell's error; try --follow measured"
             )
+        left, scale = float(np.abs(self.fit.evaluation.rested.stress).max()), self.measured.stress_scale
+        if left > _OFF * scale:
+            found.append(
+                f"yarns set as drawn leave a coarse stress of {left:.2g} N/m in the fabric at rest, "
+                f"{100 * left / scale:.0f} % of the largest of the comfort range: it would change its periods"
+            )
         effect = self.clamp_effect
         if self.clamps == "shell" and (effect > _LARGE_EFFECT or (effect > _OFF and shell > _OFF)):
             found.append(
@@ -315,6 +321,9 @@ class FabricEstimate:
             "at_bounds": list(fit.at_bounds),
             "period": self.cell.pattern.period.tolist(),
             "fabric": self.construction.summary(),
+            "stress_at_rest": dict(
+                zip(("course", "shear", "wale"), fit.evaluation.rested.stress.tolist(), strict=True)
+            ),
             "biaxial_error": self.biaxial,
             "tests": None if self.tests is None else self.tests.plain()["summary"],
             "cloth_error": None if self.cloth is None else self.cloth.errors.summary(),

@@ -125,9 +125,7 @@ def fit_yarn(
     progress: called after every evaluation. The result depends on ``options.seed``, not on workers.
     """
     options, began = options or FitOptions(), time.perf_counter()
-    objective = YarnObjective(
-        model, coarser(data, options.samples), rule or RestRule(), weights or ErrorWeights()
-    )
+    objective = YarnObjective(model, coarser(data, options.samples), rule, weights or ErrorWeights())
     searches = [Evaluations(objective, executor, None if store is None else store(objective), progress)]
     if start is not None:
         unknowns = gauss_newton(searches[0], start, iterations=options.iterations)
