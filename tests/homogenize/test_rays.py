@@ -92,17 +92,19 @@ def test_plans_hold_all_kinds_of_states_over_the_decades(cell: PeriodicCell) -> 
     assert doubly.any() and not doubly.all()
 
 
-def test_bending_under_tension_goes_on_from_that_tension(cell: PeriodicCell) -> None:
-    rays, curled = load_rays(cell, solves=600), Counter[tuple[bool, bool]]()
+def test_bending_and_shear_under_tension_go_on_from_that_tension(cell: PeriodicCell) -> None:
+    rays, curled, sheared = load_rays(cell, solves=600), Counter[bool](), []
     longest = max(len(ray.levels) for ray in rays)
     for ray in (ray for ray in rays if ray.origin):
         before, level = divmod(ray.origin // ITERATES, longest)
-        pulls = {load for loads, _ in ray.levels for load in loads.tensions}
-        assert pulls == set(rays[before].levels[level][0].tensions)
-        last = ray.levels[-1][1].values
-        if len(last) == 3 and np.abs(last).max() * cell.pattern.radius > 0.2:
-            curled[rays[before].levels[0][0].tensions[0][0] > 0, bool(abs(last[2]) > abs(last[0]))] += 1
-    assert curled == {(False, True): 6, (True, False): 6}  # across, at three loads, to both sides
+        assert {loads for loads, _ in ray.levels} == {rays[before].levels[level][0]}
+        last = ray.levels[-1][1]
+        if len(last.values) == 4:
+            sheared.append(float(last.values[-1]))
+        elif len(last.values) == 3 and np.abs(last.values).max() * cell.pattern.radius > 0.2:
+            curled[bool(abs(last.values[2]) > abs(last.values[0]))] += 1
+    assert curled == {True: 6, False: 6}  # about course and wale, at three loads, to both sides
+    assert min(sheared) < -0.1 and max(sheared) > 0.1
 
 
 def test_plans_are_the_same_every_time_and_longer_ones_begin_alike(cell: PeriodicCell) -> None:

@@ -283,6 +283,7 @@ class Problem:
         )
         return np.sum(found, axis=0)
 
+    @np.errstate(over="ignore")
     def _loss(self, residuals: Array) -> float:
         """Huber's."""
         size = np.abs(residuals)

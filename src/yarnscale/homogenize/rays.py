@@ -39,6 +39,8 @@ _WALK = np.array([0.03, 0.08, 0.14, 0.2, 0.26])
 """Curvatures of rays of bending under tension, times the yarn radius: through natural curvatures and beyond them."""
 _HELD, _ROLLED, _BENT_ALONG = (6, 8, 11), 7, 9
 """Levels of tension that bending across starts from; that at which a piece rolls up freely; that of bending along."""
+_BOTH, _SHEARED, _SHEARS = np.array([1.0, 0.0, 1.0]), ((7, 1.0), (5, -1.0)), np.array([0.02, 0.07, 0.16])
+"""Tension both ways, its levels that are sheared and to which side, and the shear s_a."""
 _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
 """Least and largest s_x, s_a, s_y of states that are chosen by strain, for safety; they bend up to 0.1/r."""
 
@@ -105,10 +107,10 @@ def load_rays(
     rays, spent = [Ray("rest", ((Loads(), strains_held(np.zeros(6))),))], 1.0
     close = np.concatenate([np.geomspace(least, 0.1 * limit, 10), np.linspace(0.1, 1.1, 9)[1:] * limit])
     drawn = _random_rays(radius, sizes, seed)
-    # Few solves have some of all kinds too. Bending under tension starts from the two rays of tension at the beginning.
+    # Few solves have some of all kinds too. Bending and shear under tension start from the rays at the beginning.
     axes = _along_axes(radius, sizes, close) if fixed else iter(())
     mixed = chain.from_iterable((ray, next(drawn)) if k % 2 else (ray,) for k, ray in enumerate(axes))
-    pulled = [_tension(angle, close) for angle in (0.0, np.pi / 2)] if fixed else []
+    pulled = [_tension(0.0, close), _tension(np.pi / 2, close), _in_plane(_BOTH, sizes)] if fixed else []
     for ray in chain(pulled, mixed, drawn):
         if spent >= solves and (not fixed or len(rays) > _FEWEST_RAYS):
             break
@@ -145,8 +147,10 @@ def _along_axes(radius: float, sizes: Array, close: Array) -> Iterator[Ray]:
         for sign in (1.0, -1.0)
         for pulled in (0, 1)
     )
-    yield _in_plane(np.array([1.0, 0.0, 1.0]), sizes)
-    yield from (_tension(angle, part) for angle, part in ((np.pi / 4, close), (3 * np.pi / 4, sizes)))
+    yield from (
+        _sheared_under(sizes[level], sign * _SHEARS, _on_level(close, 2, level)) for level, sign in _SHEARED
+    )
+    yield _tension(np.pi / 4, close)
     yield from (_bending(angle, sign, radius) for angle in (np.pi / 4, 3 * np.pi / 4) for sign in (1.0, -1.0))
     yield from (_twisting(sign, radius) for sign in (1.0, -1.0))
 
@@ -240,19 +244,25 @@ def _bent_under(close: Array, pulled: int, bent: int, level: int, curvatures: Ar
     """Growing curvature about or along a tension, by axes 0 and 1; the cell is free across and to shear."""
     load = Loads.tension(pulled * math.pi / 2, close[level])
     walk = tuple((load, Prescribed.bent(bent * math.pi / 2, curvature)) for curvature in curvatures)
-    return Ray("bent", walk, _under_tension(close, pulled, level))
+    return Ray("bent", walk, _on_level(close, pulled, level))
 
 
 def _rolled_under(close: Array, pulled: int) -> Ray:
     """A piece under tension that rolls up by itself across."""
     straight = Prescribed.components(**{"II12": 0.0, ("II11", "II22")[pulled]: 0.0})
     load = Loads.tension(pulled * math.pi / 2, close[_ROLLED])
-    return Ray("bent", ((load, straight),) * 4, _under_tension(close, pulled, _ROLLED))
+    return Ray("bent", ((load, straight),) * 4, _on_level(close, pulled, _ROLLED))
 
 
-def _under_tension(close: Array, pulled: int, level: int) -> int:
-    """Number in the store of the last state of a level on the first ray of tension, or the second."""
-    return ((1 + pulled) * len(close) + level + 1) * ITERATES - 1
+def _sheared_under(size: float, shears: Array, origin: int) -> Ray:
+    """Growing shear at tension along both axes."""
+    load = _loads(size * (_BOTH / np.linalg.norm(_BOTH)))
+    return Ray("tension", tuple((load, FLAT + Prescribed.components(s_a=float(s))) for s in shears), origin)
+
+
+def _on_level(close: Array, ray: int, level: int) -> int:
+    """Number in the store of the last state on a level of one of the first rays behind that of rest."""
+    return ((1 + ray) * len(close) + level + 1) * ITERATES - 1
 
 
 def _stress(direction: Array, sizes: Array, radius: float) -> Ray:
