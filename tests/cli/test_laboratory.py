@@ -62,6 +62,42 @@ def test_a_cell_is_tested(tmp_path, capsys):
     assert first < 0 < second
 
 
+@pytest.mark.slow
+def test_a_cell_with_friction_is_tested_in_cycles(tmp_path, capsys):
+    out = tmp_path / "tested"
+    options = ["--loads", "1,5", "--directions", "0", "--curvatures", "-20,20", "--as-drawn", "--json"]
+    assert (
+        main(["test", "stockinette", *options, "--friction", "0.3", "--cycles", "1", "--out", str(out)]) == 0
+    )
+    content = json.loads(capsys.readouterr().out)
+    assert content["friction"] == 0.3
+    (cycle,) = content["cycles"]["tension"]
+    assert [p["load"] for p in cycle["unloading"]] == [5.0, 1.0, 0.0]
+    assert 0 < cycle["work_returned"] < cycle["work"]
+    assert content["summary"]["tension"][0]["RT"] == pytest.approx(
+        100 * cycle["work_returned"] / cycle["work"]
+    )
+    assert content["summary"]["shear"]["2HG"] > 0 and content["summary"]["shear"]["2HG5"] > 0
+    assert all(bent["2HB"] is not None for bent in content["summary"]["bending"])
+    assert content["biaxial"] == [] and (out / "cycles.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["stockinette", "--friction", "-0.1"], "friction"),
+        (["stockinette", "--friction", "0.1", "--cycles", "0"], "cycles"),
+        (["stockinette", "--cycles", "2"], "--cycles"),
+        (["SHELL", "--friction", "0.1"], "shell material"),
+    ],
+)
+def test_friction_that_cannot_be_tested_is_refused_in_one_line(shell, tmp_path, capsys, options, reason):
+    options = [str(shell) if option == "SHELL" else option for option in options]
+    assert main(["test", *options, "--out", str(tmp_path / "tested")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert reason in line and not (tmp_path / "tested").exists()
+
+
 def test_what_cannot_be_tested_is_refused(shell, tmp_path, capsys):
     out = str(tmp_path / "tested")
     assert main(["test", "stockinette", "--drape", "--out", out]) == 2

@@ -1,14 +1,15 @@
 """Friction in a periodic cell along a path of macroscopic states (theory §2): what its contacts remember.
 
 From one state to the next the cell minimises its energy plus the potential of springs and sliders (``Grip``) between
-all segments that press. Their pressures are those of the new state, found by solving again; errors are of the order of
-the step. What friction takes in a step is exact: sliding forces times slid ways, and what springs lose.
+all segments that press, with the pressures of the last state: errors are of the order of the step. What friction takes
+in a step is exact: sliding forces times slid ways, and what springs lose.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,9 +22,8 @@ from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.friction import Rubbing, YarnFriction
 
 Solve = Callable[[PeriodicCell, Equilibrium], Equilibrium | None]
+Control = TypeVar("Control", float, Array)
 
-PASSES = 1
-"""Solves of a step with the pressures of the solve before, after the first with those of the last state."""
 _HALVINGS = 4
 
 
@@ -47,30 +47,21 @@ class CellHistory:
         """A cell at an equilibrium of it without friction: no spring is stretched."""
         return cls(cell, friction, state, Grip.none(), sum(state.energy_parts.values()))
 
-    def step(self, solve: Solve, *, passes: int = PASSES) -> CellHistory | None:
+    def step(self, solve: Solve) -> CellHistory | None:
         """The history at a next state; None where there is none.
 
-        solve: the next equilibrium of a cell that resists slip since this state, from a neighbouring equilibrium.
+        solve: the next equilibrium of a cell that resists slip since this state, from this equilibrium.
         """
-        state = self.state
-        for _ in range(1 + passes):
-            grip = self._gripped(state)
-            cell = replace(self.cell, grip=grip)
-            found = solve(cell, state)
-            if found is None or not found.usable:
-                return None
-            state = found
-        energy, nodes = self._places(state)
-        springs, slid = grip.springs(energy.strands, nodes, energy.frames)
+        grip = self._gripped()
+        state = solve(replace(self.cell, grip=grip), self.state)
+        if state is None or not state.usable:
+            return None
+        energy, positions = self._places(state)
+        springs, slid = grip.springs(energy.strands, positions, energy.frames)
         new, unit = replace(grip, spring=springs), energy.unit / self.cell.pattern.area
         lost = slid + self.grip.stored - grip.stored
-        return replace(
-            self,
-            state=state,
-            grip=new,
-            stored=sum(state.energy_parts.values()) + new.stored * unit,
-            dissipated=lost * unit,
-        )
+        stored = sum(state.energy_parts.values()) + new.stored * unit
+        return replace(self, state=state, grip=new, stored=stored, dissipated=lost * unit)
 
     def _places(self, state: Equilibrium) -> tuple[CellEnergy, Array]:
         """The energy under a state, and the positions of all nodes."""
@@ -78,47 +69,59 @@ class CellHistory:
         x = energy.start(state.fluctuation / self.cell.pattern.radius, state.twist)
         return energy, energy.rods.positions(energy.nodes.expand(x))
 
-    def _gripped(self, pressed: Equilibrium) -> Grip:
-        """What resists slip since this history: the pairs that press at a next state."""
-        energy, positions = self._places(pressed)
-        full = np.concatenate([positions.ravel(), pressed.twist])
+    def _gripped(self) -> Grip:
+        """What resists slip since this state."""
+        energy, positions = self._places(self.state)
+        full = np.concatenate([positions.ravel(), self.state.twist])
         pairs = Rubbing.of(energy.rods.contacts(full).stencils, full)
         first, second = pairs.nodes[:, 0], pairs.nodes[:, 2]
         keys = np.column_stack([first, second % energy.count, energy.strands.tiles[second // energy.count]])
         normal = np.einsum("kji,kj->ki", energy.frames[first], pairs.normal)
-        limit = self.friction.coefficient * pairs.pressure
-        grip = Grip(
-            keys, pairs.place, np.zeros_like(normal), normal, limit, pairs.stiffness, np.zeros_like(normal)
-        )
-        energy, positions = self._places(self.state)
+        limit, slack = self.friction.coefficient * pairs.pressure, np.zeros_like(normal)
+        grip = Grip(keys, pairs.place, slack, normal, limit, pairs.stiffness, slack)
         return grip.since(energy.strands, positions, energy.frames, self.grip)
 
 
-def path_with_friction(
-    start: CellHistory, strains: Iterable[ShellStrain], *, passes: int = PASSES
-) -> Iterator[CellHistory]:
+def path_with_friction(start: CellHistory, strains: Iterable[ShellStrain]) -> Iterator[CellHistory]:
     """Equilibria at one macroscopic state after the other, from a history on; it ends where none is found.
 
     Steps that fail are halved. Results are independent of the steps in the limit of short ones.
     """
+
+    def solver(strain: Array) -> Solve:
+        return lambda cell, near: cell.relax(ShellStrain.from_vector(strain), start=near, nearby=True)
+
+    yield from followed(start, start.state.strain.vector, (s.vector for s in strains), solver)
+
+
+def followed(
+    start: CellHistory,
+    first: Control,
+    values: Iterable[Control],
+    solver: Callable[[Control], Solve],
+) -> Iterator[CellHistory]:
+    """``path_with_friction`` through values of what a step solves for, loads for instance; first: that of the start."""
     here: CellHistory | None = start
-    for strain in strains:
-        here = _stepped(here, strain, passes, _HALVINGS)
+    for value in values:
+        here = _stepped(here, first, value, solver, _HALVINGS)
         if here is None:
             return
+        first = value
         yield here
 
 
-def _stepped(here: CellHistory, strain: ShellStrain, passes: int, halvings: int) -> CellHistory | None:
+def _stepped(
+    here: CellHistory,
+    before: Control,
+    value: Control,
+    solver: Callable[[Control], Solve],
+    halvings: int,
+) -> CellHistory | None:
     """The history one step on, through the state half-way where that fails; its dissipation is that of both."""
-
-    def solve(cell: PeriodicCell, near: Equilibrium) -> Equilibrium:
-        return cell.relax(strain, start=near, nearby=True)
-
-    found = here.step(solve, passes=passes)
+    found = here.step(solver(value))
     if found is not None or halvings == 0:
         return found
-    middle = ShellStrain.from_vector(0.5 * (here.state.strain.vector + strain.vector))
-    half = _stepped(here, middle, passes, halvings - 1)
-    end = None if half is None else _stepped(half, strain, passes, halvings - 1)
+    middle = 0.5 * (before + value)
+    half = _stepped(here, before, middle, solver, halvings - 1)
+    end = None if half is None else _stepped(half, middle, value, solver, halvings - 1)
     return None if end is None or half is None else replace(end, dissipated=half.dissipated + end.dissipated)

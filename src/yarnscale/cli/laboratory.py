@@ -21,27 +21,30 @@ from yarnscale.laboratory.drape import drape_test
 from yarnscale.laboratory.homogeneous_tests import LOADS, default_curvatures
 from yarnscale.laboratory.programme import Difference, FabricTests, Programme, difference, run_tests
 from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.yarn.friction import YarnFriction
 
 
 def test(options: argparse.Namespace) -> int:
     """Test one fabric, or two side by side; write ``tests.json``, ``tests.csv`` and ``index.html``."""
     from yarnscale.show.laboratory import write_page
 
+    if options.friction is None:
+        refuse(options, ("cycles",), "--friction too")
     programme = Programme(
-        options.directions,
-        options.loads or LOADS,
-        "free" if options.free_curvature else "flat",
-        options.curvatures,
-    )
+        options.directions, options.loads or LOADS, "free" if options.free_curvature else "flat", options.curvatures,
+        None if options.friction is None else YarnFriction(options.friction), options.cycles,
+    )  # fmt: skip
     subjects = [options.subject] if options.against is None else [options.subject, options.against]
     shells = {name: read_material(name) for name in subjects if is_material(name)}
     drawn = {name: pattern_of(name, options.radius) for name in subjects if name not in shells}
     yarns = {name: yarn_for(name, pattern, options.material) for name, pattern in drawn.items()}
     if not drawn:
         refuse(options, ("material", "radius"), "a pattern to test, not shell materials alone")
-    if not shells:
+    if shells:
+        refuse(options, ("friction",), "a pattern to test, not a shell material, which has no memory")
+    else:
         refuse(options, ("drape",), "a shell material, which 'yarnscale homogenize' makes, not a cell")
-    makes = ("tests.json", "tests.csv", "index.html", "tension.png", "bending.png", "drape.png")
+    makes = ("tests.json", "tests.csv", "index.html", "tension.png", "bending.png", "cycles.png", "drape.png")
     results = RunFolder(options.out, "test", makes, overwrite=options.overwrite)
     tested: list[PeriodicCell | ShellMaterial] = []
     for name in subjects:
@@ -97,6 +100,14 @@ def _lines(found: list[FabricTests], compared: Difference | None) -> Iterator[st
         for pulled in tests.tensile:
             reached = "none" if pulled.EMT is None else f"{pulled.EMT:.4g} at {pulled.largest_load:.4g} N/m"
             yield f"  stretch along {pulled.direction:g}°: {reached}"
+        for cycle in tests.cycles:
+            if cycle.test == "tension":
+                share = (
+                    f"{cycle.returned:.3f} of {cycle.work:.4g} J/m²"
+                    if cycle.status == "converged"
+                    else cycle.status
+                )
+                yield f"  work returned along {cycle.direction:g}°, cycle {cycle.number}: {share}"
         for bent in tests.bend:
             rigidity = "none" if bent.B is None else f"{1e6 * bent.B:.4g} µN·m"
             yield f"  bending rigidity along {bent.direction:g}°: {rigidity}"

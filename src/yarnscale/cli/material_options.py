@@ -93,4 +93,7 @@ def add_material_commands(add: Add) -> None:
     option("--curvatures", type=number_list, metavar="A,B,…", help=curvatures)
     free = "let strips curl under tension (default: they stay flat)"
     option("--free-curvature", action="store_true", help=free)
+    friction = "coefficient of friction of yarns: tension, shear and bending in cycles, and no other test"
+    option("--friction", type=number, metavar="MU", help=friction)
+    option("--cycles", type=int, default=1, metavar="N", help="cycles with friction (1)")
     option("--drape", action="store_true", help="simulate the Cusick drape test (shell materials)")

@@ -178,7 +178,7 @@ def equilibrium_under(
     loads: Loads,
     *,
     prescribed: Prescribed | None = None,
-    start: LoadedState | None = None,
+    start: LoadedState | Response | None = None,
     tolerance: float = 1e-3,
     floor: float = FLOOR,
     radius: float = RADIUS,
@@ -229,11 +229,12 @@ class _LoadedNewton:
         self.evaluations = 0
         self.last_moduli = np.diag(1.0 / self.scale**2)
 
-    def run(self, start: LoadedState | None, max_iterations: int) -> LoadedState:
-        here = self._respond(np.zeros(6), None) if start is None else start.response
+    def run(self, start: LoadedState | Response | None, max_iterations: int) -> LoadedState:
+        here = self._respond(np.zeros(6), None) if start is None else start
+        here, known = (here.response, here.moduli) if isinstance(here, LoadedState) else (here, None)
         if not here.usable:
             return self._outcome(here, Status.INVALID)
-        moduli = self._moduli(here) if start is None else start.moduli
+        moduli = self._moduli(here) if known is None else known
         self.last_moduli = moduli if np.isfinite(moduli).all() else self.last_moduli
         radius, escapes = self.radius, 0
         for iteration in range(max_iterations + 1):

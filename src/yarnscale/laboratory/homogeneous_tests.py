@@ -131,7 +131,7 @@ def tension(
         [Loads.tension(angle, load) for load in checked_loads(loads)],
         prescribed=FLAT if curvature == "flat" else None,
     )
-    return [_tension_point(direction, load, state) for load, state in zip(loads, states, strict=True)]
+    return [tension_point(direction, load, state) for load, state in zip(loads, states, strict=True)]
 
 
 def biaxial(
@@ -142,7 +142,7 @@ def biaxial(
         raise InputError("ratio of loads", expected="two numbers from 0, not both 0", found=ratio)
     course, wale = (r / max(ratio) for r in ratio)
     pulls = [(course * load, wale * load) for load in checked_loads(loads)]
-    states = path_under(fabric, [_both(*pull) for pull in pulls], prescribed=FLAT)
+    states = path_under(fabric, [both_ways(*pull) for pull in pulls], prescribed=FLAT)
     return [
         BiaxialPoint(*pull, *_stretches(state), _status(state))
         for pull, state in zip(pulls, states, strict=True)
@@ -156,13 +156,8 @@ def shear(
 
     s_a = sin γ, so the shear force per width is dΨ/dγ = dΨ/ds_a cos γ.
     """
-    found, pulls = [], _both(load, load)
-    for angle, state in _steps(
-        fabric, angles, pulls, lambda angle: Prescribed.components(s_a=math.sin(math.radians(angle))) + FLAT
-    ):
-        force = _number(state, state.stress[1] * math.cos(math.radians(angle)))
-        found.append(ShearPoint(angle, load, force, *_stretches(state), _status(state)))
-    return found
+    steps = _steps(fabric, angles, both_ways(load, load), sheared)
+    return [shear_point(angle, load, state) for angle, state in steps]
 
 
 def bending(
@@ -174,14 +169,10 @@ def bending(
     moment per width is dΨ/dκ = M11 c² + M12 c s + M22 s², with c, s of the direction and M = dΨ/dII.
     """
     angle = math.radians(_finite("direction", direction))
-    c, s = math.cos(angle), math.sin(angle)
-    found = []
     if curvatures is None:
         curvatures = default_curvatures(fabric)
-    for curvature, state in _steps(fabric, curvatures, Loads(), lambda value: Prescribed.bent(angle, value)):
-        moment = _number(state, float(state.stress[3:] @ [c * c, c * s, s * s]))
-        found.append(BendingPoint(direction, curvature, moment, _status(state)))
-    return found
+    steps = _steps(fabric, curvatures, Loads(), lambda value: Prescribed.bent(angle, value))
+    return [bending_point(direction, curvature, state) for curvature, state in steps]
 
 
 def twist(fabric: HomogeneousFabric, twists: Sequence[float] | None = None) -> list[TwistPoint]:
@@ -227,8 +218,14 @@ def checked_loads(loads: Sequence[float]) -> tuple[float, ...]:
     return values
 
 
-def _both(course: float, wale: float) -> Loads:
+def both_ways(course: float, wale: float) -> Loads:
+    """Loads [N/m] along course and wale."""
     return Loads.tension(0.0, course) + Loads.tension(0.5 * math.pi, wale)
+
+
+def sheared(angle: float) -> Prescribed:
+    """A flat sheet sheared by a trellis angle [degrees]."""
+    return Prescribed.components(s_a=math.sin(math.radians(angle))) + FLAT
 
 
 def _steps(
@@ -254,13 +251,26 @@ def _steps(
     yield from ((value, found[value]) for value in values)
 
 
-def _tension_point(direction: float, load: float, state: LoadedState) -> TensionPoint:
+def tension_point(direction: float, load: float, state: LoadedState) -> TensionPoint:
     """Stretch λ − 1 along the direction and contraction 1 − J/λ of the strip's width, J the change of area."""
     s_x, s_a, s_y = state.strain[:3]
     along = line_stretch(state.strain, math.radians(direction))[0]
     area = (1 + s_x) * (1 + s_y) * math.sqrt(1 - s_a**2)
     stretch, contraction, energy = (_number(state, v) for v in (along - 1, 1 - area / along, state.energy))
     return TensionPoint(direction, load, stretch, contraction, energy, _status(state))
+
+
+def shear_point(angle: float, load: float, state: LoadedState) -> ShearPoint:
+    """A sheet sheared by an angle [degrees] under loads [N/m] along course and wale."""
+    force = _number(state, state.stress[1] * math.cos(math.radians(angle)))
+    return ShearPoint(angle, load, force, *_stretches(state), _status(state))
+
+
+def bending_point(direction: float, curvature: float, state: LoadedState) -> BendingPoint:
+    """A sheet bent by a curvature [1/m] along a direction [degrees]."""
+    c, s = math.cos(math.radians(direction)), math.sin(math.radians(direction))
+    moment = _number(state, float(state.stress[3:] @ [c * c, c * s, s * s]))
+    return BendingPoint(direction, curvature, moment, _status(state))
 
 
 def _stretches(state: LoadedState) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -13,6 +14,7 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import HomogeneousFabric, fabric_of
 from yarnscale.laboratory import homogeneous_tests as tests
+from yarnscale.laboratory.cycles import Cycle, cycled_tests
 from yarnscale.laboratory.drape import DrapeTest
 from yarnscale.laboratory.homogeneous_tests import (
     BendingPoint,
@@ -31,6 +33,7 @@ from yarnscale.laboratory.summary import (
     tensile_summary,
 )
 from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.yarn.friction import YarnFriction
 
 Kind = Literal["cell", "shell"]
 
@@ -40,21 +43,26 @@ class Programme:
     """Which tests: ``directions`` [degrees from the course] and ``loads`` [N/m] of the tension tests.
 
     curvature: "flat" or "free" under tension, see ``tension``. curvatures: [1/m] of bending and twist; None:
-    ``default_curvatures`` of the fabric.
+    ``default_curvatures`` of the fabric. friction: of yarns; with it tension, shear under tension and bending go
+    through ``cycles``, and nothing else is tested.
     """
 
     directions: tuple[float, ...] = tests.DIRECTIONS
     loads: tuple[float, ...] = tests.LOADS
     curvature: str = "flat"
     curvatures: tuple[float, ...] | None = None
+    friction: YarnFriction | None = None
+    cycles: int = 1
 
     def __post_init__(self) -> None:
         tests.checked_loads(self.loads)
         if not self.directions or not np.isfinite(self.directions).all():
             raise InputError("directions", expected="finite angles [degrees]", found=self.directions)
+        if self.cycles < 1:
+            raise InputError("cycles", expected="one or more", found=self.cycles)
 
     def steps(self) -> Iterator[tuple[str, Callable[[HomogeneousFabric], list[Any]]]]:
-        """The tests one by one, each with the list that its points belong to."""
+        """The tests without friction one by one, each with the list that its points belong to."""
         for direction in self.directions:
             pull = partial(tests.tension, loads=self.loads, curvature=self.curvature)
             yield "tension", partial(pull, direction=direction)
@@ -71,7 +79,10 @@ class Programme:
 
 @dataclass(frozen=True, eq=False)
 class FabricTests:
-    """What the tests of one fabric found. density: [kg/m²]. drape: where it was asked for, of a shell alone."""
+    """What the tests of one fabric found. density: [kg/m²]. drape: where it was asked for, of a shell alone.
+
+    friction: of yarns; cycles: with it.
+    """
 
     subject: str
     kind: Kind
@@ -83,6 +94,8 @@ class FabricTests:
     twist: list[TwistPoint]
     rolls: list[NaturalCurvature]
     drape: DrapeTest | None = None
+    friction: float | None = None
+    cycles: tuple[Cycle, ...] = ()
 
     @property
     def directions(self) -> list[float]:
@@ -97,26 +110,41 @@ class FabricTests:
         """Bending along one direction [degrees]."""
         return [p for p in self.bending if p.direction == direction]
 
+    def first_cycle(self, test: str, direction: float) -> Cycle | None:
+        """The first cycle of a test along a direction [degrees], where there is one."""
+        return next((c for c in self.cycles if (c.test, c.direction) == (test, direction)), None)
+
     @property
     def tensile(self) -> list[TensileSummary]:
         """Tensile numbers of every direction."""
-        return [tensile_summary(self.pulled(direction)) for direction in self.directions]
+        return [tensile_summary(self.pulled(d), self.first_cycle("tension", d)) for d in self.directions]
 
     @property
     def bend(self) -> list[BendingSummary]:
         """Bending numbers of every direction."""
         directions = dict.fromkeys(p.direction for p in self.bending)
-        return [bending_summary(self.bent(direction), self.density) for direction in directions]
+        return [
+            bending_summary(self.bent(d), self.density, self.first_cycle("bending", d)) for d in directions
+        ]
 
     @property
     def sheared(self) -> ShearSummary:
         """Shear numbers."""
-        return shear_summary([p for p in self.shear if p.tension > 0], self.pulled(45.0))
+        taut = [p for p in self.shear if p.tension > 0]
+        return shear_summary(taut, self.pulled(45.0), self.first_cycle("shear", 0.0))
 
     @property
     def failed(self) -> int:
-        """Points at which the fabric found no equilibrium under the load; a drape that did not end well is one."""
-        points = [*self.tension, *self.biaxial, *self.shear, *self.bending, *self.twist, *self.rolls]
+        """Points and cycles without equilibrium under the load; a drape that did not end well is one."""
+        points = [
+            *self.cycles,
+            *self.tension,
+            *self.biaxial,
+            *self.shear,
+            *self.bending,
+            *self.twist,
+            *self.rolls,
+        ]
         draped = self.drape is None or self.drape.succeeded
         return sum(p.status != "converged" for p in points) + (not draped)
 
@@ -129,9 +157,15 @@ class FabricTests:
         content["rolls"] = [asdict(p) | {"side": p.side} for p in self.rolls]
         content["summary"] = {
             "tension": [asdict(s) for s in self.tensile],
-            "bending": [asdict(s) for s in self.bend],
-            "shear": asdict(self.sheared),
+            "bending": [_named(asdict(s), hysteresis="2HB") for s in self.bend],
+            "shear": _named(asdict(self.sheared), hysteresis="2HG", hysteresis_5="2HG5"),
         }
+        if self.friction is not None:
+            content["friction"] = self.friction
+            content["cycles"] = {
+                name: [c.plain() for c in self.cycles if c.test == name]
+                for name in ("tension", "shear", "bending")
+            }
         if self.drape is not None:
             good = self.drape.succeeded
             content["drape_coefficient"] = self.drape.coefficient if good else None
@@ -147,6 +181,11 @@ class TestedCloth(HomogeneousFabric, Protocol):
     def density(self) -> float:
         """Mass per area [kg/m²]."""
         ...
+
+
+def _named(content: dict[str, Any], **names: str) -> dict[str, Any]:
+    """Values under the names that laboratories use."""
+    return {names.get(name, name): value for name, value in content.items()}
 
 
 def run_tests(
@@ -167,18 +206,35 @@ def run_tests(
     else:
         fabric = fabric_of(subject) if isinstance(subject, ShellMaterial) else subject
         density, own = subject.density, type(subject).__name__
-    found: dict[str, list[Any]] = {}
-    steps = list((programme or Programme()).steps())
+    programme, found = programme or Programme(), defaultdict[str, list[Any]](list)
+    steps = list(programme.steps()) if programme.friction is None else list(_cycled_steps(subject, programme))
     for number, (test_name, test) in enumerate(steps):
         if progress is not None:
             progress(number, len(steps))
-        found.setdefault(test_name, []).extend(test(fabric))
+        points = test(fabric)
+        if programme.friction is not None:
+            points, cycles = points
+            found["cycles"] += cycles
+        found[test_name] += points
     if progress is not None:
         progress(len(steps), len(steps))
+    friction = None if programme.friction is None else programme.friction.coefficient
     return FabricTests(
         name or own, kind, density, found["tension"], found["biaxial"], found["shear"], found["bending"],
-        found["twist"], found["rolls"],
+        found["twist"], found["rolls"], friction=friction, cycles=tuple(found["cycles"]),
     )  # fmt: skip
+
+
+def _cycled_steps(subject: object, programme: Programme) -> Iterator[tuple[str, Callable[[Any], Any]]]:
+    """The tests of a cell with friction; each gives its points and its cycles."""
+    friction = programme.friction
+    if not isinstance(subject, PeriodicCell) or friction is None:
+        raise InputError(
+            "friction", expected="yarns: a pattern", found="a shell material, which has no memory"
+        )
+    options = (programme.directions, programme.loads, programme.curvature, programme.curvatures)
+    for test in cycled_tests(subject, *options):
+        yield test.name, lambda _, test=test: test.run(subject, friction, programme.cycles)
 
 
 @dataclass(frozen=True)

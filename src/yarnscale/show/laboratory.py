@@ -29,6 +29,9 @@ def write_page(folder: Path, found: Sequence[FabricTests], compared: Difference 
         ),
         Picture(folder / "bending.png", _legend(found, "Bending, twist and shear"), wide=True),
     ]
+    if any(tests.cycles for tests in found):
+        _loops(folder / "cycles.png", found)
+        pictures.append(Picture(folder / "cycles.png", _legend(found, "Cycles with friction"), wide=True))
     sections = [Section("Curves", (), (), pictures), *(numbers_section(tests) for tests in found)]
     if any(tests.drape is not None for tests in found):
         _outlines(folder / "drape.png", found)
@@ -89,8 +92,33 @@ def _others(path: Path, found: Sequence[FabricTests]) -> None:
         sheared.legend()
 
 
+def _loops(path: Path, found: Sequence[FabricTests]) -> None:
+    """Forces on the ways from zero and back, of all cycles."""
+    labels = {
+        "tension": ("stretch [–]", "load per width [N/m]"),
+        "shear": ("trellis angle [°]", "shear force per width [N/m]"),
+        "bending": ("curvature [1/m]", "moment per width [N]"),
+    }
+    with written_figure(path, 12.0, 3.6) as figure:
+        for axes, (name, (way, force)) in zip(figure.subplots(1, 3), labels.items(), strict=True):
+            for number, tests in enumerate(found):
+                cycles = [cycle for cycle in tests.cycles if cycle.test == name]
+                directions = list(dict.fromkeys(cycle.direction for cycle in cycles))
+                for cycle in cycles:
+                    colour, sides = directions.index(cycle.direction), (1.0, -1.0)
+                    style = _style(number, colour, f"{cycle.direction:g}°" if cycle.number == 1 else "_")
+                    for side in sides:
+                        legs = [
+                            [p for p in leg if side * p[0] >= 0] for leg in (cycle.loading, cycle.unloading)
+                        ]
+                        axes.plot(*np.array([*legs[0], *legs[1]]).reshape(-1, 2).T, **style)
+                        style["label"] = None
+            axes.set(xlabel=way, ylabel=force)
+            axes.legend()
+
+
 def _curve(axes: Axes, number: int, colour: int, label: str, points: list[tuple[float, float]]) -> None:
-    x, y = np.array(sorted(points)).T
+    x, y = np.array(sorted(points)).reshape(-1, 2).T
     axes.plot(x, y, **_style(number, colour, label))
 
 
@@ -127,7 +155,8 @@ def numbers_section(tests: FabricTests) -> Section:
     tensile_names = ["direction [°]", "largest load [N/m]", "EMT [–]", "LT [–]", "WT [J/m²]", "RT [%]"]
     tensile_names += ["E5 [%]", "E20 [%]", "E100 [%]"]
     bend: list[list[Cell]] = [
-        [s.direction, _scaled(s.B, 1e6), _scaled(s.bending_length, 1e3)] for s in tests.bend
+        [s.direction, _scaled(s.B, 1e6), _scaled(s.hysteresis, 1e3), _scaled(s.bending_length, 1e3)]
+        for s in tests.bend
     ]
     rolls: list[list[Cell]] = [
         [r.direction, r.curvature, r.side, 1e3 * r.saved, r.status] for r in tests.rolls
@@ -135,10 +164,13 @@ def numbers_section(tests: FabricTests) -> Section:
     shear = tests.sheared
     tables = [
         Table(tensile_names, tensile, "Tension. EMT, LT, WT, RT as in KES up to the largest load; E as in FAST."),
-        Table(["direction [°]", "B [µN·m]", "bending length C [mm]"], bend, "Bending. B: KES; C: ASTM D1388."),
         Table(
-            ["G, KES [N/m per degree]", "2HG [N/m]", "G, FAST [N/m]"],
-            [[shear.G, shear.hysteresis, shear.fast_G]],
+            ["direction [°]", "B [µN·m]", "2HB [mN]", "bending length C [mm]"], bend,
+            "Bending. B, 2HB: KES; C: ASTM D1388.",
+        ),
+        Table(
+            ["G, KES [N/m per degree]", "2HG [N/m]", "2HG5 [N/m]", "G, FAST [N/m]"],
+            [[shear.G, shear.hysteresis, shear.hysteresis_5, shear.fast_G]],
             "Shear.",
         ),
         Table(
@@ -151,7 +183,11 @@ def numbers_section(tests: FabricTests) -> Section:
         tables.append(
             Table(["drape coefficient [%]", "folds", "status"], drape, "Cusick drape, 30 cm on 18 cm.")
         )
-    text = ["Yarns without friction return all work: hysteresis and resilience (2HG, RT) are not known."]
+    text = ["Yarns without friction return all work: hysteresis and resilience (2HG, 2HB, RT) are not known."]
+    if tests.friction is not None:
+        text = [
+            f"Friction of yarns {tests.friction:g}; hysteresis and resilience are those of the first cycle."
+        ]
     return Section(f"{tests.subject} ({tests.kind})", text, tables)
 
 

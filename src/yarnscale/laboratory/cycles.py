@@ -1,0 +1,230 @@
+"""Cycles of tension, shear and bending of a cell with friction: loops, and how much of the work comes back.
+
+A cycle of tension goes from no load through rising loads and back; one of shear or bending to one side and back, then
+to the other. Every test begins at rest with slack contacts; cycles follow each other without a pause.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from yarnscale.arrays import Array
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.friction import CellHistory, Solve, followed
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.homogeneous.fabrics import CellFabric, Response
+from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under
+from yarnscale.laboratory import homogeneous_tests as tests
+from yarnscale.numerics.newton import Status
+from yarnscale.yarn.friction import YarnFriction
+
+STEPS = 4
+"""Steps between the values at which points are measured."""
+_PRE_TENSION_STEPS = 4
+_KEPT = 5
+"""Responses that have the same moduli."""
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle of a test ("tension", "shear", "bending") along a direction [degrees]; number: from 1.
+
+    loading, unloading: points (stretch [-], load [N/m]), (trellis angle [degrees], force [N/m]) or (curvature [1/m],
+    moment [N]) on the ways from zero and back. work, work_returned: on these ways [J/m²]; dissipated: by friction on
+    both [J/m²]. NaN in a cycle that was not completed, as ``status`` says.
+    """
+
+    test: str
+    direction: float
+    number: int
+    loading: tuple[Pair, ...]
+    unloading: tuple[Pair, ...]
+    work: float
+    work_returned: float
+    dissipated: float
+    status: str
+
+    @property
+    def returned(self) -> float:
+        """Share of the work that comes back."""
+        return self.work_returned / self.work
+
+    def hysteresis(self, way: float) -> float | None:
+        """Width of the loop at a way from zero: force on loading less that on unloading, mean of both sides."""
+        widths = []
+        for side in (1.0, -1.0):
+            legs = [
+                sorted((side * x, side * y) for x, y in leg if side * x >= 0)
+                for leg in (self.loading, self.unloading)
+            ]
+            if all(leg and leg[-1][0] >= way * (1 - 1e-9) for leg in legs):
+                up, down = (float(np.interp(way, *np.array(leg).T)) for leg in legs)
+                widths.append(up - down)
+        return float(np.mean(widths)) if widths and self.status == "converged" else None
+
+    def plain(self) -> dict[str, Any]:
+        """As plain values."""
+        names = {
+            "tension": ("stretch", "load"),
+            "shear": ("angle", "force"),
+            "bending": ("curvature", "moment"),
+        }[self.test]
+        content: dict[str, Any] = {"direction": self.direction, "cycle": self.number}
+        for leg in ("loading", "unloading"):
+            content[leg] = [dict(zip(names, point, strict=True)) for point in getattr(self, leg)]
+        numbers = {name: getattr(self, name) for name in ("work", "work_returned", "dissipated", "status")}
+        return content | numbers
+
+
+@dataclass(frozen=True)
+class CycledTest:
+    """A test to be cycled.
+
+    sides: values from zero outwards, load, angle or curvature. point: what is measured at a value. read: (way, force)
+    of a point. solver: how a value is reached. pre_tension: loads along course and wale before the test [N/m]. unit: of
+    the way, where work is force times that.
+    """
+
+    name: str
+    direction: float
+    sides: tuple[tuple[float, ...], ...]
+    solver: Callable[[float], Solve]
+    point: Callable[[float, LoadedState], Any]
+    read: Callable[[Any], Pair]
+    pre_tension: float = 0.0
+    unit: float = 1.0
+
+    def run(self, cell: PeriodicCell, friction: YarnFriction, cycles: int) -> tuple[list[Any], list[Cycle]]:
+        """Points of the first way from zero, and the cycles."""
+        rest = equilibrium_under(CellFabric(cell), Loads(), prescribed=FLAT)
+        here = CellHistory.begin(cell, friction, rest.response.state) if rest.converged else None
+        if here is not None and self.pre_tension:
+            pulls = np.linspace(0.0, self.pre_tension, _PRE_TENSION_STEPS + 1)[1:].tolist()
+            found = list(followed(here, 0.0, pulls, lambda pull: loaded(tests.both_ways(pull, pull), FLAT)))
+            here = found[-1] if len(found) == len(pulls) else None
+        first: list[Any] = []
+        done: list[Cycle] = []
+        for number in range(1, cycles + 1):
+            legs: list[list[list[tuple[Pair, float, bool]]]] = [[], []]
+            for side in self.sides:
+                for leg, values in enumerate(((0.0, *side), (*side[::-1], 0.0))):
+                    points, way, here = self._leg(here, values)
+                    first += points if number == 1 and leg == 0 else []
+                    legs[leg].append(way)
+            done.append(self._cycle(number, legs))
+        return first, done
+
+    def _leg(
+        self, here: CellHistory | None, values: Sequence[float]
+    ) -> tuple[list[Any], list[Any], CellHistory | None]:
+        """Points at values after the first; (way and force, dissipated, measured) at all steps; the history there."""
+        points, way = [], []
+        if here is not None:
+            way.append((self._read(values[0], here), 0.0, True))
+        for first, last in pairwise(values):
+            steps = np.linspace(first, last, STEPS + 1)[1:].tolist()
+            found = [] if here is None else list(followed(here, first, steps, self.solver))
+            way += [
+                (self._read(value, history), history.dissipated, value == last)
+                for value, history in zip(steps, found, strict=False)
+            ]
+            here = found[-1] if len(found) == STEPS else None
+            points.append(self.point(last, _loaded_state(here)))
+        return points, way, here
+
+    def _read(self, value: float, history: CellHistory) -> Pair:
+        return self.read(self.point(value, _loaded_state(history)))
+
+    def _cycle(self, number: int, legs: Sequence[Sequence[Sequence[tuple[Pair, float, bool]]]]) -> Cycle:
+        steps = [sum(1 + STEPS * len(side) for side in self.sides)] * 2
+        whole = [sum(map(len, leg)) for leg in legs] == steps
+        work = [
+            sum(float(np.trapezoid([f for (_, f), _, _ in way], [x for (x, _), _, _ in way])) for way in leg)
+            * self.unit
+            for leg in legs
+        ]
+        measured = [tuple(pair for way in leg for pair, _, kept in way if kept) for leg in legs]
+        dissipated = sum(lost for leg in legs for way in leg for _, lost, _ in way)
+        there, back, lost = (work[0], -work[1], dissipated) if whole else (math.nan,) * 3
+        status = "converged" if whole else "stalled"
+        return Cycle(self.name, self.direction, number, measured[0], measured[1], there, back, lost, status)
+
+
+@dataclass(frozen=True, eq=False)
+class _RareModuli(CellFabric):
+    """A cell whose moduli, which cost several solves, are those of an earlier response most of the time."""
+
+    known: list[Array]
+
+    def moduli(self, response: Response) -> Array:
+        """Moduli (6, 6) there, or at one of the last responses."""
+        fresh = len(self.known) % _KEPT == 0
+        self.known.append(super().moduli(response) if fresh else self.known[-1])
+        return self.known[-1]
+
+
+def loaded(loads: Loads, prescribed: Prescribed) -> Solve:
+    """The solve of a step under loads with some strains prescribed."""
+    known: list[Array] = []
+
+    def solve(cell: PeriodicCell, near: Equilibrium) -> Equilibrium | None:
+        fabric, strain = _RareModuli(cell, known), near.strain.vector
+        start = fabric.response(strain, Response(strain, near.energy_density, near.stress, state=near))
+        found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start)
+        return found.response.state if found.converged else None
+
+    return solve
+
+
+def _loaded_state(history: CellHistory | None) -> LoadedState:
+    """A step's end as the tests without friction know it; None: it was not reached."""
+    nothing = np.full((6, 6), np.nan)
+    if history is None:
+        return LoadedState(Response(nothing[0], np.nan, nothing[0]), nothing, np.nan, Status.STALLED, 0)
+    state = history.state
+    return LoadedState(
+        Response(state.strain.vector, history.stored, state.stress), nothing, 0.0, Status.CONVERGED, 0
+    )
+
+
+def cycled_tests(
+    cell: PeriodicCell,
+    directions: Sequence[float],
+    loads: Sequence[float],
+    curvature: str,
+    curvatures: Sequence[float] | None,
+) -> Iterator[CycledTest]:
+    """Tension along directions [degrees], shear under the tension of KES, bending; arguments as of ``Programme``."""
+    held = FLAT if curvature == "flat" else Prescribed()
+    for direction in directions:
+        angle = math.radians(direction)
+        yield CycledTest(
+            "tension", direction, (tuple(loads),), lambda load, angle=angle: loaded(Loads.tension(angle, load), held),
+            lambda load, state, direction=direction: tests.tension_point(direction, load, state),
+            lambda point: (point.stretch, point.load),
+        )  # fmt: skip
+    angles, pull = tests.SHEAR_ANGLES, tests.SHEAR_TENSION
+    pulls = tests.both_ways(pull, pull)
+    yield CycledTest(
+        "shear", 0.0, (angles, tuple(-a for a in angles)), lambda angle: loaded(pulls, tests.sheared(angle)),
+        lambda angle, state: tests.shear_point(angle, pull, state), lambda point: (point.angle, point.force),
+        pull, math.radians(1.0),
+    )  # fmt: skip
+    values = tests.default_curvatures(CellFabric(cell)) if curvatures is None else curvatures
+    sides = tuple(tuple(sorted((v for v in values if side * v > 0), key=abs)) for side in (1.0, -1.0))
+    for direction in tests.BENDING_DIRECTIONS:
+        angle = math.radians(direction)
+        yield CycledTest(
+            "bending", direction, tuple(side for side in sides if side),
+            lambda value, angle=angle: loaded(Loads(), Prescribed.bent(angle, value)),
+            lambda value, state, direction=direction: tests.bending_point(direction, value, state),
+            lambda point: (point.curvature, point.moment),
+        )  # fmt: skip
