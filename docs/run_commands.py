@@ -32,6 +32,7 @@ SMALLER: dict[str, list[str]] = {
 }
 """Beginning of a command -> options that make it small; the longest beginning counts."""
 PARSED_ONLY = (
+    "register",
     "estimate",
     "test stockinette",
     "test knit/material.json --drape",

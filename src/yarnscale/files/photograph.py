@@ -31,9 +31,11 @@ class Photograph:
     dpi: float | None
 
     def png(self) -> bytes:
-        """The picture as it is used, for a page."""
+        """The picture as it is used, from black to white, for a page."""
         content = io.BytesIO()
-        Image.fromarray(np.clip(self.brightness, 0, 255).astype(np.uint8)).save(content, format="png")
+        low, high = np.percentile(self.brightness, (0.5, 99.5))
+        shades = 255.0 * (self.brightness - low) / max(float(high - low), 1e-9)
+        Image.fromarray(np.clip(shades, 0, 255).astype(np.uint8)).save(content, format="png")
         return content.getvalue()
 
 

@@ -17,7 +17,6 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-from yarnscale.files.colours import YARNS
 from yarnscale.files.registration_json import Session
 from yarnscale.swatches.registration.curves import SAMPLES
 from yarnscale.swatches.registration.lattice import Lattice
@@ -206,6 +205,6 @@ def _described(session: Session) -> dict[str, Any]:
         }  # fmt: skip
     return {
         "sides": sides, "counts": list(curves.counts), "shifts": [list(shift) for shift in curves.shifts],
-        "samples": SAMPLES, "pins": sorted(state.pins), "explained": dict(state.explained), "colours": list(YARNS),
+        "samples": SAMPLES, "pins": sorted(state.pins), "explained": dict(state.explained),
         "period": period.tolist(), "radius": 1e3 * curves.radius, "undo": len(session.earlier),
     }  # fmt: skip
