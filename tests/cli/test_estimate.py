@@ -161,6 +161,7 @@ def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
 
     # What is finished is not estimated again; a broken file is found before anything begins.
     assert run("estimate", fabrics, "--out", out, "--resume").status == 0 and len(begun) == 2
+    assert "output exists" in run("estimate", fabrics, "--out", out).err
     (fabrics / "C.toml").write_text('stretch = "curves.csv"\n')
     refusal = run("estimate", fabrics, "--out", tmp_path / "other")
     assert refusal.status == 2 and "C.toml: --pattern" in refusal.err and len(begun) == 2

@@ -72,6 +72,9 @@ def _every(options: argparse.Namespace) -> int:
     """
     from yarnscale.show.estimates import write_estimates_page
 
+    page = options.out / "index.html"
+    if page.exists() and not (options.overwrite or options.resume):
+        raise InputError("output exists", where=page, expected="a new folder, or --overwrite or --resume")
     runs = []
     for name, path in fabric_files(options.measurements).items():
         own = argparse.Namespace(**vars(options) | {"measurements": path, "out": options.out / name})
@@ -82,13 +85,13 @@ def _every(options: argparse.Namespace) -> int:
         if (done := _done(own)) is None:
             done = _estimated(own, *prepared).summary()
         summaries[name] = done
-        write_estimates_page(options.out / "index.html", summaries)
+        write_estimates_page(page, summaries)
     lines = [
         f"{name}: comfort range {_percent(done['error']['comfort'])}, contraction "
         f"{_percent(done['error']['compression'])}"
         for name, done in summaries.items()
     ]
-    report(options, {"fabrics": summaries}, *lines, f"{options.out / 'index.html'}: all fabrics side by side")
+    report(options, {"fabrics": summaries}, *lines, f"{page}: all fabrics side by side")
     return max(int(done["failed_states"] > 0) for done in summaries.values())
 
 
