@@ -94,3 +94,47 @@ def test_endings_are_told() -> None:
     walled = minimise_keeping_factors(Chain(wall=0.5), np.zeros(SIZE), NewtonOptions(1e-8))
     assert walled.status in (Status.STALLED, Status.ITERATION_LIMIT) and np.abs(walled.x).max() <= 0.5
     assert walled.value == pytest.approx(Chain().value(walled.x))
+
+
+class Valley:
+    """Chained curved valleys (Rosenbrock) with the model of Gauss and Newton."""
+
+    residual_scale, size, stiff = 1.0, 40, 30.0
+
+    def __init__(self) -> None:
+        rows = [j * self.size + i for j in range(self.size) for i in (j, j + 1) if i < self.size]
+        self.pattern = SymmetricPattern.from_keys(self.size, np.array(rows))
+
+    def value(self, x: np.ndarray) -> float:
+        return self.gradient(x)[0]
+
+    def gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        off, slope = self.stiff * (x[1:] - x[:-1] ** 2), x - 1.0
+        slope[1:] += self.stiff * off
+        slope[:-1] -= 2.0 * self.stiff * x[:-1] * off
+        return 0.5 * float(off @ off + (x - 1.0) @ (x - 1.0)), slope
+
+    def quadratic(self, x: np.ndarray) -> tuple[float, np.ndarray, Valley]:
+        self.at = x.copy()
+        return *self.gradient(x), self
+
+    def values(self, shift: float) -> np.ndarray:
+        entries, diagonal = np.zeros(self.pattern.entries), np.ones(self.size)
+        diagonal[1:] += self.stiff**2
+        diagonal[:-1] += (2.0 * self.stiff * self.at[:-1]) ** 2
+        entries[self.pattern.diagonal] = diagonal
+        entries[self.pattern.diagonal[:-1] + 1] = -2.0 * self.stiff**2 * self.at[:-1]
+        return entries
+
+
+def test_factors_renewed_after_short_steps_save_iterations_in_curved_valleys() -> None:
+    counts = []
+    for shortest in (0.05, KeepRule().shortest):
+        keep = KeepRule(shortest=shortest, while_below=math.inf)
+        solution = minimise_keeping_factors(
+            Valley(), np.full(Valley.size, -1.2), NewtonOptions(1e-6, max_iterations=1000), keep
+        )
+        assert solution.converged
+        np.testing.assert_allclose(solution.x, 1.0, atol=1e-4)
+        counts.append(solution.iterations)
+    assert counts[1] < 0.7 * counts[0]

@@ -12,9 +12,11 @@ from yarnscale.numerics.fronts import Fronts
 from yarnscale.numerics.multifrontal import (
     CONSTANTS,
     DGEMM,
+    DGEMV,
     DPOTRF,
     DSYRK,
     DTRSM,
+    DTRSV,
     factor_fronts,
     scatter,
     solve_fronts,
@@ -124,18 +126,11 @@ class Factorisation:
         """Solve for (n,) or (n, k); only after ``factor`` returned True."""
         order = self._fronts.order
         columns = np.asfortranarray(right.reshape(len(right), -1)[order], dtype=np.float64)
-        first, starts, *_ = self._tree
+        fronts = self._fronts
         solve_fronts(
-            first,
-            starts,
-            self._fronts.rows,
-            self._fronts.factor,
-            self._factor,
-            columns,
-            *CONSTANTS,
-            DTRSM,
-            DGEMM,
-        )
+            fronts.first, fronts.starts, fronts.rows, fronts.factor, self._factor, columns, *CONSTANTS,
+            DTRSM, DGEMM, DTRSV, DGEMV,
+        )  # fmt: skip
         solution = np.empty_like(columns)
         solution[order] = columns
         return solution.reshape(right.shape)

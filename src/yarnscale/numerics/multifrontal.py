@@ -22,8 +22,9 @@ _JIT = {"cache": True, "error_model": "numpy", "nogil": True, "fastmath": {"nsz"
 CONSTANTS = np.frombuffer(b"LNRT", np.uint8), np.array([1.0, -1.0, 0.0])
 """Arguments of BLAS. Not made inside compiled functions, which free an array after its last use by name."""
 DPOTRF = get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf")
-DTRSM, DSYRK, DGEMM = (
-    get_cython_function_address("scipy.linalg.cython_blas", name) for name in ("dtrsm", "dsyrk", "dgemm")
+DTRSM, DSYRK, DGEMM, DTRSV, DGEMV = (
+    get_cython_function_address("scipy.linalg.cython_blas", name)
+    for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
 )
 
 
@@ -128,74 +129,53 @@ def _add_update(child, places, width, below, columns, update):
 
 
 @numba.njit(**_JIT)
-def solve_fronts(first, starts, rows, begin, factor, x, letter, one, dtrsm, dgemm):
+def solve_fronts(first, starts, rows, begin, factor, x, letter, one, dtrsm, dgemm, dtrsv, dgemv):
     """Replace columns x in the order of elimination by the solution of L Lᵀ x = right."""
     lower, none, _, transposed = [letter.ctypes.data + k for k in range(4)]
     plus, minus, zero = one.ctypes.data, one.ctypes.data + 8, one.ctypes.data + 16
-    size = np.zeros(5, np.int32)  # width, rows below, rows, of x: rows, columns
+    size = np.zeros(6, np.int32)  # width, rows below, rows, of x: rows, columns; one
     width_at, below_at, rows_at, length_at, count_at = [size.ctypes.data + 4 * k for k in range(5)]
-    count = x.shape[1]
-    size[3], size[4] = len(x), count
-    others = np.empty(count * np.diff(starts).max())
-    for sweep in range(2):
-        for k in range(len(first) - 1):
-            s = k if sweep == 0 else len(first) - 2 - k
-            width, below = first[s + 1] - first[s], starts[s + 1] - starts[s]
-            size[0], size[1], size[2] = width, below, width + below
-            data, mine = factor[begin[s] :].ctypes.data, x.ctypes.data + 8 * first[s]
-            met = rows[starts[s] : starts[s + 1]]
-            under, apart = data + 8 * width, others.ctypes.data
-            if sweep == 0:
-                _call(
-                    dtrsm,
-                    (lower, lower, none, none, width_at, count_at, plus, data, rows_at, mine, length_at),
-                )
-                if below:
-                    _call(
-                        dgemm,
-                        (
-                            none,
-                            none,
-                            below_at,
-                            count_at,
-                            width_at,
-                            plus,
-                            under,
-                            rows_at,
-                            mine,
-                            length_at,
-                            zero,
-                            apart,
-                            below_at,
-                        ),
-                    )
-                for c in range(count):
-                    for i in range(below):
-                        x[met[i], c] -= others[c * below + i]
-                continue
+    count, step_at = x.shape[1], size.ctypes.data + 20
+    size[3], size[4], size[5] = len(x), count, 1
+    others = np.zeros(count * np.diff(starts).max())
+    for k in range(2 * (len(first) - 1)):
+        forward = k < len(first) - 1
+        s = k if forward else 2 * (len(first) - 1) - 1 - k
+        width, below = first[s + 1] - first[s], starts[s + 1] - starts[s]
+        size[0], size[1], size[2] = width, below, width + below
+        data, mine = factor[begin[s] :].ctypes.data, x.ctypes.data + 8 * first[s]
+        met, under, apart = rows[starts[s] : starts[s + 1]], data + 8 * width, others.ctypes.data
+        if not forward and below:
             for c in range(count):
                 for i in range(below):
                     others[c * below + i] = x[met[i], c]
-            if below:
-                _call(
-                    dgemm,
-                    (
-                        transposed,
-                        none,
-                        width_at,
-                        count_at,
-                        below_at,
-                        minus,
-                        under,
-                        rows_at,
-                        apart,
-                        below_at,
-                        plus,
-                        mine,
-                        length_at,
-                    ),
-                )
+            if count == 1:
+                _call(dgemv, (
+                    transposed, below_at, width_at, minus, under, rows_at, apart, step_at, plus, mine, step_at
+                ))  # fmt: skip
+            else:
+                _call(dgemm, (
+                    transposed, none, width_at, count_at, below_at, minus, under, rows_at, apart, below_at, plus,
+                    mine, length_at,
+                ))  # fmt: skip
+        turned = none if forward else transposed
+        if count == 1:
+            _call(dtrsv, (lower, turned, none, width_at, data, rows_at, mine, step_at))
+        else:
             _call(
-                dtrsm,
-                (lower, lower, transposed, none, width_at, count_at, plus, data, rows_at, mine, length_at),
+                dtrsm, (lower, lower, turned, none, width_at, count_at, plus, data, rows_at, mine, length_at)
             )
+        if forward and below:
+            if count == 1:
+                _call(
+                    dgemv,
+                    (none, below_at, width_at, plus, under, rows_at, mine, step_at, zero, apart, step_at),
+                )
+            else:
+                _call(dgemm, (
+                    none, none, below_at, count_at, width_at, plus, under, rows_at, mine, length_at, zero,
+                    apart, below_at,
+                ))  # fmt: skip
+            for c in range(count):
+                for i in range(below):
+                    x[met[i], c] -= others[c * below + i]

@@ -44,7 +44,7 @@ class KeepRule:
     iterations: int = 25
     while_below: float = 10.0
     memory: int = 12
-    shortest: float = 0.05
+    shortest: float = 0.2
 
 
 def minimise_keeping_factors(
