@@ -60,15 +60,22 @@ class Cycle:
     def hysteresis(self, way: float) -> float | None:
         """Width of the loop at a way from zero: force on loading less that on unloading, mean of both sides."""
         widths = []
-        for side in (1.0, -1.0):
-            legs = [
-                sorted((side * x, side * y) for x, y in leg if side * x >= 0)
-                for leg in (self.loading, self.unloading)
-            ]
+        for side, ways in zip((1.0, -1.0), self.sides, strict=True):
+            legs = [sorted((side * x, side * y) for x, y in leg) for leg in ways]
             if all(leg and leg[-1][0] >= way * (1 - 1e-9) for leg in legs):
                 up, down = (float(np.interp(way, *np.array(leg).T)) for leg in legs)
                 widths.append(up - down)
         return float(np.mean(widths)) if widths and self.status == "converged" else None
+
+    @property
+    def sides(self) -> list[list[tuple[Pair, ...]]]:
+        """Points of loading and unloading on the positive side, and on the other."""
+        outwards = sum(x > 0 for x, _ in self.loading)
+        split = outwards + 1 if outwards else 0
+        return [
+            [leg[part] for leg in (self.loading, self.unloading)]
+            for part in (slice(split), slice(split, None))
+        ]
 
     def plain(self) -> dict[str, Any]:
         """As plain values."""

@@ -105,12 +105,9 @@ def _loops(path: Path, found: Sequence[FabricTests]) -> None:
                 cycles = [cycle for cycle in tests.cycles if cycle.test == name]
                 directions = list(dict.fromkeys(cycle.direction for cycle in cycles))
                 for cycle in cycles:
-                    colour, sides = directions.index(cycle.direction), (1.0, -1.0)
+                    colour = directions.index(cycle.direction)
                     style = _style(number, colour, f"{cycle.direction:g}°" if cycle.number == 1 else "_")
-                    for side in sides:
-                        legs = [
-                            [p for p in leg if side * p[0] >= 0] for leg in (cycle.loading, cycle.unloading)
-                        ]
+                    for legs in [(cycle.loading, cycle.unloading)] if name == "tension" else cycle.sides:
                         axes.plot(*np.array([*legs[0], *legs[1]]).reshape(-1, 2).T, **style)
                         style["label"] = None
             axes.set(xlabel=way, ylabel=force)
