@@ -31,10 +31,13 @@ def test_length_and_radius(cut: dict[int, YarnPattern]) -> None:
 
 
 def test_tension(cut: dict[int, YarnPattern]) -> None:
-    """Taut fabric within 1 %; at the onset of its tension, where 0.1 % of yarn length counts as 15 %, within 15 %."""
+    """Taut fabric within 1 %; at the onset of tension, where 0.1 % of length counts as 15 %, within 5 % from 40 on."""
     cells = [PeriodicCell(pattern, YARN) for pattern in cut.values()]
-    for strain, bound in ((ShellStrain(s_x=0.3), 0.01), (ShellStrain(s_x=0.215, s_y=-0.123), 0.15)):
-        states = [cell.relax(strain) for cell in cells]
+    for strain, bound, first in (
+        (ShellStrain(s_x=0.3), 0.01, 0),
+        (ShellStrain(s_x=0.215, s_y=-0.123), 0.05, 1),
+    ):
+        states = [cell.relax(strain) for cell in cells[first:]]
         tension = np.array([state.stress[0] for state in states])
         assert all(state.converged for state in states)
         assert np.ptp(tension) < bound * tension[-1]

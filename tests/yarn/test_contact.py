@@ -70,7 +70,7 @@ def test_values_are_the_double_sum(kernel: str, rule: ContactRule, polyline: boo
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
 
 
-def test_two_places_hold_yarns_that_cross_as_the_published_five_do() -> None:
+def test_few_places_hold_yarns_that_cross_as_the_published_five_do() -> None:
     """Wherever two straight yarns of edges 1.04 r cross at no distance, the barrier is as high as the published one."""
     rule, edges = ContactRule(), 1.04 * np.arange(-3, 5)
     lowest = []
