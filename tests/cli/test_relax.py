@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import yarnscale.cli.yarns as yarns
+from yarnscale.cell.equilibrium import EquilibriumOptions
 from yarnscale.files.patterns import read_pattern
 from yarnscale.numerics.newton import Status
 
@@ -65,7 +66,8 @@ def test_a_solve_that_does_not_converge_ends_with_1(
 ) -> None:
     class Stopped(yarns.PeriodicCell):
         def __init__(self, *arguments: object, **options: object) -> None:
-            super().__init__(*arguments, **{**options, "max_iterations": 1})  # type: ignore[arg-type]
+            once = EquilibriumOptions(max_iterations=1)
+            super().__init__(*arguments, **{**options, "options": once})  # type: ignore[arg-type]
 
     monkeypatch.setattr(yarns, "PeriodicCell", Stopped)
     outcome = run("relax", "plain", "--as-drawn", "--json", "--out", tmp_path / "state.npz")
