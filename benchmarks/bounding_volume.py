@@ -66,17 +66,13 @@ def show_times(quick: bool) -> None:
 def show_hang(quick: bool) -> None:
     """The hanging 7×7 jersey of LOD03 Figures 10–13."""
     fabric, goal = jersey(7, 7, WOOL), 0.4 if quick else 3.0
-    print(
-        "model     t [s]  centre y, z [mm]  lower edge [mm]  elastic  gravity  kinetic  lost [µJ]  difference [mm]"
-    )
+    print("model     t [s]  centre y, z [mm]  lower edge [mm]  elastic  gravity  kinetic  lost [µJ]  difference [mm]")
     frames: dict[str, dict[float, np.ndarray]] = {}
     for name, shape in (("full", None), ("(5,5,2)", (5, 5)), ("(9,9,2)", (9, 9))):
         kept: list[YarnMotion] = []
         moving, began = _moving(fabric, shape, damping=1.0), time.perf_counter()
         schedule = Schedule(goal, STEP, to_rest=False, frame_interval=0.1)
-        run = simulate(
-            moving, moving.start, schedule, on_frame=lambda _, motion, kept=kept: kept.append(motion)
-        )
+        run = simulate(moving, moving.start, schedule, on_frame=lambda _, motion, kept=kept: kept.append(motion))
         seconds = time.perf_counter() - began
         frames[name] = {}
         for motion in kept:
@@ -93,9 +89,7 @@ def show_hang(quick: bool) -> None:
                 f"{name:9s} {at:5.1f}  {1e3 * mean[1]:7.2f} {1e3 * mean[2]:7.2f} {1e3 * lower:12.2f}     "
                 f"{parts[0]:8.3f} {parts[1]:8.2f} {parts[2]:8.3f} {-sum(parts):9.3f} {1e3 * away:12.2f}"
             )
-        print(
-            f"{name:9s} {run.outcome}, {run.steps} steps, {run.newton_iterations} iterations, {seconds:.1f} s"
-        )
+        print(f"{name:9s} {run.outcome}, {run.steps} steps, {run.newton_iterations} iterations, {seconds:.1f} s")
 
 
 def show_imposed() -> None:

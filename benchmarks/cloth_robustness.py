@@ -100,9 +100,7 @@ def outcomes(material: ShellMaterial, states: Iterator[Floats]) -> tuple[Counter
     return found, counting
 
 
-def states(
-    kinds: tuple[Callable[[Floats, np.random.Generator], Floats], ...], count: int
-) -> Iterator[Floats]:
+def states(kinds: tuple[Callable[[Floats, np.random.Generator], Floats], ...], count: int) -> Iterator[Floats]:
     flat = ClothState.flat(rectangle(0.06, 0.05, 0.01)).positions
     rng = np.random.default_rng(1)
     return (kinds[k % len(kinds)](flat, rng) for k in range(count))
@@ -123,9 +121,7 @@ def main() -> None:
             found, counting = outcomes(material, states(kinds, count))
             endings = ", ".join(f"{status} {number}" for status, number in found.most_common())
             factors = f"{counting.positive} factors, {counting.failed} failed"
-            print(
-                f"{name:12}{label:10}{count:6}  {factors:30}{time.perf_counter() - begin:7.1f} s  {endings}"
-            )
+            print(f"{name:12}{label:10}{count:6}  {factors:30}{time.perf_counter() - begin:7.1f} s  {endings}")
 
 
 if __name__ == "__main__":

@@ -124,9 +124,7 @@ def stretching(
     self_contact: bool,
 ) -> None:
     """Cost of the dynamics of the stretch test per 1/30 s simulated, and where the time goes."""
-    scene = stretch(
-        material, amount=amount, direction=direction, time_step=time_step, self_contact=self_contact
-    )
+    scene = stretch(material, amount=amount, direction=direction, time_step=time_step, self_contact=self_contact)
     solver, state, watch = ClothSolver(scene.cloth, scene.options), scene.start, Stopwatch()
     solver.step(state, time_step, iterations=1)  # compile
     for method, name in (

@@ -68,9 +68,7 @@ def truth(cell: PeriodicCell, table: FluctuationTable, count: int = 30) -> None:
         "bent along y": ([0, -0.3, 0, 0, 0, low[4]], [0.5, 0.3, 0.5, 0, 0, high[4]]),
         "twisted": ([0, -0.3, 0, 0, 0.5 * low[3], 0], [0.5, 0.3, 0.5, 0, 0.5 * high[3], 0]),
     }
-    print(
-        "\nstates         mean |Δû|/r: median    90 %     max   closest, diameters: here  (p10)  relaxed  (p10)"
-    )
+    print("\nstates         mean |Δû|/r: median    90 %     max   closest, diameters: here  (p10)  relaxed  (p10)")
     vertices = np.arange(len(cell.pattern.vertices))
     for name, (start, stop) in box.items():
         errors, here, relaxed = [], [], []
@@ -86,12 +84,9 @@ def truth(cell: PeriodicCell, table: FluctuationTable, count: int = 30) -> None:
             here.append(energy.gaps(free).min())
             relaxed.append(truth.min_distance_over_diameter)
         e, g, t = (
-            np.quantile(values, q)
-            for values, q in ((errors, [0.5, 0.9, 1]), (here, [0.5, 0.1]), (relaxed, [0.5, 0.1]))
+            np.quantile(values, q) for values, q in ((errors, [0.5, 0.9, 1]), (here, [0.5, 0.1]), (relaxed, [0.5, 0.1]))
         )
-        print(
-            f"{name:<14} {e[0]:20.3f} {e[1]:7.3f} {e[2]:7.3f} {g[0]:26.3f} {g[1]:7.3f} {t[0]:8.3f} {t[1]:7.3f}"
-        )
+        print(f"{name:<14} {e[0]:20.3f} {e[1]:7.3f} {e[2]:7.3f} {g[0]:26.3f} {g[1]:7.3f} {t[0]:8.3f} {t[1]:7.3f}")
 
 
 def overlap(table: FluctuationTable, run: Path) -> None:

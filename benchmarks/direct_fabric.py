@@ -174,9 +174,7 @@ HEAD = (
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("patterns", nargs="*", default=PATTERNS)
     parser.add_argument("--size", type=float, default=0.1, help="edge of the sheet [m]")
     parser.add_argument("--frames", type=float, default=1.0, help="frames of 1/30 s to run")

@@ -203,18 +203,14 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
         assert row is not None, "knits come first"
         values = row["parameters"]
         starts.append(model.unknowns(np.array([values[name] for name in model.names])))
-    evaluations = SharedEvaluations(
-        tuple(Evaluations(part, executor, _store(options)(part)) for part in parts)
-    )
+    evaluations = SharedEvaluations(tuple(Evaluations(part, executor, _store(options)(part)) for part in parts))
     firsts = _first_yarns(options, evaluations, starts)[: options.refined]
     end = race(evaluations, firsts, iterations=options.iterations)  # pyright: ignore[reportArgumentType]
     yarn = models[0].values(evaluations.split(end)[0])[:5]
     rows: list[dict] = [{"parameters": yarn.tolist(), "unknowns": end.tolist(),
                          "objective": evaluations.many([end])[0].objective, "solves": evaluations.solves,
                          "cpu_seconds": evaluations.seconds}]  # fmt: skip
-    for sample, part, data, unknowns in zip(
-        options.samples, parts, full, evaluations.split(end), strict=True
-    ):
+    for sample, part, data, unknowns in zip(options.samples, parts, full, evaluations.split(end), strict=True):
         last = replace(part, data=data).evaluate(unknowns)
         rows.append({"sample": sample, "comfort": last.errors.comfort, "full": last.errors.full,
                      "compression": last.errors.compression, "failed": last.failed,
@@ -239,9 +235,7 @@ def _first_yarns(
             values = [entry.objective for entry in part.many(points)]
             shaped.append(points[int(np.argmin(values))])
             objectives.append(min(values))
-        found.append(
-            (float(np.mean(objectives)), np.concatenate([yarn[:5], *(point[5:] for point in shaped)]))
-        )
+        found.append((float(np.mean(objectives)), np.concatenate([yarn[:5], *(point[5:] for point in shaped)])))
         _tell(options, {"yarn of": name, "objective": found[-1][0], "objectives": objectives})
     return [unknowns for _, unknowns in sorted(found, key=lambda pair: pair[0])]
 
@@ -249,9 +243,7 @@ def _first_yarns(
 def _rows(options: argparse.Namespace, part: str) -> list[dict]:
     """What the file of a part holds."""
     path = options.out / f"{part}.jsonl"
-    return (
-        [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
-    )
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
 
 
 def _made(options: argparse.Namespace, part: str, **entries: object) -> dict | None:
@@ -301,16 +293,10 @@ def tables(options: argparse.Namespace, _) -> None:
     for part, names in columns.items():
         print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
         for row in _rows(options, part):
-            row |= {
-                name: worst(row[name]) for name, worst in (("off", max), ("singular", min)) if name in row
-            }
+            row |= {name: worst(row[name]) for name, worst in (("off", max), ("singular", min)) if name in row}
             cells = [row[name] for name in names]
             said = [
-                f"{100 * cell:.3g} %"
-                if name in shares
-                else f"{cell:.4g}"
-                if isinstance(cell, float)
-                else str(cell)
+                f"{100 * cell:.3g} %" if name in shares else f"{cell:.4g}" if isinstance(cell, float) else str(cell)
                 for name, cell in zip(names, cells, strict=True)
             ]
             print(f"| {' | '.join(said)} |")
@@ -351,21 +337,15 @@ if __name__ == "__main__":
     arguments.add_argument("--starts", type=int, default=64)
     arguments.add_argument("--refined", type=int, default=12)
     arguments.add_argument("--iterations", type=int, default=12, help="Gauss-Newton with one yarn in all")
-    arguments.add_argument(
-        "--shapes", type=int, default=16, help="tried for each fabric with each first yarn"
-    )
+    arguments.add_argument("--shapes", type=int, default=16, help="tried for each fabric with each first yarn")
     arguments.add_argument("--seed", type=int, default=0)
     arguments.add_argument("--workers", type=int, default=2)
     arguments.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES), help="of the ablations")
     arguments.add_argument("--patterns", nargs="+", choices=TWINS, default=list(TWINS), help="of the twins")
     arguments.add_argument("--noises", nargs="+", type=float, default=[0.0, 0.03], help="of the twins")
-    arguments.add_argument(
-        "--around", type=float, help="scatter twins' starts so far about the truth, of the ranges"
-    )
+    arguments.add_argument("--around", type=float, help="scatter twins' starts so far about the truth, of the ranges")
     arguments.add_argument("--holdouts", nargs="+", choices=("none", "warp"), default=["none", "warp"])
-    arguments.add_argument(
-        "--pictures", action=argparse.BooleanOptionalAction, default=True, help="of the cells"
-    )
+    arguments.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="of the cells")
     chosen = arguments.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()

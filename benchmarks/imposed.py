@@ -37,9 +37,7 @@ def _torsion(points: Array, amount: float, width: float) -> Array:
     """Twisted about the rows' direction, by ``amount`` [rad] over the width."""
     angle = amount / width * points[:, 0]
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack(
-        [points[:, 0], c * points[:, 1] - s * points[:, 2], s * points[:, 1] + c * points[:, 2]], axis=1
-    )
+    return np.stack([points[:, 0], c * points[:, 1] - s * points[:, 2], s * points[:, 1] + c * points[:, 2]], axis=1)
 
 
 DEFORMATIONS: dict[str, Callable[[Array, float, float], Array]] = {

@@ -30,10 +30,7 @@ def random_spline_material() -> SplineMaterial:
     rng, reach = np.random.default_rng(0), np.array([0.8, 0.7, 0.8, 100.0, 100.0])
     line, plane = np.linspace(-1, 1, 15), np.linspace(-1, 1, 9)
     axes = tuple(CubicSpline(line * s, rng.normal(size=15), rng.normal(size=15)) for s in reach)
-    planes = {
-        (i, j): BicubicSpline(plane * reach[i], plane * reach[j], *rng.normal(size=(4, 9, 9)))
-        for i, j in PLANES
-    }
+    planes = {(i, j): BicubicSpline(plane * reach[i], plane * reach[j], *rng.normal(size=(4, 9, 9))) for i, j in PLANES}
     return SplineMaterial(0.0, axes, planes, density=0.2)
 
 
@@ -41,9 +38,7 @@ def random_compact_material() -> CompactMaterial:
     """As many units as a fit has."""
     rng, scale = np.random.default_rng(0), np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
     options = CompactOptions()
-    arrays = SpringNetwork(
-        *(rng.normal(size=tuple(shape)) for shape in shapes_of(options.steps, options.springs, 12))
-    )
+    arrays = SpringNetwork(*(rng.normal(size=tuple(shape)) for shape in shapes_of(options.steps, options.springs, 12)))
     positive = {n: np.abs(getattr(arrays, n)) for n in ("stiffnesses", "background", "wall_stiffnesses")}
     return CompactMaterial(0.0, scale, arrays._replace(**positive), density=0.2)
 

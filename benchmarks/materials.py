@@ -64,9 +64,7 @@ def _processor_seconds() -> float:
 
 def _yarnscale(*arguments: object) -> None:
     """Run a command; one that only misses some states ends with status 1."""
-    done = subprocess.run(
-        [sys.executable, "-m", "yarnscale", *map(str, arguments)], capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-m", "yarnscale", *map(str, arguments)], capture_output=True, text=True)
     if done.returncode > 1:
         raise SystemExit(done.stderr)
 
@@ -116,8 +114,7 @@ def moments(shell: dict, cell: dict) -> float:
     """Share of bending moments within tolerance."""
     pairs, good = _pairs(shell, cell, "bending", "curvature"), []
     largest = {
-        d: max(abs(p["moment"]) for _, p in pairs if p["direction"] == d)
-        for d in {p["direction"] for _, p in pairs}
+        d: max(abs(p["moment"]) for _, p in pairs if p["direction"] == d) for d in {p["direction"] for _, p in pairs}
     }
     for pair in pairs:
         allowed = 0.1 * max(abs(pair[1]["moment"]), 0.05 * largest[pair[1]["direction"]])
@@ -145,14 +142,8 @@ def unseen(folder: Path, path: Path) -> FabricStates:
     cell = PeriodicCell(read_pattern(kept), read_yarns(kept))
     rays = load_rays(cell, solves=6 * UNSEEN_STATES // 5, seed=UNSEEN_SEED, fixed=False)
     rays = [ray for ray in rays if ray.kind != "strain"]
-    rays += [
-        ray_to(strain, 1) for strain in islice(box_strains(cell.pattern.radius, UNSEEN_SEED), UNSEEN_STATES)
-    ]
-    store = (
-        resumed_ray_store(SampleStore(path), cell, rays)
-        if path.exists()
-        else create_ray_store(path, cell, rays)
-    )
+    rays += [ray_to(strain, 1) for strain in islice(box_strains(cell.pattern.radius, UNSEEN_SEED), UNSEEN_STATES)]
+    store = resumed_ray_store(SampleStore(path), cell, rays) if path.exists() else create_ray_store(path, cell, rays)
     sample(cell, store, workers=1)
     return FabricStates.of(store)
 
@@ -187,11 +178,7 @@ def row(name: str, options: argparse.Namespace) -> list[str]:
     store = options.out / "unseen" / Path(name).stem
     found = errors(material, unseen(material_folder, store)) if options.unseen else ["–", "–"]
     compact = options.form == "compact"
-    rest = (
-        f"{at_rest(material, FabricStates.of(SampleStore(material_folder / 'samples'))):.2f}"
-        if compact
-        else "–"
-    )
+    rest = f"{at_rest(material, FabricStates.of(SampleStore(material_folder / 'samples'))):.2f}" if compact else "–"
     return [
         Path(name).stem, f"{100 * share:.0f} ({falls})", f"{100 * moments(shell, cell):.0f}", curl(shell, cell), *found,
         rest, f"{spent['wall']:.0f}, {spent['processor']:.0f}",
@@ -199,9 +186,7 @@ def row(name: str, options: argparse.Namespace) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("patterns", nargs="*", default=[*library.names()])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--form", choices=("compact", "hylc2020"), default="compact")

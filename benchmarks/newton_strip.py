@@ -79,9 +79,7 @@ def bending_length(cloth: Style3DCloth, expected: float) -> float:
     cells, gravity = 20, GRAVITY / LIGHTER
     length = 2 * expected
     # Two columns of vertices hold the slope of the clamped end.
-    places = strip(
-        cloth, length * (cells + 1) / cells, cells=cells + 1, clamped=2, gravity=gravity, steps=300
-    )
+    places = strip(cloth, length * (cells + 1) / cells, cells=cells + 1, clamped=2, gravity=gravity, steps=300)
     first, second, third = (-place[2] for place in places[-3:])
     limit = third + (third - second) ** 2 / ((second - first) - (third - second))
     rigidity = cloth.density * gravity * length**4 / (8 * limit)
@@ -89,9 +87,7 @@ def bending_length(cloth: Style3DCloth, expected: float) -> float:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("materials", nargs="+", type=Path)
     print("| material | stretch under 1 N/m: material, Newton | error | bending length [mm] | error |")
     print("|---|---|---|---|---|")

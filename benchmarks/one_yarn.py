@@ -63,10 +63,7 @@ class SharedEvaluations:
             found = iter(part.many(moved, near=start))
             still = [] if start is None else part.many([start])
             columns.append(
-                [
-                    still[0] if start is not None and np.array_equal(point, start) else next(found)
-                    for point in own
-                ]
+                [still[0] if start is not None and np.array_equal(point, start) else next(found) for point in own]
             )
         share = 1.0 / np.sqrt(len(self.parts))
         return [
@@ -78,8 +75,6 @@ class SharedEvaluations:
 def with_one_yarn(models: Sequence[YarnModel]) -> list[YarnModel]:
     """The models with one radius to count from, the median of their R_est. InputError for differing k_s2."""
     if len({model.stiffness for model in models}) != 1:
-        raise InputError(
-            "k_s2 of fabrics of one yarn", expected="one value", found=[m.stiffness for m in models]
-        )
+        raise InputError("k_s2 of fabrics of one yarn", expected="one value", found=[m.stiffness for m in models])
     radius = float(np.median([model.pattern.radius for model in models]))
     return [replace(model, pattern=replace(model.pattern, radius=radius)) for model in models]

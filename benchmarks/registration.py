@@ -34,14 +34,9 @@ TURNS = {"front": 1.0, "back": -0.7}
 STRETCHES = (0.05, 0.1, 0.15, 0.2)
 
 
-def photographs(
-    pattern: YarnPattern, *, size: tuple[int, int] = (900, 800), seed: int = 0
-) -> dict[str, np.ndarray]:
+def photographs(pattern: YarnPattern, *, size: tuple[int, int] = (900, 800), seed: int = 0) -> dict[str, np.ndarray]:
     """Both sides of a pattern (rows, columns, 3) as a camera sees them, ``PIXELS_PER_RADIUS``."""
-    return {
-        side: _photograph(_rendered(pattern, side, size), TURNS[side], seed + k)
-        for k, side in enumerate(SIDES)
-    }
+    return {side: _photograph(_rendered(pattern, side, size), TURNS[side], seed + k) for k, side in enumerate(SIDES)}
 
 
 def _rendered(pattern: YarnPattern, side: str, size: tuple[int, int]) -> np.ndarray:
@@ -52,12 +47,8 @@ def _rendered(pattern: YarnPattern, side: str, size: tuple[int, int]) -> np.ndar
         points[:, :2] += tiles * pattern.period
         return points
 
-    rings = tuple(
-        int(np.ceil(0.5 * extent / p)) + 1 for extent, p in zip((width, height), pattern.period, strict=True)
-    )
-    curves = [
-        replace(curve, solid=None, yarn=0) for curve in periodic_curves(pattern.edges, place, rings=rings)
-    ]
+    rings = tuple(int(np.ceil(0.5 * extent / p)) + 1 for extent, p in zip((width, height), pattern.period, strict=True))
+    curves = [replace(curve, solid=None, yarn=0) for curve in periodic_curves(pattern.edges, place, rings=rings)]
     middle = np.array([*(0.3 * pattern.period), 0.0])
     corner = np.array([0.5 * width, 0.5 * height, 5.0 * pattern.radius])
     with screen(size) as plotter:
@@ -114,9 +105,7 @@ def _true_lines(pattern: YarnPattern) -> list[PeriodicCurve]:
 
 def curves_of_tension(pattern: YarnPattern, material: ys.YarnMaterial) -> tuple[np.ndarray, np.ndarray]:
     """Energy density [J/m²] and stress [N/m] along course and wale (2, stretches), yarns at rest as they lie."""
-    straight = replace(
-        pattern, rest_curvature=0.0 * pattern.rest_curvature, rest_twist=0.0 * pattern.rest_twist
-    )
+    straight = replace(pattern, rest_curvature=0.0 * pattern.rest_curvature, rest_twist=0.0 * pattern.rest_twist)
     cell = PeriodicCell(estimated_rest(PeriodicCell(straight, material)).pattern, material)
     energy, tension = np.empty((2, len(STRETCHES))), np.empty((2, len(STRETCHES)))
     for row, name in enumerate(("s_x", "s_y")):
@@ -148,11 +137,7 @@ def main(names: list[str]) -> None:
                 "visible, space": space[visible],
                 "hidden, plane": plane[~visible],
             }
-            errors = [
-                f"{part} {off.mean():.2f} (largest {off.max():.2f})"
-                for part, off in parts.items()
-                if len(off)
-            ]
+            errors = [f"{part} {off.mean():.2f} (largest {off.max():.2f})" for part, off in parts.items() if len(off)]
             print(f"  {label:<10} centre lines [r]: {'; '.join(errors)}")
         true, own = curves_of_tension(truth, material), curves_of_tension(found.pattern(drawing), material)
         for label, one, other in zip(("energy", "tension"), true, own, strict=True):

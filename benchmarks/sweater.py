@@ -57,9 +57,7 @@ def sized(material: ElementMaterial, triangles: int) -> Scene:
 def run(scene: Scene) -> list[ClothState]:
     """Simulate and print; the frames."""
     mesh, body = scene.cloth.mesh, scene.cloth.obstacles[0]
-    print(
-        f"{len(mesh.triangles)} triangles, {mesh.vertex_count} vertices; body {len(body.points(0.0))} vertices"
-    )
+    print(f"{len(mesh.triangles)} triangles, {mesh.vertex_count} vertices; body {len(body.points(0.0))} vertices")
     solver = ClothSolver(scene.cloth, scene.options)
     states: list[ClothState] = []
     seconds: list[float] = []

@@ -180,9 +180,7 @@ def scenario(case: Case, folder: Path) -> Scenario:
 class KeptRun(Generic[State]):
     """Runs a case, or goes on with it, in a folder; frames hold time, pull [N], middle surface and work until then."""
 
-    def __init__(
-        self, case: Case, asked: Scenario, folder: Path, kind: type[State], step: float, **parts: object
-    ):
+    def __init__(self, case: Case, asked: Scenario, folder: Path, kind: type[State], step: float, **parts: object):
         self.case, self.asked, self.folder = case, asked, folder
         self.schedule = Schedule(asked.duration, step, to_rest=False, frame_interval=FRAME)
         # Plain values alone: the package may change its classes while runs of days go on.
@@ -360,19 +358,13 @@ def cases(options: argparse.Namespace) -> list[Case]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("patterns", nargs="*", default=PATTERNS)
     parser.add_argument("--scene", choices=("stretch", "drape"), default="stretch")
     parser.add_argument("--directions", nargs="+", choices=DIRECTIONS, default=DIRECTIONS)
     parser.add_argument("--size", type=float, default=0.15, help="edge of the sheet [m]")
-    parser.add_argument(
-        "--spacing", type=float, nargs="*", default=[0.004], help="edges of the triangles of cloth [m]"
-    )
-    parser.add_argument(
-        "--friction", type=float, nargs="*", default=[0.3, 0.02], help="of yarns on each other"
-    )
+    parser.add_argument("--spacing", type=float, nargs="*", default=[0.004], help="edges of the triangles of cloth [m]")
+    parser.add_argument("--friction", type=float, nargs="*", default=[0.3, 0.02], help="of yarns on each other")
     parser.add_argument("--time-step", type=float, default=1 / 60, help="of the yarns [s]")
     parser.add_argument("--cloth-step", type=float, default=1 / 60, help="of the cloth [s]")
     parser.add_argument("--table", action="store_true", help="print what is kept, simulate nothing")

@@ -105,9 +105,7 @@ def side_by_side(options: argparse.Namespace, path: Path) -> None:
             for spine in axes.spines.values():
                 spine.set_visible(False)
         for k, heading in enumerate(HEADINGS[options.scene]):
-            for axes, column in zip(
-                panels[0, 3 * k :], ("yarns", f"{heading}\ncloth", "outlines"), strict=False
-            ):
+            for axes, column in zip(panels[0, 3 * k :], ("yarns", f"{heading}\ncloth", "outlines"), strict=False):
                 axes.set_title(column, fontsize=8)
             for x, (word, colour) in enumerate((("yarns", theme.SAMPLE), ("cloth", theme.FIT))):
                 panels[-1, 3 * k + 2].text(
@@ -142,9 +140,7 @@ def forces(options: argparse.Namespace, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("patterns", nargs="+")
     parser.add_argument("--scene", choices=tuple(EYES), default="stretch")

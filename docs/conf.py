@@ -24,9 +24,7 @@ def docstrings() -> str:
     parts = ["Docstrings", "==========", ""]
     for name in sorted(yarnscale.__all__):
         thing = getattr(yarnscale, name)
-        if name.startswith("_") or not (
-            inspect.isclass(thing) or inspect.isroutine(thing) or inspect.ismodule(thing)
-        ):
+        if name.startswith("_") or not (inspect.isclass(thing) or inspect.isroutine(thing) or inspect.ismodule(thing)):
             continue
         kind = "module" if inspect.ismodule(thing) else "class" if inspect.isclass(thing) else "function"
         place = thing.__name__ if kind == "module" else f"{thing.__module__}.{thing.__qualname__}"

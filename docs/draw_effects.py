@@ -67,9 +67,7 @@ def main() -> None:
                 print(title, flush=True)
                 shapes.append(positions)
                 titles.append(title)
-    drawn = Animation(
-        np.arange(float(len(shapes))), lambda k: Moment(k, cloth=shapes[k]), Surface(MESH.triangles)
-    )
+    drawn = Animation(np.arange(float(len(shapes))), lambda k: Moment(k, cloth=shapes[k]), Surface(MESH.triangles))
     frames_picture(
         ROOT / "docs" / "pictures" / "effects.png", drawn, columns=len(NAMES), camera=(0.25, -0.6, 1.0),
         size=(500, 500), titles=titles,

@@ -50,18 +50,14 @@ def main() -> None:
     down = np.asarray(GRAVITY) / np.linalg.norm(GRAVITY)
     turn = np.stack([[1.0, 0.0, 0.0], np.cross([1.0, 0.0, 0.0], down), -down])
     everything = np.concatenate([np.concatenate(frames) for frames in shown]).reshape(-1, 3) @ turn.T
-    with canvas(
-        ROOT / "docs" / "pictures" / "hanging.png", size=(WIDTH, HEIGHT), shape=(2, len(MOMENTS))
-    ) as plotter:
+    with canvas(ROOT / "docs" / "pictures" / "hanging.png", size=(WIDTH, HEIGHT), shape=(2, len(MOMENTS))) as plotter:
         for row, frames in enumerate(shown):
             for column, lines in enumerate(frames):
                 plotter.subplot(row, column)
                 plotter.set_background(theme.PAPER)
                 light(plotter)
                 curves = [Curve(line @ turn.T, yarn) for yarn, line in enumerate(lines)]
-                plotter.add_mesh(
-                    tube_mesh(curves, fabric.radius), scalars="colour", rgb=True, smooth_shading=True
-                )
+                plotter.add_mesh(tube_mesh(curves, fabric.radius), scalars="colour", rgb=True, smooth_shading=True)
                 label = "every yarn" if row == 0 else "volume (5, 5, 2)"
                 plotter.add_text(f"{label}, {MOMENTS[column]:g} s", font_size=11, color=theme.INK)
                 aim(plotter, everything, camera=(0.6, 1.6, 0.5), aspect=WIDTH / len(MOMENTS) / (HEIGHT / 2))

@@ -18,9 +18,7 @@ HEIGHT = 420
 def main() -> None:
     """Yarns, fitted energy and cloth in one row."""
     pictures = [Image.open(ROOT / part).convert("RGB") for part in PARTS]
-    pictures = [
-        p.resize((round(p.width * HEIGHT / p.height), HEIGHT), Image.Resampling.LANCZOS) for p in pictures
-    ]
+    pictures = [p.resize((round(p.width * HEIGHT / p.height), HEIGHT), Image.Resampling.LANCZOS) for p in pictures]
     sheet = Image.new("RGB", (sum(p.width for p in pictures), HEIGHT), "white")
     left = 0
     for picture in pictures:

@@ -35,9 +35,7 @@ def main() -> None:
                 force, noise = p.load * WIDTH, 1.0 + NOISE * random.standard_normal(3)
                 length = 1e3 * LENGTH * (1.0 + p.stretch * noise[1])
                 middle = 1e3 * WIDTH * (1.0 - p.contraction * noise[2])
-                rows.append(
-                    f"{direction},{run},{force * noise[0]:.4f},{length:.2f},{middle:.2f},{1e3 * WIDTH:g}"
-                )
+                rows.append(f"{direction},{run},{force * noise[0]:.4f},{length:.2f},{middle:.2f},{1e3 * WIDTH:g}")
     head = [
         "# Synthetic, no measurement: a periodic cell of stockinette of yarnscale's wool, radius 0.5 mm, pulled by",
         f"# yarnscale itself, with noise of {NOISE:.0%}. Swatches of {1e3 * LENGTH:g} x {1e3 * WIDTH:g} mm; "
@@ -65,14 +63,9 @@ def _mesh() -> None:
     """A sheet of 6 x 6 cm that is bent up at two sides; texture coordinates are metres along the fabric."""
     n, side, radius = 9, 0.06, 0.05
     along = np.linspace(-0.5 * side, 0.5 * side, n)
-    lines = [
-        "# A sheet of 6 x 6 cm, bent to a cylinder of 5 cm radius. Positions and texture coordinates in metres."
-    ]
+    lines = ["# A sheet of 6 x 6 cm, bent to a cylinder of 5 cm radius. Positions and texture coordinates in metres."]
     for y in along:
-        lines += [
-            f"v {radius * np.sin(x / radius):.6f} {y:.6f} {radius * (1 - np.cos(x / radius)):.6f}"
-            for x in along
-        ]
+        lines += [f"v {radius * np.sin(x / radius):.6f} {y:.6f} {radius * (1 - np.cos(x / radius)):.6f}" for x in along]
     lines += [f"vt {x:.6f} {y:.6f}" for y in along for x in along]
     for j in range(n - 1):
         for i in range(n - 1):

@@ -102,9 +102,7 @@ def run(page: Path, folder: Path) -> list[str]:
     failed = []
     for line, command, name in tasks:
         began = time.perf_counter()
-        done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, check=False
-        )
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         print(
             f"{page.name}:{line}: {name}: status {done.returncode}, {time.perf_counter() - began:.0f} s",
             flush=True,

@@ -20,8 +20,7 @@ assert state.converged
 print("component   stress      by differences   modulus     by differences")
 for k, (name, step) in enumerate({"s_x": 1e-4, "s_a": 1e-4, "s_y": 1e-4, "II11": 0.02}.items()):
     low, high = (
-        cell.relax(replace(strain, **{name: getattr(strain, name) + sign * step}), start=state)
-        for sign in (-1.0, 1.0)
+        cell.relax(replace(strain, **{name: getattr(strain, name) + sign * step}), start=state) for sign in (-1.0, 1.0)
     )
     stress = (high.energy_density - low.energy_density) / (2 * step)
     modulus = (high.stress[k] - low.stress[k]) / (2 * step)

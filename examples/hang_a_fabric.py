@@ -24,9 +24,7 @@ for name, scene in scenes.items():
     grip = loads.holds(result.state.time).forces(scene.energy, result.state.x).sum(axis=0)
     weight = 9.81 * scene.energy.masses().sum()
     drops.append(result.measures["lower_edge_drop"])
-    print(
-        f"{name}: {result.summary()['status']}, {grip[1] / weight:.4f} of the weight, {1e3 * drops[-1]:.3f} mm"
-    )
+    print(f"{name}: {result.summary()['status']}, {grip[1] / weight:.4f} of the weight, {1e3 * drops[-1]:.3f} mm")
     assert result.succeeded and result.measures["passages"] == 0
 assert np.isclose(grip[1], weight, rtol=0.02) and 0.0 < drops[1] < drops[0]
 

@@ -15,9 +15,7 @@ rest = cell.relax()
 course = cell.relax(ys.ShellStrain(s_x=0.2))
 wale = cell.relax(ys.ShellStrain(s_y=0.2), start=rest)
 for name, state in {"rest": rest, "course": course, "wale": wale}.items():
-    print(
-        f"{name:<7} {state.status.name.lower()}, {state.energy_density:.4f} J/m², {state.contacts} contacts"
-    )
+    print(f"{name:<7} {state.status.name.lower()}, {state.energy_density:.4f} J/m², {state.contacts} contacts")
     assert state.converged
 
 # At rest in the plane; 20 % cost 1.12 J/m² along the course, less along the wale.

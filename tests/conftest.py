@@ -34,9 +34,7 @@ def lit_picture() -> Callable[..., np.ndarray]:
         """Brightness (rows, columns) around 100, rows downwards."""
         shape = (int(12.0 * curves.period[1]), int(12.0 * curves.period[0]))
         pixel = (float(curves.period[1]) / shape[0], float(curves.period[0]) / shape[1])
-        relief = Relief.of(
-            curves.samples, curves.following, curves.sample_radii, curves.period, shape, SIDES[side]
-        )
+        relief = Relief.of(curves.samples, curves.following, curves.sample_radii, curves.period, shape, SIDES[side])
         cell = relief.lit(np.array([-0.3, 0.5, 1.0, 0.3, 0.2, 0.0, 0.1]), 1.0, pixel, 0.1)
         rows, columns = np.meshgrid(np.arange(size[0]), np.arange(size[1]), indexing="ij")
         across = columns / 6.0 * (1.0 if side == "front" else -1.0)

@@ -81,9 +81,7 @@ def test_numbers_of_numpy_and_paths_are_taken() -> None:
         area(1.0, 1.5)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    "value", [PATTERN, YARN, CELL, CLOTH, ys.ShellStrain(0.1), rectangle(0.1, 0.1, 0.05)]
-)
+@pytest.mark.parametrize("value", [PATTERN, YARN, CELL, CLOTH, ys.ShellStrain(0.1), rectangle(0.1, 0.1, 0.05)])
 def test_copies_are_equal(value: object) -> None:
     for again in (pickle.loads(pickle.dumps(value)), copy.copy(value), copy.deepcopy(value)):
         assert repr(again) == repr(value)

@@ -32,10 +32,7 @@ WITH_BLOCKS = [
     page
     for page in PAGES
     if page.name != "README.md"
-    and (
-        run_commands.commands(page)
-        or any(language == "python" for _, language, _ in run_commands.blocks(page))
-    )
+    and (run_commands.commands(page) or any(language == "python" for _, language, _ in run_commands.blocks(page)))
 ]
 
 
@@ -56,16 +53,11 @@ def test_files_that_commands_name_are_samples_or_made_before() -> None:
         if page != "README.md" and "samples" not in [text[0] for name, _, text in COMMANDS if name == page]:
             continue
         made = {
-            text[text.index("--out") + 1]
-            for name, n, text in COMMANDS
-            if name == page and n < line and "--out" in text
+            text[text.index("--out") + 1] for name, n, text in COMMANDS if name == page and n < line and "--out" in text
         }
         for word in arguments[1:]:
             path = Path(word)
-            if (
-                path.suffix in (".csv", ".toml", ".chart", ".obj")
-                and arguments[arguments.index(word) - 1] != "--out"
-            ):
+            if path.suffix in (".csv", ".toml", ".chart", ".obj") and arguments[arguments.index(word) - 1] != "--out":
                 assert word in there or word in made, (page, line, word)
 
 
@@ -99,11 +91,7 @@ def test_modules_and_names_that_pages_mention_are_there() -> None:
             for name in dotted[1:].split("."):
                 if (place / name).is_dir() or (place / f"{name}.py").is_file():
                     place = place / name
-                    file = (
-                        place.with_suffix(".py")
-                        if place.with_suffix(".py").is_file()
-                        else place / "__init__.py"
-                    )
+                    file = place.with_suffix(".py") if place.with_suffix(".py").is_file() else place / "__init__.py"
                     source = file.read_text(encoding="utf-8")
                 else:
                     source = source or (place / "__init__.py").read_text(encoding="utf-8")

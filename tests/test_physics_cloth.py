@@ -153,9 +153,7 @@ def sagging(mesh: TriangleMesh, length: float, distance: float) -> ClothState:
     """The strip as an arc of a circle between the hands, undeformed."""
     half = brentq(lambda h: math.sin(h) / h - distance / length, 0.1, 3.0)
     radius, angle = 0.5 * length / half, mesh.panel[:, 0] / (0.5 * length) * half
-    positions = np.column_stack(
-        [radius * np.sin(angle), mesh.panel[:, 1], radius * (math.cos(half) - np.cos(angle))]
-    )
+    positions = np.column_stack([radius * np.sin(angle), mesh.panel[:, 1], radius * (math.cos(half) - np.cos(angle))])
     return ClothState(positions, np.zeros_like(positions))
 
 

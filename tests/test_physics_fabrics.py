@@ -183,9 +183,7 @@ def test_finer_edges_resolve_a_curl_with_fewer_vertices() -> None:
         mesh = rectangle(0.12, 0.06, spacing, finer_edges=finer_edges)
         start = ClothState.flat(mesh)
         ends = np.flatnonzero(np.abs(mesh.panel[:, 0]) > 0.06 - 1e-9)
-        cloth = Cloth(
-            mesh, knit, (Handle("ends", ends, start.positions[ends]),), gravity=(0, 0, 0), damping=3.0
-        )
+        cloth = Cloth(mesh, knit, (Handle("ends", ends, start.positions[ends]),), gravity=(0, 0, 0), damping=3.0)
         solver = ClothSolver(cloth)
         run = simulate(solver, start, Schedule(0.4, 1 / 30, rough_iterations=30))
         assert run.converged

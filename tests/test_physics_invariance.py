@@ -117,9 +117,7 @@ def test_a_two_by_two_supercell(name: str, strain: ShellStrain) -> None:
     reference = relaxed(pattern, strain)
     state = relaxed(pattern.repeated(2, 2), strain)
     assert state.energy_density == pytest.approx(reference.energy_density, rel=1e-6)
-    np.testing.assert_allclose(
-        state.stress, reference.stress, rtol=1e-4, atol=1e-5 * np.abs(reference.stress).max()
-    )
+    np.testing.assert_allclose(state.stress, reference.stress, rtol=1e-4, atol=1e-5 * np.abs(reference.stress).max())
 
 
 @STATES
@@ -139,9 +137,7 @@ def test_copies_of_an_equilibrium_fill_a_supercell(name: str, strain: ShellStrai
 
 def test_a_supercell_buckles_no_stiffer_than_its_tile() -> None:
     pattern = library.build("stockinette")
-    assert relaxed(pattern.repeated(2, 2), REST).energy_density <= relaxed(pattern, REST).energy_density * (
-        1 + 1e-6
-    )
+    assert relaxed(pattern.repeated(2, 2), REST).energy_density <= relaxed(pattern, REST).energy_density * (1 + 1e-6)
 
 
 def test_size_does_not_matter() -> None:

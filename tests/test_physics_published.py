@@ -25,9 +25,7 @@ def test_rest_energy(shared: Path, name: str) -> None:
     state = published_cell(shared, name).relax()
     assert state.converged
     assert state.energy_density == pytest.approx(REST[name], rel=5e-3)
-    assert state.energy_density == pytest.approx(
-        {"stockinette": 0.0552671, "satin": 0.0038070}[name], rel=5e-4
-    )
+    assert state.energy_density == pytest.approx({"stockinette": 0.0552671, "satin": 0.0038070}[name], rel=5e-4)
 
 
 @pytest.mark.parametrize("name", REST)

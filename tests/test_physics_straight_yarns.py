@@ -75,9 +75,7 @@ def test_bending_along_the_yarns(axis: int, curvature: float) -> None:
     assert state.energy_density == pytest.approx(0.5 * BENDING * curvature**2, rel=1e-3)
     expected = np.zeros(6)
     expected[3 if axis == 0 else 5] = BENDING * curvature
-    np.testing.assert_allclose(
-        state.stress[3:], expected[3:], rtol=1e-3, atol=1e-3 * BENDING * abs(curvature)
-    )
+    np.testing.assert_allclose(state.stress[3:], expected[3:], rtol=1e-3, atol=1e-3 * BENDING * abs(curvature))
 
 
 @AXES

@@ -71,9 +71,7 @@ def test_moduli_are_the_derivative_of_stress(name: str) -> None:
         differences[k] = (sides[0] - sides[1]) / (2 * step[k])
     # A length scale balances the units: components weigh as much as their own stiffness.
     scale = np.sqrt(np.abs(np.diag(moduli)))
-    np.testing.assert_allclose(
-        moduli / scale[:, None] / scale, differences / scale[:, None] / scale, atol=1e-4
-    )
+    np.testing.assert_allclose(moduli / scale[:, None] / scale, differences / scale[:, None] / scale, atol=1e-4)
 
 
 def test_stress_without_load_is_the_prestress_of_the_rest_shape() -> None:

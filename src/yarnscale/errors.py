@@ -18,9 +18,7 @@ class InputError(ValueError):
     expected, found: what a right value looks like, and the value met.
     """
 
-    def __init__(
-        self, what: str, *, where: object = None, expected: object = None, found: object = None
-    ) -> None:
+    def __init__(self, what: str, *, where: object = None, expected: object = None, found: object = None) -> None:
         self.what, self.where, self.expected, self.found = what, where, expected, found
         parts = [f"{where}: {what}" if where is not None else what]
         if expected is not None:

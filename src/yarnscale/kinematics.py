@@ -107,9 +107,7 @@ def line_stretch(strain: Array, angle: float) -> tuple[float, Array, Array]:
     c, s = math.cos(angle), math.sin(angle)
     square = (a * c) ** 2 + 2 * shear * a * b * c * s + (b * s) ** 2
     stretch = math.sqrt(square)
-    slope = np.array(
-        [a * c * c + shear * b * c * s, a * b * c * s, b * s * s + shear * a * c * s, 0.0, 0.0, 0.0]
-    )
+    slope = np.array([a * c * c + shear * b * c * s, a * b * c * s, b * s * s + shear * a * c * s, 0.0, 0.0, 0.0])
     bend = np.zeros((6, 6))
     bend[:3, :3] = [
         [c * c, b * c * s, shear * c * s],

@@ -85,9 +85,7 @@ def test_stress_at_fixed_fluctuation_against_differences(state: str, material: Y
         ]
         expected = (sides[0].value(x) - sides[1].value(x)) * unit / (2 * step[k])
         assert abs(expected) > 1e-6
-        assert stress[k] == pytest.approx(
-            expected, rel=2e-6, abs=1e-6 * np.abs(stress[: 3 if k < 3 else 6]).max()
-        )
+        assert stress[k] == pytest.approx(expected, rel=2e-6, abs=1e-6 * np.abs(stress[: 3 if k < 3 else 6]).max())
 
 
 @pytest.mark.parametrize("state", ["rest", "flat", "bent about y", "bent askew"])
@@ -134,9 +132,7 @@ def test_constraints_are_those_of_the_theory() -> None:
         shift = np.zeros((n, 3))
         shift[:, 2] = 1.0
         vector = np.concatenate([shift.ravel(), np.zeros(n)])
-        assert np.linalg.norm(energy.constraints.project(vector)) < np.linalg.norm(vector), (
-            "translation is held"
-        )
+        assert np.linalg.norm(energy.constraints.project(vector)) < np.linalg.norm(vector), "translation is held"
         yarn = np.concatenate([np.zeros(3 * n), np.isin(np.arange(n), fabric.yarns[0])])
         assert np.abs(matrix @ yarn).max() > 1e-3, "twist of each yarn is held"
         tangent = np.zeros((n, 3))

@@ -72,9 +72,7 @@ def test_every_parameter(solved: Solved, name: str) -> None:
     units = np.array([1.0] * 3 + [RADIUS] * 3)
     assert abs(energy) > 0
     assert found.energy[name] == pytest.approx(energy, rel=1e-4)
-    np.testing.assert_allclose(
-        found.stress[name] / units, stress / units, atol=1e-4 * np.abs(stress / units).max()
-    )
+    np.testing.assert_allclose(found.stress[name] / units, stress / units, atol=1e-4 * np.abs(stress / units).max())
 
 
 def test_each_of_two_materials() -> None:
@@ -99,9 +97,7 @@ def test_each_of_two_materials() -> None:
         energy = (sides[0].energy_density - sides[1].energy_density) / (2 * step * value)
         stress = (sides[0].stress - sides[1].stress) / (2 * step * value)
         assert found.energy_of[k][name] == pytest.approx(energy, rel=1e-4)
-        np.testing.assert_allclose(
-            found.stress_of[k][name][:3], stress[:3], atol=1e-4 * np.abs(stress[:3]).max()
-        )
+        np.testing.assert_allclose(found.stress_of[k][name][:3], stress[:3], atol=1e-4 * np.abs(stress[:3]).max())
     total = sum(entry["young_modulus"] for entry in found.energy_of)
     assert found.energy["young_modulus"] == pytest.approx(total, rel=1e-12)
     assert "stretch.knee" in found.energy_of[0] and "stretch.knee" not in found.energy_of[1]

@@ -54,9 +54,7 @@ def loop(
 
 def work(found: list[CellHistory]) -> float:
     """∮ stress · d strain [J/m²]."""
-    stress, strain = (
-        np.array(v) for v in zip(*((h.state.stress, h.state.strain.vector) for h in found), strict=True)
-    )
+    stress, strain = (np.array(v) for v in zip(*((h.state.stress, h.state.strain.vector) for h in found), strict=True))
     return float((0.5 * (stress[1:] + stress[:-1]) * np.diff(strain, axis=0)).sum())
 
 
@@ -70,9 +68,7 @@ def test_stress_is_the_derivative_of_what_is_minimised(
     state, step = history.state, 1e-6 * SCALE
     energy = ahead.energy(state.strain)
     random = np.random.default_rng(1)
-    x = energy.start(state.fluctuation / cell.pattern.radius, state.twist) + 1e-3 * random.normal(
-        size=4 * energy.count
-    )
+    x = energy.start(state.fluctuation / cell.pattern.radius, state.twist) + 1e-3 * random.normal(size=4 * energy.count)
 
     def value(strain: np.ndarray) -> float:
         return ahead.energy(ShellStrain.from_vector(strain)).value(x) * energy.unit / cell.pattern.area
@@ -84,9 +80,7 @@ def test_stress_is_the_derivative_of_what_is_minimised(
     assert np.abs((stress - without) * SCALE).max() > 0.02 * np.abs(stress * SCALE).max()
 
 
-def test_a_state_without_slip_is_in_equilibrium_with_its_springs(
-    cell: PeriodicCell, rest: Equilibrium
-) -> None:
+def test_a_state_without_slip_is_in_equilibrium_with_its_springs(cell: PeriodicCell, rest: Equilibrium) -> None:
     """Springs hold static friction: once pressures have settled, steps that go nowhere change nothing, however many."""
     found = loop(cell, rest, [*path(PULLED, [0.1, 0.02, -0.03, 0, 0, 0], steps=4)])
     still = loop_on(found[-1], [found[-1].state.strain] * 8)

@@ -24,9 +24,7 @@ MATERIAL = YarnMaterial.preset("hylc2020-stockinette")
         ("plain", ShellStrain(0.1, 0.0, 0.0, 15.0, 0.0, -15.0)),
     ],
 )
-def test_the_same_equilibrium_as_a_small_cell(
-    name: str, strain: ShellStrain, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_same_equilibrium_as_a_small_cell(name: str, strain: ShellStrain, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = PeriodicCell(library.build(name), MATERIAL).with_options(tolerance=1e-9)
     small = cell.relax(strain)
     moduli = cell.moduli(small)
@@ -63,9 +61,7 @@ def test_pairs_that_begin_to_touch_get_a_place_in_the_matrix(monkeypatch: pytest
         probe = generator.standard_normal(len(x))
         for energy in (tight, whole):
             value, gradient, model = energy.quadratic(x)
-            products.append(
-                np.concatenate([model.pattern.multiply(model.values(0.1), probe), gradient, [value]])
-            )
+            products.append(np.concatenate([model.pattern.multiply(model.values(0.1), probe), gradient, [value]]))
             sizes.append(model.pattern.entries)
         np.testing.assert_allclose(products[0], products[1], rtol=1e-9, atol=1e-9 * np.abs(products[1]).max())
         x = x + 0.1 * generator.standard_normal(len(x))

@@ -43,9 +43,7 @@ def test_fundamental_forms_by_differences(strain: ShellStrain) -> None:
         for b in range(2):
             np.testing.assert_allclose((tangent[a] * tangent[b]).sum(1), strain.first_form[a, b], atol=1e-8)
             # z = +x²/2 with normal +z has II11 = +1: II = −n,a · m,b.
-            np.testing.assert_allclose(
-                -(slope[a] * tangent[b]).sum(1), strain.second_form[a, b], atol=1e-6 * 120
-            )
+            np.testing.assert_allclose(-(slope[a] * tangent[b]).sum(1), strain.second_form[a, b], atol=1e-6 * 120)
 
 
 @pytest.mark.parametrize("strain", STATES)
@@ -72,9 +70,7 @@ def test_a_cylinder_is_a_circle_of_the_right_radius_bent_upwards() -> None:
     curvature = 50.0
     x = np.linspace(-0.03, 0.03, 13)
     place, _ = Midsurface(ShellStrain(II11=curvature)).at(np.column_stack([x, 0 * x, 0 * x]))
-    expected = np.column_stack(
-        [np.sin(curvature * x), 0 * x, 1 - np.cos(curvature * x)] / np.array(curvature)
-    )
+    expected = np.column_stack([np.sin(curvature * x), 0 * x, 1 - np.cos(curvature * x)] / np.array(curvature))
     np.testing.assert_allclose(place, expected.reshape(-1, 3), atol=1e-15)
     assert (place[[0, -1], 2] > 0).all()
 
@@ -125,9 +121,7 @@ def test_the_unit_of_length_does_not_matter(strain: ShellStrain) -> None:
     reference, unit = points(), 1e-3
     fluctuation = np.full((25, 3), 2e-4)
     metres, radii = Midsurface(strain), Midsurface(strain, length=unit)
-    np.testing.assert_allclose(
-        radii.at(reference / unit)[0] * unit, metres.at(reference)[0], rtol=1e-12, atol=1e-16
-    )
+    np.testing.assert_allclose(radii.at(reference / unit)[0] * unit, metres.at(reference)[0], rtol=1e-12, atol=1e-16)
     np.testing.assert_allclose(
         radii.by_state(reference / unit, fluctuation / unit) * unit,
         metres.by_state(reference, fluctuation),
@@ -151,6 +145,4 @@ def test_rotation_vectors(strain: ShellStrain) -> None:
     reference = points()
     surface = Midsurface(strain)
     vectors = surface.rotation_vectors(reference)
-    np.testing.assert_allclose(
-        Rotation.from_rotvec(vectors).as_matrix(), surface.at(reference)[1], rtol=0, atol=1e-13
-    )
+    np.testing.assert_allclose(Rotation.from_rotvec(vectors).as_matrix(), surface.at(reference)[1], rtol=0, atol=1e-13)

@@ -223,17 +223,13 @@ def test_a_start_known_to_be_crossed_is_left_aside() -> None:
 def test_a_state_that_a_straight_motion_takes_for_crossed_is_good(monkeypatch: pytest.MonkeyPatch) -> None:
     """Loops may swing around each other on their way; no step of the solver cuts, and its equilibrium is kept."""
     pattern = library.build("stockinette")
-    monkeypatch.setattr(
-        continuation, "has_passages", lambda *_: True
-    )  # as where the straight motion is of no use
+    monkeypatch.setattr(continuation, "has_passages", lambda *_: True)  # as where the straight motion is of no use
     cell = PeriodicCell(pattern, MATERIAL)
     rest = cell.relax()
     state = cell.relax(ShellStrain(s_x=0.2), start=rest)
     assert rest.usable and state.usable
     monkeypatch.undo()
-    assert state.energy_density == pytest.approx(
-        cell.relax(ShellStrain(s_x=0.2), start=rest).energy_density, rel=1e-6
-    )
+    assert state.energy_density == pytest.approx(cell.relax(ShellStrain(s_x=0.2), start=rest).energy_density, rel=1e-6)
 
 
 def test_no_step_of_a_solve_takes_yarns_through_each_other() -> None:

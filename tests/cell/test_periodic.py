@@ -94,9 +94,4 @@ def test_a_slow_solve_is_given_time() -> None:
     hasty = PeriodicCell(library.build("stockinette"), MATERIAL).with_options(max_iterations=few).relax()
     assert hasty.converged and hasty.iterations > usual.iterations // 2 + 1
     assert hasty.energy_density == pytest.approx(usual.energy_density, rel=1e-6)
-    assert (
-        not PeriodicCell(library.build("stockinette"), MATERIAL)
-        .with_options(max_iterations=1)
-        .relax()
-        .converged
-    )
+    assert not PeriodicCell(library.build("stockinette"), MATERIAL).with_options(max_iterations=1).relax().converged

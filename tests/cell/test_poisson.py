@@ -66,9 +66,7 @@ def test_order_two_against_a_fine_grid(strain: ShellStrain, around_closed_form: 
     reference = points()
     fine, _ = surface(strain, cells=256, around_closed_form=True).at(reference)
     errors = [
-        np.abs(
-            surface(strain, cells=int(c), around_closed_form=around_closed_form).at(reference)[0] - fine
-        ).max()
+        np.abs(surface(strain, cells=int(c), around_closed_form=around_closed_form).at(reference)[0] - fine).max()
         for c in CELLS
     ]
     assert errors[0] > 1e-5
@@ -158,8 +156,7 @@ def test_derivatives_by_the_state(strain: ShellStrain, around_closed_form: bool)
     for k in range(6):
         move = step * np.eye(6)[k]
         sides = [
-            position(ShellStrain.from_vector(strain.vector + sign * move), reference, u, **options)
-            for sign in (1, -1)
+            position(ShellStrain.from_vector(strain.vector + sign * move), reference, u, **options) for sign in (1, -1)
         ]
         np.testing.assert_allclose(exact[:, :, k], (sides[0] - sides[1]) / (2 * step), atol=1e-8)
 
@@ -169,9 +166,7 @@ def test_the_unit_of_length_drops_out() -> None:
     strain = ShellStrain(0.1, 0.0, 0.0, 300.0, 50.0, -200.0)
     in_unit = PoissonMidsurface(strain, period=PERIOD, length=length)
     in_metres = PoissonMidsurface(strain, period=PERIOD * length)
-    np.testing.assert_allclose(
-        in_unit.at(reference)[0] * length, in_metres.at(reference * length)[0], atol=1e-15
-    )
+    np.testing.assert_allclose(in_unit.at(reference)[0] * length, in_metres.at(reference * length)[0], atol=1e-15)
     still = np.zeros_like(reference)
     np.testing.assert_allclose(
         in_unit.by_state(reference, still) * length, in_metres.by_state(reference * length, still), atol=1e-14
@@ -195,9 +190,7 @@ def test_grids_of_other_counts_are_refused(cells: int) -> None:
 
 @pytest.fixture(scope="module")
 def plain() -> PeriodicCell:
-    return PeriodicCell(library.build("plain"), YarnMaterial.preset("hylc2020-basket")).with_options(
-        tolerance=1e-9
-    )
+    return PeriodicCell(library.build("plain"), YarnMaterial.preset("hylc2020-basket")).with_options(tolerance=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -232,9 +225,7 @@ def test_domes_and_saddles_relax(plain: PeriodicCell, course: float, wale: float
 
 
 @pytest.mark.parametrize(("course", "wale"), RELAXED)
-def test_domes_and_saddles_of_stockinette_relax(
-    stockinette: PeriodicCell, course: float, wale: float
-) -> None:
+def test_domes_and_saddles_of_stockinette_relax(stockinette: PeriodicCell, course: float, wale: float) -> None:
     state = stockinette.relax(ShellStrain(II11=course, II22=wale))
     assert state.converged and state.energy_density > 0
 
@@ -291,9 +282,7 @@ def test_moduli_of_a_dome(plain: PeriodicCell) -> None:
     steps = np.array([2e-5] * 3 + [2e-2] * 3)
     for k, step in enumerate(steps):
         sides = [
-            cell.relax(
-                ShellStrain.from_vector(strain.vector + sign * step * np.eye(6)[k]), start=state
-            ).stress
+            cell.relax(ShellStrain.from_vector(strain.vector + sign * step * np.eye(6)[k]), start=state).stress
             for sign in (1, -1)
         ]
         error = ((sides[0] - sides[1]) / (2 * step) - moduli[k]) / (scale[k] * scale)
@@ -302,9 +291,7 @@ def test_moduli_of_a_dome(plain: PeriodicCell) -> None:
 
 def test_the_domain_is_given_by_the_pattern(plain: PeriodicCell) -> None:
     """Not by the search for contacts, which looks farther in compressed states."""
-    loose, pressed = (
-        cell_midsurface(plain.pattern, ShellStrain(s, 0.0, s, 50.0, 0.0, 50.0)) for s in (0.5, -0.4)
-    )
+    loose, pressed = (cell_midsurface(plain.pattern, ShellStrain(s, 0.0, s, 50.0, 0.0, 50.0)) for s in (0.5, -0.4))
     assert isinstance(loose, PoissonMidsurface) and isinstance(pressed, PoissonMidsurface)
     for a, b in zip(loose.grid.nodes, pressed.grid.nodes, strict=True):
         np.testing.assert_array_equal(a, b)

@@ -50,9 +50,7 @@ def test_material_parameters(solved: tuple[PeriodicCell, Equilibrium, Sensitivit
     energy, stress = _differences((changed[0], changed[1]), state, step)
     assert found.energy[name] == pytest.approx(energy, rel=1e-4)
     units = np.array([1.0] * 3 + [cell.pattern.radius] * 3)
-    np.testing.assert_allclose(
-        found.stress[name] / units, stress / units, atol=1e-4 * np.abs(stress / units).max()
-    )
+    np.testing.assert_allclose(found.stress[name] / units, stress / units, atol=1e-4 * np.abs(stress / units).max())
 
 
 def test_rest_lengths(solved: tuple[PeriodicCell, Equilibrium, Sensitivities]) -> None:

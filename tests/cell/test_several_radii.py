@@ -98,9 +98,7 @@ def test_several_radii_are_part_of_the_pattern(tmp_path: Path) -> None:
     assert pattern.scaled(2.0).yarn_radius == pytest.approx(np.array([8e-4, 14e-4, 8e-4, 8e-4]))
     tiles = pattern.repeated(2, 1)
     assert tiles.yarn_radius is not None and np.count_nonzero(tiles.yarn_radius == 7e-4) == 1
-    single, double = (
-        PeriodicCell(p, WOOL).relax(ShellStrain(s_x=0.05)).energy_density for p in (pattern, tiles)
-    )
+    single, double = (PeriodicCell(p, WOOL).relax(ShellStrain(s_x=0.05)).energy_density for p in (pattern, tiles))
     assert double == pytest.approx(single, rel=1e-5)
     alike = weave(CHECK, radius=4e-4, yarn_radius={"a": 4e-4})
     assert alike.yarn_radius is None and alike.content_hash() == weave(CHECK, radius=4e-4).content_hash()

@@ -147,9 +147,7 @@ def test_bad_shell_materials(refused, tmp_path: Path, kind: str, command: str) -
 @pytest.mark.parametrize("amount", ["nan", "inf", "much", "-1", "-3"])
 def test_impossible_stretches(refused, shared: Path, tmp_path: Path, amount: str) -> None:
     material = shared / "reference" / "stock1.json"
-    line = refused(
-        "stretch", material, "--direction", "wale", f"--amount={amount}", "--out", tmp_path / "out"
-    )
+    line = refused("stretch", material, "--direction", "wale", f"--amount={amount}", "--out", tmp_path / "out")
     assert "amount" in line
     nothing_left(tmp_path)
 
@@ -230,9 +228,7 @@ def test_existing_results_are_not_overwritten(refused, tmp_path: Path) -> None:
 )  # fmt: skip
 def test_impossible_ranges(refused, tmp_path: Path, option: str, value: str) -> None:
     form = ("--form", "hylc2020")
-    assert option.strip("-") in refused(
-        "homogenize", "plain", "--out", tmp_path / "out", *form, option, value
-    )
+    assert option.strip("-") in refused("homogenize", "plain", "--out", tmp_path / "out", *form, option, value)
     nothing_left(tmp_path)
 
 

@@ -69,9 +69,7 @@ def without(column: str) -> str:
 
 
 GRAMS = [row.replace(row.split(",")[2], str(102 * float(row.split(",")[2])), 1) for row in ROWS]
-METRES = [
-    ",".join([*row.split(",")[:3], str(float(row.split(",")[3]) / 1e3), *row.split(",")[4:]]) for row in ROWS
-]
+METRES = [",".join([*row.split(",")[:3], str(float(row.split(",")[3]) / 1e3), *row.split(",")[4:]]) for row in ROWS]
 PICTURE = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
 
 BROKEN = {
@@ -177,8 +175,7 @@ BROKEN = {
     "widths of blocks": (
         "a.csv",
         "".join(
-            f"Specimen {k} weft\nSpecimen width,{w},mm\nGauge length,100,mm\n" + LOG
-            for k, w in enumerate((50, 25, 90))
+            f"Specimen {k} weft\nSpecimen width,{w},mm\nGauge length,100,mm\n" + LOG for k, w in enumerate((50, 25, 90))
         ),
         (":21:", "swatches of about one width along weft, 0.055 m", "0.025 m"),
     ),
@@ -262,9 +259,7 @@ def test_broken_exports(refused, tmp_path: Path, kind: str) -> None:
     name, content, words, *options = BROKEN[kind]
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    line = refused(
-        "estimate", path, "--pattern", "stockinette", "--out", tmp_path / "out", *(options or [[]])[0]
-    )
+    line = refused("estimate", path, "--pattern", "stockinette", "--out", tmp_path / "out", *(options or [[]])[0])
     assert [word for word in words if word not in line] == []
     if "file does not exist" not in line and "N/m" not in line:
         assert str(path) in line

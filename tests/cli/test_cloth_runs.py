@@ -212,9 +212,7 @@ def test_a_movie_has_the_frames_of_its_time(run: Path, tmp_path: Path) -> None:
         assert stream.average_rate == 25
     # 0.08 s a quarter as fast, 25 pictures a second, both ends included.
     assert len(pictures) == 9
-    changes = [
-        np.abs(a.astype(int) - b).mean() > 0.1 for a, b in zip(pictures[1:], pictures[:-1], strict=True)
-    ]
+    changes = [np.abs(a.astype(int) - b).mean() > 0.1 for a, b in zip(pictures[1:], pictures[:-1], strict=True)]
     assert sum(changes) == 2, "three frames were simulated"
 
 

@@ -26,9 +26,10 @@ from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.state import ClothState
 from yarnscale.yarn.material import PRESETS
 
-RECORD = dict.fromkeys(
-    ("energy_density", "iterations", "seconds", "residual", "min_distance_over_diameter"), 0.0
-) | {"stress": np.zeros(6), "status": CODE_OF["converged"]}
+RECORD = dict.fromkeys(("energy_density", "iterations", "seconds", "residual", "min_distance_over_diameter"), 0.0) | {
+    "stress": np.zeros(6),
+    "status": CODE_OF["converged"],
+}
 """What a store holds of a state beside the place of its yarns."""
 MESH = rectangle(0.04, 0.03, 0.008)
 
@@ -73,9 +74,7 @@ def test_every_frame_gets_yarns_that_go_with_the_cloth(
         assert np.ptp(moment.yarns[:, 0]) == pytest.approx(0.04 * (1 + 0.05 * number), rel=0.05)
 
 
-def test_resume_writes_what_is_missing_or_old_only(
-    run: Callable, inputs: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_resume_writes_what_is_missing_or_old_only(run: Callable, inputs: tuple[Path, Path], tmp_path: Path) -> None:
     folder = simulated(tmp_path)
     call = ("detail", folder, "--pattern", inputs[0], "--samples", inputs[1], "--json")
     run(*call)
@@ -94,9 +93,7 @@ def test_other_patterns_and_folders_are_refused(
     other = refused("detail", folder, "--pattern", "twill-2x2", "--samples", inputs[1])
     assert "is not the one behind" in other
     assert "folder does not exist" in refused("detail", tmp_path / "none", "--pattern", inputs[0])
-    assert "no sample store" in refused(
-        "detail", folder, "--pattern", inputs[0], "--samples", tmp_path / "no"
-    )
+    assert "no sample store" in refused("detail", folder, "--pattern", inputs[0], "--samples", tmp_path / "no")
 
 
 def test_resume_refuses_frames_made_from_other_samples(
@@ -146,17 +143,11 @@ def test_thick_and_thin_yarns_keep_their_size_and_colour() -> None:
     """Warp of one kind, weft of another that is half as thick."""
     plain = library.build("plain")
     warp = np.array([plain.edges[chain, 3].sum() != 0 for chain in plain.yarns])
-    pattern = replace(
-        plain, yarn_material=(~warp).astype(int), yarn_radius=plain.radius * np.where(warp, 1.0, 0.5)
-    )
+    pattern = replace(plain, yarn_material=(~warp).astype(int), yarn_radius=plain.radius * np.where(warp, 1.0, 0.5))
     zero = np.zeros(1)
-    table = FluctuationTable(
-        pattern, (zero, zero, zero, zero, zero), np.zeros((1, 1, 1, 3, len(pattern.edges), 3))
-    )
+    table = FluctuationTable(pattern, (zero, zero, zero, zero, zero), np.zeros((1, 1, 1, 3, len(pattern.edges), 3)))
     curves = curve_set(YarnDetail.of(table, MESH))
     assert set(curves.yarn.tolist()) == {0, 1}
-    for kind, radius, yarn in zip(
-        curves.yarn, curves.radii[curves.offsets[:-1]], range(len(curves)), strict=True
-    ):
+    for kind, radius, yarn in zip(curves.yarn, curves.radii[curves.offsets[:-1]], range(len(curves)), strict=True):
         own = slice(curves.offsets[yarn], curves.offsets[yarn + 1])
         assert radius == pattern.radius * (0.5 if kind else 1.0) and (curves.radii[own] == radius).all()

@@ -34,9 +34,7 @@ def test_count_simulates_nothing(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("scene", ["hang", "stretch", "drape"])
-def test_a_scene_writes_its_frames_and_numbers(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, scene: str
-) -> None:
+def test_a_scene_writes_its_frames_and_numbers(capsys: pytest.CaptureFixture[str], tmp_path: Path, scene: str) -> None:
     options = ("--scene", scene, "--duration", "0.0666", "--time-step", "0.0333", "--out", str(tmp_path))
     numbers = _numbers(capsys, *options)
     assert numbers["steps"] == 2 and numbers["passages"] == 0
@@ -190,9 +188,7 @@ def test_options_that_exclude_each_other_are_told(capsys: pytest.CaptureFixture[
     assert "--rows" in capsys.readouterr().err
 
 
-def test_a_piece_of_tucks_and_two_beds_is_one_yarn_too(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_piece_of_tucks_and_two_beds_is_one_yarn_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     options = [
         "--rows",
         "2",

@@ -194,9 +194,7 @@ def test_the_yarn_is_fitted_again_where_clamps_hold_its_cloth_otherwise_and_the_
     monkeypatch.setattr(command, "_homogenized", lambda options, folder, found: cloths[folder.name])
     monkeypatch.setattr(command, "refitted", lambda found, **_: Estimate(0.0))
     monkeypatch.setattr(command, "_tested", lambda found: "numbers")
-    monkeypatch.setattr(
-        command, "write_material", lambda path, material: written.append((path.name, material))
-    )
+    monkeypatch.setattr(command, "write_material", lambda path, material: written.append((path.name, material)))
     options = SimpleNamespace(out=tmp_path, follow="measured", bending_weight=0.0)
     found = command._as_cloth(options, Estimate(difference), None)
     assert found.cloth.material == expected

@@ -54,13 +54,9 @@ def test_source_is_written_of_a_compact_material_and_the_published_form_says_its
 
 def test_wrong_suffixes_and_other_kinds_are_refused(source, tmp_path, capsys):
     assert main(["export", str(source), "--format", "c", "--out", str(tmp_path / "out.json")]) == 2
-    constants = dict.fromkeys(
-        ("stretch_weft", "stretch_warp", "shear", "bend_weft", "bend_warp", "bend_bias"), 1.0
-    )
+    constants = dict.fromkeys(("stretch_weft", "stretch_warp", "shear", "bend_weft", "bend_warp", "bend_bias"), 1.0)
     constants |= {"stretch_coupling": 0.1, "area": 0.1, "log_area": 0.1}
     write_material(tmp_path / "plain.json", OrthotropicMaterial(**constants, density=0.2))
-    assert (
-        main(["export", str(tmp_path / "plain.json"), "--format", "c", "--out", str(tmp_path / "out.c")]) == 2
-    )
+    assert main(["export", str(tmp_path / "plain.json"), "--format", "c", "--out", str(tmp_path / "out.c")]) == 2
     assert "compact" in capsys.readouterr().err
     assert not (tmp_path / "out.c").exists()

@@ -12,12 +12,7 @@ from yarnscale.files.curve_frames import read_curve_frames
 
 
 def test_counts_of_figure_9(capsys: pytest.CaptureFixture[str]) -> None:
-    assert (
-        main(
-            ["fabric", "jersey", "--rows", "15", "--columns", "30", "--volume", "5,5,2", "--count", "--json"]
-        )
-        == 0
-    )
+    assert main(["fabric", "jersey", "--rows", "15", "--columns", "30", "--volume", "5,5,2", "--count", "--json"]) == 0
     counts = json.loads(capsys.readouterr().out)
     assert counts == {
         "control_points_per_yarn": 243,

@@ -23,9 +23,7 @@ def test_a_page_with_its_pictures_and_progress(run, renderer: None, tmp_path: Pa
     assert outcome.status == 0
     assert json.loads(outcome.out) == {"patterns": ["plain"], "failed": []}
     assert "gallery: 1/1 in" in outcome.err
-    assert sorted(path.name for path in tmp_path.glob("[!.]*")) == ["index.html"] + [
-        f"plain-{k}.png" for k in range(4)
-    ]
+    assert sorted(path.name for path in tmp_path.glob("[!.]*")) == ["index.html"] + [f"plain-{k}.png" for k in range(4)]
 
 
 def test_charts_are_drawn_too(run, refused, renderer: None, tmp_path: Path) -> None:

@@ -66,9 +66,7 @@ except SystemExit:
 print(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))
 """
     environment = os.environ | {"PYTHONPATH": str(Path(yarnscale.__file__).parents[1])}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert json.loads(done.stdout.splitlines()[-1]) == []
 
 

@@ -36,10 +36,7 @@ def test_every_field_has_a_unit() -> None:
 
 def documented() -> set[str]:
     return {
-        name
-        for row in rows()
-        for cell in row
-        for name in re.findall(r"\w+", " ".join(re.findall("`(.+?)`", cell)))
+        name for row in rows() for cell in row for name in re.findall(r"\w+", " ".join(re.findall("`(.+?)`", cell)))
     }
 
 

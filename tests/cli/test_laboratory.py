@@ -40,11 +40,7 @@ def test_a_shell_is_tested_and_compared(shell, tmp_path, capsys):
     assert len(content["natural_curvature"]) == 2
     assert content["difference"]["stretch"] == 0.0
     assert json.loads((out / "tests.json").read_text())["subject"] == str(shell)
-    assert (
-        (out / "tests.csv")
-        .read_text(encoding="utf-8")
-        .startswith("test,direction [degrees],given,at,unit,measured")
-    )
+    assert (out / "tests.csv").read_text(encoding="utf-8").startswith("test,direction [degrees],given,at,unit,measured")
     page = (out / "index.html").read_text()
     assert "Virtual tests" in page and "data:image/png" in page
 
@@ -66,17 +62,13 @@ def test_a_cell_is_tested(tmp_path, capsys):
 def test_a_cell_with_friction_is_tested_in_cycles(tmp_path, capsys):
     out = tmp_path / "tested"
     options = ["--loads", "1,5", "--directions", "0", "--curvatures", "-20,20", "--as-drawn", "--json"]
-    assert (
-        main(["test", "stockinette", *options, "--friction", "0.3", "--cycles", "1", "--out", str(out)]) == 0
-    )
+    assert main(["test", "stockinette", *options, "--friction", "0.3", "--cycles", "1", "--out", str(out)]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["friction"] == 0.3
     (cycle,) = content["cycles"]["tension"]
     assert [p["load"] for p in cycle["unloading"]] == [5.0, 1.0, 0.0]
     assert 0 < cycle["work_returned"] < cycle["work"]
-    assert content["summary"]["tension"][0]["RT"] == pytest.approx(
-        100 * cycle["work_returned"] / cycle["work"]
-    )
+    assert content["summary"]["tension"][0]["RT"] == pytest.approx(100 * cycle["work_returned"] / cycle["work"])
     assert content["summary"]["shear"]["2HG"] > 0 and content["summary"]["shear"]["2HG5"] > 0
     assert all(bent["2HB"] > 0 for bent in content["summary"]["bending"])
     assert content["biaxial"] == [] and (out / "cycles.png").exists()

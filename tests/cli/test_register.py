@@ -27,9 +27,7 @@ def pictures(lit_picture: Callable[..., np.ndarray], tmp_path_factory: pytest.Te
     folder = tmp_path_factory.mktemp("pictures")
     true = YarnCurves.of(library.build("stockinette", radius=1.0, wale_spacing=8.4, loop_height=8.0))
     for side in ("front", "back"):
-        Image.fromarray(np.clip(lit_picture(true, side), 0, 255).astype(np.uint8)).save(
-            folder / f"{side}.png"
-        )
+        Image.fromarray(np.clip(lit_picture(true, side), 0, 255).astype(np.uint8)).save(folder / f"{side}.png")
     return folder
 
 
@@ -61,9 +59,7 @@ def test_the_page_of_a_command_that_was_killed_goes_on(pictures: Path, tmp_path:
 
     def started() -> tuple[subprocess.Popen[str], str]:
         command = [sys.executable, "-m", "yarnscale", *words]
-        process = subprocess.Popen(
-            command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
-        )
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
         assert process.stderr is not None
         lines = iter(process.stderr.readline, "")
         return process, next(line.split()[0] for line in lines if line.startswith("http://127.0.0.1:"))
@@ -123,9 +119,7 @@ def test_what_is_refused_in_one_line(refused, pictures: Path, tmp_path: Path) ->
 
     def told(**changed: object) -> str:
         options = run_on | {f"--{name}": value for name, value in changed.items()}
-        return refused(
-            "register", "--no-page", *[item for pair in options.items() for item in pair if pair[1]]
-        )
+        return refused("register", "--no-page", *[item for pair in options.items() for item in pair if pair[1]])
 
     assert "text.png: file is no picture" in told(front=text)
     assert "no_such.png: picture cannot be read" in told(front=tmp_path / "no_such.png")

@@ -40,9 +40,7 @@ def test_relax_prints_one_object_and_writes_the_state(run, tmp_path: Path) -> No
 
 def test_a_drawing_is_brought_to_rest_first(run) -> None:
     """Then nothing pulls on it in its plane, as nothing does on fabric on a table."""
-    settled, drawn = (
-        json.loads(run("relax", "plain", "--json", *more).out) for more in ((), ("--as-drawn",))
-    )
+    settled, drawn = (json.loads(run("relax", "plain", "--json", *more).out) for more in ((), ("--as-drawn",)))
     stress = [np.abs(found["stress"][:3]).max() for found in (settled, drawn)]
     assert settled["status"] == "converged"
     assert stress[0] < 0.01 * stress[1]
@@ -61,9 +59,7 @@ def test_published_cells_have_their_published_energies(run, shared: Path) -> Non
         assert json.loads(outcome.out)["energy_density"] == pytest.approx(energy, rel=5e-3)
 
 
-def test_a_solve_that_does_not_converge_ends_with_1(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_solve_that_does_not_converge_ends_with_1(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Stopped(yarns.PeriodicCell):
         def __init__(self, *arguments: object, **options: object) -> None:
             once = EquilibriumOptions(max_iterations=1)

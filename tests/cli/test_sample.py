@@ -34,9 +34,7 @@ def test_tiles_and_starts_are_stored_and_must_agree(run, refused, grid: Path, tm
     assert run(*command, "--size", "2x1", "--starts", "2", "--resume").status == 0
 
 
-def test_cells_that_are_too_large_are_refused_before_anything_is_written(
-    refused, grid: Path, tmp_path: Path
-) -> None:
+def test_cells_that_are_too_large_are_refused_before_anything_is_written(refused, grid: Path, tmp_path: Path) -> None:
     out = tmp_path / "store"
     said = refused("sample", "plain", "--grid", grid, "--out", out, "--size", "999x999")
     assert "cell size 999x999; expected positive numbers of tiles" in said
@@ -45,16 +43,12 @@ def test_cells_that_are_too_large_are_refused_before_anything_is_written(
 
 def test_loads_are_sampled_without_a_grid(run, refused, tmp_path: Path) -> None:
     out = tmp_path / "store"
-    outcome = run(
-        "sample", "plain", "--out", out, "--solves", "60", "--limit", "2", "--workers", "1", "--json"
-    )
+    outcome = run("sample", "plain", "--out", out, "--solves", "60", "--limit", "2", "--workers", "1", "--json")
     told = json.loads(outcome.out)
     states = FabricStates.of(SampleStore(out))
     assert told["converged"] == told["states"] == len(states.energies) > 30
     assert np.abs(states.stresses[states.kinds == "tension"][:, :3]).max() == pytest.approx(2.0, rel=0.3)
-    assert "other loads" in refused(
-        "sample", "plain", "--out", out, "--solves", "61", "--limit", "3", "--resume"
-    )
+    assert "other loads" in refused("sample", "plain", "--out", out, "--solves", "61", "--limit", "3", "--resume")
     assert "--size" in refused("sample", "plain", "--out", tmp_path / "other", "--size", "2x1")
     assert "a positive number" in refused("sample", "plain", "--out", tmp_path / "other", "--limit", "-1")
     assert not (tmp_path / "other").exists()

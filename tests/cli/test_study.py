@@ -16,9 +16,7 @@ def test_study_prints_a_table(run) -> None:
 
 
 def test_study_prints_one_object(run) -> None:
-    outcome = run(
-        "study", "plain", "--strain", "0.1,0,0,0,0", "--sizes", "1x1,2x1", "--starts", "1", "--json"
-    )
+    outcome = run("study", "plain", "--strain", "0.1,0,0,0,0", "--sizes", "1x1,2x1", "--starts", "1", "--json")
     one, two = json.loads(outcome.out)["sizes"]
     assert (one["size"], two["size"]) == ("1x1", "2x1")
     assert two["vertices"] == 2 * one["vertices"]

@@ -33,10 +33,7 @@ def test_a_chart_is_written_at_rest(tmp_path: Path, capsys: pytest.CaptureFixtur
     chart.write_text("kind = weave\nradius = 0.5 mm\nrows:\nx.\n.x\n")
     assert main(["pattern", str(chart), "--out", str(out)]) == 0
     assert "at rest" in capsys.readouterr().out
-    assert (
-        rest_stress_ratio(PeriodicCell(read_pattern(out), YarnMaterial.preset("hylc2020-basket"))).largest
-        < 0.01
-    )
+    assert rest_stress_ratio(PeriodicCell(read_pattern(out), YarnMaterial.preset("hylc2020-basket"))).largest < 0.01
 
 
 def test_a_large_drawing_has_set_yarns_and_its_own_periods(
@@ -111,16 +108,12 @@ def test_the_clock_of_relax_starts_when_all_is_compiled(monkeypatch: pytest.Monk
     seen = []
     relax, quadratic = PeriodicCell.relax, CellEnergy.quadratic
     monkeypatch.setattr(PeriodicCell, "relax", lambda *given: (seen.append("relax"), relax(*given))[1])
-    monkeypatch.setattr(
-        CellEnergy, "quadratic", lambda *given: (seen.append("quadratic"), quadratic(*given))[1]
-    )
+    monkeypatch.setattr(CellEnergy, "quadratic", lambda *given: (seen.append("quadratic"), quadratic(*given))[1])
     assert main(["relax", "plain", "--as-drawn"]) == 0
     assert seen[:2] == ["quadratic", "relax"]
 
 
-def test_a_draft_is_written_at_rest_and_comes_back(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_draft_is_written_at_rest_and_comes_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, again, chart = (tmp_path / name for name in ("first.wif", "again.wif", "again.chart"))
     assert main(["pattern", "twill-2x1", "--out", str(first), "--as-drawn", "--radius", "0.0002"]) == 0
     assert main(["pattern", str(first), "--out", str(again)]) == 0

@@ -41,9 +41,7 @@ def test_between_samples_it_is_linear_and_outside_it_stays(table: FluctuationTab
     low, high = np.array([0.05, 0.0, 0.1, 0.0, 0.0]), np.array([0.2, 0.0, 0.1, 0.0, 0.0])
     found = at(table, np.stack([low, high, 0.25 * low + 0.75 * high]), vertices)
     np.testing.assert_allclose(found[2], 0.25 * found[0] + 0.75 * found[1], atol=1e-15)
-    outside = at(
-        table, np.array([[-0.9, 0.9, 5.0, 1e4, -1e4], [0.05, 0.15, 0.25, 40.0, -40.0]]), vertices[:2]
-    )
+    outside = at(table, np.array([[-0.9, 0.9, 5.0, 1e4, -1e4], [0.05, 0.15, 0.25, 40.0, -40.0]]), vertices[:2])
     np.testing.assert_array_equal(outside[0], outside[1])
 
 

@@ -83,16 +83,12 @@ def test_borders_and_seams_are_told_and_glued_along_the_normal() -> None:
     np.testing.assert_allclose(laid.border_distance[inside], near[inside], atol=6e-4)
     np.testing.assert_allclose(np.abs(laid.normals[:, 1]), 1.0, atol=1e-9)
     material_ = YarnMaterial.preset("hylc2020-stockinette")
-    springs = glue(
-        laid.sheet, material_, width=0.006, distance=laid.border_distance, normals=laid.normals, pull=0.5
-    )
+    springs = glue(laid.sheet, material_, width=0.006, distance=laid.border_distance, normals=laid.normals, pull=0.5)
     away = laid.sheet.vertices[springs.pairs[:, 0]] - laid.sheet.vertices[springs.pairs[:, 1]]
     expected = np.sqrt(away[:, 0] ** 2 + 0.25 * away[:, 1] ** 2 + away[:, 2] ** 2)
     length = np.linalg.norm(away, axis=1)
     np.testing.assert_allclose(springs.rest_length, np.maximum(expected, 0.1 * length), rtol=1e-9)
     # The same springs as those of the sheet laid flat.
-    turned = replace(
-        laid.sheet, vertices=laid.sheet.vertices @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T
-    )
+    turned = replace(laid.sheet, vertices=laid.sheet.vertices @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T)
     flat = glue(turned, material_, width=0.006, distance=laid.border_distance, pull=0.5)
     np.testing.assert_allclose(flat.rest_length, springs.rest_length, rtol=1e-9)

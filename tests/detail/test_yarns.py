@@ -106,9 +106,7 @@ def test_states_are_those_of_the_surface(made_up: FluctuationTable) -> None:
     mesh = rectangle(0.05, 0.05, 0.003)
     strain = ShellStrain(0.1, 0.2, -0.05, 20.0, 0.0, 0.0)
     states = YarnDetail.of(made_up, mesh).states(deformed(mesh, strain))
-    np.testing.assert_allclose(
-        states[:, :3], np.broadcast_to([0.1, 0.2, -0.05], states[:, :3].shape), atol=2e-3
-    )
+    np.testing.assert_allclose(states[:, :3], np.broadcast_to([0.1, 0.2, -0.05], states[:, :3].shape), atol=2e-3)
     np.testing.assert_allclose(states[:, 3], 20.0, rtol=1e-2)
 
 

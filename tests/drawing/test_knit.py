@@ -38,17 +38,13 @@ def test_stockinette_interlocks_as_the_published_one(shared, crossing_words, sam
         ("links", ["k", "p"]),
     ],
 )
-def test_loops_are_drawn_through_as_the_chart_says(
-    name: str, chart: list[str], crossing_words, same_cycle
-) -> None:
+def test_loops_are_drawn_through_as_the_chart_says(name: str, chart: list[str], crossing_words, same_cycle) -> None:
     """A knit is drawn through from behind, a purl from the front, with the row above's stitch at its head."""
     sign = {"k": 1, "p": -1}
     words = crossing_words(build(name))
     for row, word in enumerate(words):
         above = chart[(row + 1) % len(chart)]
-        expected = "".join(
-            stitch(sign[own], sign[next_row]) for own, next_row in zip(chart[row], above, strict=True)
-        )
+        expected = "".join(stitch(sign[own], sign[next_row]) for own, next_row in zip(chart[row], above, strict=True))
         assert same_cycle(word, expected)
 
 
@@ -93,9 +89,7 @@ def test_impossible_knits_are_named(chart, options: dict[str, float], message: s
 def test_the_library_names_what_it_does_not_know() -> None:
     with pytest.raises(InputError, match=r"unknown pattern; expected stockinette, .*; found 'lace'"):
         build("lace")
-    with pytest.raises(
-        InputError, match="unknown parameter colour of pattern seed; expected radius, wale_spacing"
-    ):
+    with pytest.raises(InputError, match="unknown parameter colour of pattern seed; expected radius, wale_spacing"):
         build("seed", colour="red")
     assert "warp_spacing" in parameter_names("plain")
 

@@ -37,11 +37,7 @@ def test_cartridge_belt_rib_looks_the_same_from_behind() -> None:
     chart = StitchChart.read(library.structure("cartridge-belt-rib").chart)
     behind = {"k": "p", "p": "k", "b": "f", "f": "b"}
     turned = ["".join(behind[symbol] for symbol in row[::-1]) for row in chart.rows]
-    moves = [
-        [row[step:] + row[:step] for row in (turned[up:] + turned[:up])]
-        for step in range(4)
-        for up in range(2)
-    ]
+    moves = [[row[step:] + row[:step] for row in (turned[up:] + turned[:up])] for step in range(4) for up in range(2)]
     assert list(chart.rows) in moves
 
 

@@ -19,9 +19,7 @@ def straight(spacing: float, *, radius: float = 5e-4) -> YarnPattern:
     """One straight yarn along x in a period of 8 mm × ``spacing``."""
     x = np.arange(8) * 1e-3
     points = np.column_stack([x, np.zeros(8), np.zeros(8)])
-    return pattern_from_curves(
-        [PeriodicCurve(points, (1, 0))], period=(8e-3, spacing), radius=radius, name="straight"
-    )
+    return pattern_from_curves([PeriodicCurve(points, (1, 0))], period=(8e-3, spacing), radius=radius, name="straight")
 
 
 @pytest.mark.parametrize("name", library.names())
@@ -35,9 +33,7 @@ def test_built_in_patterns_pass(name: str) -> None:
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_a_radius_of_ten_times_or_a_tenth_is_refused(name: str, factor: float) -> None:
     pattern = library.build(name)
-    with pytest.raises(
-        InputError, match=r"a\.pyp: radius of the yarn; expected .*radius .* mm, period .* mm"
-    ):
+    with pytest.raises(InputError, match=r"a\.pyp: radius of the yarn; expected .*radius .* mm, period .* mm"):
         check_proportions(replace(pattern, radius=factor * pattern.radius), where="a.pyp")
 
 

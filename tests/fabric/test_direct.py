@@ -38,9 +38,7 @@ def _straight(edges: int, length: float, *, along: int = 0) -> YarnSheet:
 def test_positions_converge_at_the_order_of_the_integrator(integrator: Integrator, order: int) -> None:
     """Differences between solutions with Δt, Δt/2, Δt/4 shrink by 2ᵖ: a free yarn, bent and stretched by a kick."""
     sheet = _straight(8, 0.05)
-    settings = MotionSettings(
-        (0.0, 0.0, 0.0), tolerance=1e-10, enough=0.0, iterations=30, integrator=integrator
-    )
+    settings = MotionSettings((0.0, 0.0, 0.0), tolerance=1e-10, enough=0.0, iterations=30, integrator=integrator)
     ends = []
     for count in (16, 32, 64):
         dynamics = FabricDynamics(FabricEnergy(sheet, SOLID), settings)
@@ -152,9 +150,7 @@ def _moving() -> tuple[FabricDynamics, FabricMotion]:
     turn = np.linspace(0, 2 * math.pi, 24, endpoint=False)
     ring = 0.01 * np.stack([np.cos(turn), np.sin(turn), 0.1 * np.sin(3 * turn)], 1)
     sheet = YarnSheet.from_lines([ring], RADIUS, closed=True, bent=True)
-    dynamics = FabricDynamics(
-        FabricEnergy(sheet, SOLID), MotionSettings(gravity=(0.0, 0.0, 0.0), method="explicit")
-    )
+    dynamics = FabricDynamics(FabricEnergy(sheet, SOLID), MotionSettings(gravity=(0.0, 0.0, 0.0), method="explicit"))
     start = dynamics.start()
     velocity = np.zeros_like(start.velocity)
     velocity[: 3 * 24] = 20.0 * generator.standard_normal(72)

@@ -46,9 +46,7 @@ def test_a_free_fabric_falls_as_implicit_steps_let_it(plain: RodFabric, reduced:
 
 
 def test_without_gravity_nothing_falls(plain: RodFabric) -> None:
-    result = run(
-        RodScene(plain, stretch(plain.sheet, amount=0.01, duration=0.02), schedule=Schedule(0.02, STEP))
-    )
+    result = run(RodScene(plain, stretch(plain.sheet, amount=0.01, duration=0.02), schedule=Schedule(0.02, STEP)))
     assert result.measures["centre_drop"] is None is result.measures["lower_edge_drop"]
     assert result.measures["force"] is not None and result.measures["force"] > 0.0
 

@@ -31,9 +31,7 @@ def _as_cell(strain: ShellStrain) -> tuple[FabricEnergy, np.ndarray, float]:
     return FabricEnergy(sheet, SOFT), state.stress[[0, 2]], state.energy_density
 
 
-@pytest.mark.parametrize(
-    "strain", [ShellStrain(s_x=0.1, s_y=-0.04), ShellStrain(s_x=0.15, s_a=0.03, s_y=-0.08)]
-)
+@pytest.mark.parametrize("strain", [ShellStrain(s_x=0.1, s_y=-0.04), ShellStrain(s_x=0.15, s_a=0.03, s_y=-0.08)])
 def test_a_sheet_in_a_cells_state_has_its_strain_stress_and_energy(strain: ShellStrain) -> None:
     energy, stress, density = _as_cell(strain)
     found = interior(PATTERN, energy, energy.start(), share=0.5)

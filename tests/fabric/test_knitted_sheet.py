@@ -80,9 +80,7 @@ def test_the_determinant_knows_a_trefoil() -> None:
 @pytest.mark.parametrize(
     ("name", "columns", "rows"), [("stockinette", 3, 3), ("garter", 3, 2), ("rib-1x1", 2, 2), ("seed", 1, 2)]
 )
-def test_a_piece_is_one_yarn_that_unravels_only_where_it_is_not_bound_off(
-    name: str, columns: int, rows: int
-) -> None:
+def test_a_piece_is_one_yarn_that_unravels_only_where_it_is_not_bound_off(name: str, columns: int, rows: int) -> None:
     pattern = _built(name)
     sheet = knitted_sheet(pattern, columns, rows)
     assert len(sheet.closed) == 1 and not sheet.closed[0]
@@ -95,9 +93,7 @@ def test_a_piece_is_one_yarn_that_unravels_only_where_it_is_not_bound_off(
     own = inner[sheet.edges] & inner[sheet.following[sheet.edges]]
     turns = rows * len(pattern.yarns)
     expected = columns * rows * float(pattern.rest_length.sum())
-    assert sheet.rest_length[sheet.edges[own]].sum() == pytest.approx(
-        expected, abs=1.1 * turns * sheet.radius
-    )
+    assert sheet.rest_length[sheet.edges[own]].sum() == pytest.approx(expected, abs=1.1 * turns * sheet.radius)
     np.testing.assert_allclose(
         sheet.vertices[inner][:, :2],
         pattern.vertices[sheet.source[inner], :2] + sheet.tile[inner] * pattern.period,
@@ -118,9 +114,7 @@ def test_every_loop_of_the_borders_is_needed() -> None:
 @pytest.mark.parametrize(
     ("name", "columns", "rows"), [("stockinette", 4, 3), ("honeycomb", 1, 1), ("half-cardigan", 1, 2)]
 )
-def test_a_piece_finds_its_shape_and_stays_knotted_when_it_is_pulled(
-    name: str, columns: int, rows: int
-) -> None:
+def test_a_piece_finds_its_shape_and_stays_knotted_when_it_is_pulled(name: str, columns: int, rows: int) -> None:
     sheet = knitted_sheet(_built(name), columns, rows, chart=library.structure(name).chart)
     energy = FabricEnergy(sheet, SOFT, springs=woven_in(sheet, SOFT))
     start = energy.start()
@@ -220,9 +214,7 @@ def test_a_tuck_or_a_slip_is_another_knot_than_a_knit_stitch() -> None:
 
 
 def _lines(sheet: YarnSheet) -> list[np.ndarray]:
-    return [
-        sheet.vertices[a:b] / sheet.radius for a, b in zip(sheet.offsets, sheet.offsets[1:], strict=False)
-    ]
+    return [sheet.vertices[a:b] / sheet.radius for a, b in zip(sheet.offsets, sheet.offsets[1:], strict=False)]
 
 
 def _striped(letters: str | None, courses: int) -> YarnPattern:

@@ -75,16 +75,12 @@ def test_a_yarn_slides_down_a_slope_as_coulomb_says(friction: float) -> None:
 
 def test_every_step_rubs_whoever_calls_it() -> None:
     energy, slope = _on_slope(0.8)
-    dynamics = FabricDynamics(
-        energy, MotionSettings(tolerance=1e-9, enough=0.0, iterations=40), obstacles=(slope,)
-    )
+    dynamics = FabricDynamics(energy, MotionSettings(tolerance=1e-9, enough=0.0, iterations=40), obstacles=(slope,))
     motion = dynamics.start()
     for _ in range(20):
         motion = dynamics.step(motion, 1 / 400).state
     moved = (energy.positions(motion.x) - energy.positions(energy.start())) * RADIUS
-    assert (
-        float((moved @ DOWN).mean()) < 20 * 1.1 * slope.slip * RADIUS
-    )  # freely, it would have slid by six times that
+    assert float((moved @ DOWN).mean()) < 20 * 1.1 * slope.slip * RADIUS  # freely, it would have slid by six times that
 
 
 def test_friction_has_exact_derivatives_and_begins_at_zero() -> None:
@@ -121,15 +117,9 @@ def test_a_moving_belt_takes_a_yarn_along_as_coulomb_says(method: str, shape: st
     energy = FabricEnergy(YarnSheet.from_lines([line], RADIUS), SOLID)
     motion = Motion((speed, 0.0, 0.0), 0.0, 1.0, ease=False)
     square = 0.1 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-    belt = (
-        Plane(motion=motion)
-        if shape == "plane"
-        else MeshObstacle(square, np.array([[0, 1, 2], [0, 2, 3]]), motion)
-    )
+    belt = Plane(motion=motion) if shape == "plane" else MeshObstacle(square, np.array([[0, 1, 2], [0, 2, 3]]), motion)
     settings = MotionSettings(tolerance=1e-9, enough=0.0, iterations=40, method=method)  # type: ignore[arg-type]
-    dynamics = FabricDynamics(
-        energy, settings, obstacles=(Pushes(energy, belt, friction=friction, slip=1e-3),)
-    )
+    dynamics = FabricDynamics(energy, settings, obstacles=(Pushes(energy, belt, friction=friction, slip=1e-3),))
     pressed = equilibrium(
         energy,
         energy.start(),

@@ -35,9 +35,7 @@ def rods(scene: str, *, volume: bool = False, explicit: bool = False) -> Made:
     sheet = YarnSheet.of(library.build("stockinette"), 2, 2)
     energy = FabricEnergy(sheet, WOOL)
     made = drape(sheet, friction=0.3) if scene == "drape" else stretch(sheet, amount=0.5, duration=0.04)
-    settings = MotionSettings(
-        made.gravity, 1.0, YarnFriction(0.1), method="explicit" if explicit else "implicit"
-    )
+    settings = MotionSettings(made.gravity, 1.0, YarnFriction(0.1), method="explicit" if explicit else "implicit")
     energy.count_passages()
     parts = energy, settings, made.holds, made.pushes(energy)
     body = (
@@ -84,14 +82,10 @@ def test_a_run_goes_on_bit_by_bit(case: str, tmp_path: Path) -> None:
 
     def keep(run: Run[Any]) -> None:
         if run.shown:
-            files.append(
-                CheckpointFile(tmp_path / f"{run.frames}.npz", kind, {"case": case}, interval=math.inf)
-            )
+            files.append(CheckpointFile(tmp_path / f"{run.frames}.npz", kind, {"case": case}, interval=math.inf))
             files[-1].write(run)
 
-    whole = simulate(
-        body, start, schedule, on_frame=lambda _, state: states.append(state), on_checkpoint=keep
-    )
+    whole = simulate(body, start, schedule, on_frame=lambda _, state: states.append(state), on_checkpoint=keep)
     assert whole.converged and whole.frames == len(states) >= 5
     fresh, start, _ = make()
     place = files[2].read()
@@ -100,9 +94,7 @@ def test_a_run_goes_on_bit_by_bit(case: str, tmp_path: Path) -> None:
     again = simulate(fresh, start, schedule, on_frame=lambda _, state: rest.append(state), resume=place)
     for one, other in zip(states[3:], rest, strict=True):
         assert one.time == other.time
-        for name in (
-            ("x", "velocity", "passages") if kind is FabricMotion else ("positions", "velocities", "knots")
-        ):
+        for name in ("x", "velocity", "passages") if kind is FabricMotion else ("positions", "velocities", "knots"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
     work = ("steps", "newton_iterations", "factorisations", "loose_steps", "unfulfilled", "frames")
     assert [getattr(again, name) for name in work] == [getattr(whole, name) for name in work]

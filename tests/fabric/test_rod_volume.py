@@ -45,9 +45,7 @@ def volume(energy: FabricEnergy) -> RodVolume:
 def test_moves_yarns_affinely_and_keeps_their_shape(energy: FabricEnergy, volume: RodVolume) -> None:
     """Displacements that are linear in the place are displacements of control points; what is none is projected."""
     random, x = np.random.default_rng(0), energy.start()
-    x[: 3 * energy.count] += 0.1 * random.standard_normal(
-        3 * energy.count
-    )  # any shape, not only the sheet's own
+    x[: 3 * energy.count] += 0.1 * random.standard_normal(3 * energy.count)  # any shape, not only the sheet's own
     matrix, shift = 0.1 * random.standard_normal((3, 3)), random.standard_normal(3)
     control = volume.volume.control_at_rest / energy.radius
     nodes, positions = volume.maps_from(x)

@@ -166,9 +166,7 @@ def test_a_yarn_laid_across_loops_is_told_by_itself() -> None:
     """Straight over the wales of stockinette, it meets each course once."""
     loops = YarnSheet.of(STOCKINETTE, 4, 4)
     low, high = loops.vertices.min(axis=0), loops.vertices.max(axis=0)
-    line = np.linspace(
-        [low[0] + 1e-3, low[1], high[2] + 1.5e-3], [low[0] + 1e-3, high[1], high[2] + 1.5e-3], 12
-    )
+    line = np.linspace([low[0] + 1e-3, low[1], high[2] + 1.5e-3], [low[0] + 1e-3, high[1], high[2] + 1.5e-3], 12)
     both = loops.joined(YarnSheet.from_lines([line], loops.radius))
     springs = glue(both, SOFT, width=0.01)
     laid = (springs.pairs >= loops.vertex_count).any(axis=1)

@@ -157,6 +157,4 @@ def test_mass_matrix_is_exact() -> None:
     expected = np.zeros((energy.size // 3,) * 2)
     for segment, mass in zip(fabric.segments, energy.masses, strict=True):
         expected[np.ix_(segment, segment)] += mass * b.T @ b / len(u)
-    np.testing.assert_allclose(
-        energy.mass_matrix().toarray(), expected, rtol=1e-6, atol=1e-12 * expected.max()
-    )
+    np.testing.assert_allclose(energy.mass_matrix().toarray(), expected, rtol=1e-6, atol=1e-12 * expected.max())

@@ -26,9 +26,7 @@ PLAIN = ("single-jersey", "garter", "links", "rib-1x1", "rib-2x2", "seed", "moss
 
 
 def _fabric(name: str, rows: int, columns: int) -> SplineFabric:
-    return spline_fabric(
-        library.build(name), StitchChart.read(library.structure(name).chart), rows, columns, WOOL
-    )
+    return spline_fabric(library.build(name), StitchChart.read(library.structure(name).chart), rows, columns, WOOL)
 
 
 @pytest.mark.parametrize("name", PLAIN)

@@ -38,9 +38,7 @@ def test_a_new_knot_changes_neither_shape_nor_velocity(fabric: SplineFabric, vol
     for axis in (0, 1):
         finer, change = volume.refined(axis, 0.0013)
         assert finer.count > volume.count
-        np.testing.assert_allclose(
-            finer.weights(rest) @ (change @ control), volume.weights(rest) @ control, atol=1e-13
-        )
+        np.testing.assert_allclose(finer.weights(rest) @ (change @ control), volume.weights(rest) @ control, atol=1e-13)
 
 
 def test_refuses_what_it_cannot_hold(fabric: SplineFabric, volume: BoundingVolume) -> None:
@@ -72,17 +70,11 @@ def test_free_fall_is_exact(fabric: SplineFabric, volume: BoundingVolume, reduce
 
 
 @pytest.mark.parametrize("reduced", [False, True])
-def test_explicit_motion_keeps_energy_and_momentum(
-    fabric: SplineFabric, volume: BoundingVolume, reduced: bool
-) -> None:
+def test_explicit_motion_keeps_energy_and_momentum(fabric: SplineFabric, volume: BoundingVolume, reduced: bool) -> None:
     """Shaken without gravity: linear and angular momentum stay, energy does up to the order of the step."""
-    moving = SplineMotion(
-        fabric, volume=volume if reduced else None, gravity=(0.0, 0.0, 0.0), method="explicit"
-    )
+    moving = SplineMotion(fabric, volume=volume if reduced else None, gravity=(0.0, 0.0, 0.0), method="explicit")
     rest = moving.start.positions
-    shake = 0.3 * np.column_stack(
-        [np.sin(200 * rest[:, 1]), np.cos(150 * rest[:, 0]), np.sin(180 * rest[:, 0])]
-    )
+    shake = 0.3 * np.column_stack([np.sin(200 * rest[:, 1]), np.cos(150 * rest[:, 0]), np.sin(180 * rest[:, 0])])
     # A velocity that the contacts allow: one tiny step from rest takes out what they forbid.
     motion = moving.step(YarnMotion(rest, shake), 1e-9).state
 

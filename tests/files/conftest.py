@@ -39,9 +39,7 @@ def compact() -> CompactMaterial:
     """A small network with every kind of unit."""
     rng = np.random.default_rng(3)
     arrays = SpringNetwork(*(rng.normal(size=tuple(shape)) for shape in shapes_of(4, 6, 2)))
-    positive = {
-        name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")
-    }
+    positive = {name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")}
     scale = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
     return CompactMaterial(0.1, scale, arrays._replace(**positive), density=0.3)
 

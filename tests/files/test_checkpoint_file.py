@@ -20,9 +20,7 @@ from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.scene import Scene, drape, stretch
 from yarnscale.shell.state import ClothState, Earlier, Slips
 
-MATERIAL = replace(
-    JERSEY, stretch_coupling=5.0, area=0.0, log_area=0.0, bend_weft=2e-5, bend_bias=1e-5, bend_warp=2e-5
-)
+MATERIAL = replace(JERSEY, stretch_coupling=5.0, area=0.0, log_area=0.0, bend_weft=2e-5, bend_bias=1e-5, bend_warp=2e-5)
 
 
 def scene(**options) -> Scene:
@@ -36,9 +34,7 @@ def checkpoint(frames: int = 2, status: Status | None = None) -> Run:
     slips = Slips(rng.integers(-1, 9, (6, 5)), rng.normal(size=(6, 3)))
     state = ClothState(places[0], places[1], 0.3, places[2], earlier, places[3], slips)
     gave_way = Unfulfilled("handle 'pin'", 0.1, 3e-3, 1e-4)
-    return Run(
-        state, 0.1, status, frames, 0.4, True, 7, 31, 40, 2, math.inf, 0.025, 3, {"crossed": 1}, (gave_way,)
-    )
+    return Run(state, 0.1, status, frames, 0.4, True, 7, 31, 40, 2, math.inf, 0.025, 3, {"crossed": 1}, (gave_way,))
 
 
 def file_in(folder: Path, of: Scene | None = None) -> CheckpointFile[ClothState]:
@@ -58,9 +54,7 @@ def test_a_checkpoint_comes_back(tmp_path, status) -> None:
             assert getattr(read, field.name) == getattr(written, field.name), field.name
     assert read.state.before is not None and written.state.before is not None
     for field in fields(Earlier):
-        np.testing.assert_array_equal(
-            getattr(read.state.before, field.name), getattr(written.state.before, field.name)
-        )
+        np.testing.assert_array_equal(getattr(read.state.before, field.name), getattr(written.state.before, field.name))
     assert read.state.slips is not None and written.state.slips is not None
     np.testing.assert_array_equal(read.state.slips.between, written.state.slips.between)
     np.testing.assert_array_equal(read.state.slips.amounts, written.state.slips.amounts)
@@ -114,9 +108,7 @@ def test_other_settings_are_refused_by_name(tmp_path) -> None:
         "another cloth, another start, another schedule": stretch(MATERIAL, spacing=0.05),
         "another cloth$": drape(replace(MATERIAL, shear=21.0), spacing=0.05),
         "another options": replace(whole, options=SolverOptions(tolerance=0.02)),
-        "another start": replace(
-            whole, start=ClothState(whole.start.positions + 1e-9, whole.start.velocities)
-        ),
+        "another start": replace(whole, start=ClothState(whole.start.positions + 1e-9, whole.start.velocities)),
     }
     for said, other in others.items():
         with pytest.raises(InputError, match=f"cannot be resumed.*found {said}"):

@@ -51,9 +51,7 @@ def moment(index: int) -> Moment:
     return Moment(time, cloth, velocities, yarns, radii, bodies)
 
 
-WHOLE = Animation(
-    TIMES, moment, Surface(MESH.triangles, MESH.material, MESH.corners), CURVES, Surface(ball()[1])
-)
+WHOLE = Animation(TIMES, moment, Surface(MESH.triangles, MESH.material, MESH.corners), CURVES, Surface(ball()[1]))
 
 
 def sewn() -> Animation:
@@ -79,9 +77,7 @@ def test_usd_is_read_with_its_units_times_points_and_widths(tmp_path: Path) -> N
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == pytest.approx((12, 20.4))
     cloth = UsdGeom.Mesh(stage.GetPrimAtPath("/yarnscale/cloth"))
     np.testing.assert_allclose(cloth.GetPointsAttr().GetTimeSamples(), TIMES * 24)
-    np.testing.assert_array_equal(
-        np.array(cloth.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3), MESH.triangles
-    )
+    np.testing.assert_array_equal(np.array(cloth.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3), MESH.triangles)
     for k, time in enumerate(TIMES):
         code, here = time * 24, moment(k)
         assert here.cloth is not None and here.yarns is not None and here.radii is not None
@@ -157,9 +153,7 @@ def test_gltf_accessors_hold_every_frame(tmp_path: Path, yarns_as) -> None:
             outer = np.pi / 8 / np.sin(np.pi / 8)
             np.testing.assert_allclose(distance, np.tile(outer * here.radii[:, None], 8), atol=1e-6)
     if yarns_as == "lines":
-        np.testing.assert_allclose(
-            read(parts["cloth"][0]["attributes"]["TEXCOORD_0"]), MESH.material, atol=1e-7
-        )
+        np.testing.assert_allclose(read(parts["cloth"][0]["attributes"]["TEXCOORD_0"]), MESH.material, atol=1e-7)
     assert parts["yarns"][0]["mode"] == (1 if yarns_as == "lines" else 4)
     for part in parts["yarns"]:
         assert read(part["indices"]).max() == len(read(part["attributes"]["POSITION"])) - 1
@@ -198,9 +192,7 @@ def morphed(primitive: dict[str, Any], weights: np.ndarray, read: Any) -> tuple[
     for name in ("POSITION", "NORMAL"):
         if name in primitive["attributes"]:
             base = read(primitive["attributes"][name]).astype(float)
-            found.append(
-                base + sum(w * read(t[name]) for w, t in zip(weights, primitive["targets"], strict=True))
-            )
+            found.append(base + sum(w * read(t[name]) for w, t in zip(weights, primitive["targets"], strict=True)))
     return found[0], found[-1]
 
 

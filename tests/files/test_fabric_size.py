@@ -43,9 +43,7 @@ def test_the_stitch_density_fixes_the_size_unless_that_changes_a_measured_stiffn
         fabric_model(fabric(KnownConstruction(wales=1400)), "stockinette")
 
 
-@pytest.mark.parametrize(
-    ("force", "words"), [(900.0, "grams taken for newtons"), (0.03, "newtons taken for grams")]
-)
+@pytest.mark.parametrize(("force", "words"), [(900.0, "grams taken for newtons"), (0.03, "newtons taken for grams")])
 def test_forces_in_the_wrong_unit_are_told(force, words):
     with pytest.raises(InputError, match=words):
         fabric_model(fabric(force=force), "stockinette")

@@ -67,9 +67,7 @@ def fault(path: Path, text: str, read) -> str:
 
 
 @pytest.mark.parametrize("value", WRONG)
-@pytest.mark.parametrize(
-    "line", lines_with(YARN, ("young", "shear", "bend", "cont", "dens", "outer", "inner", "knee"))
-)
+@pytest.mark.parametrize("line", lines_with(YARN, ("young", "shear", "bend", "cont", "dens", "outer", "inner", "knee")))
 def test_yarn_materials(tmp_path: Path, line: int, value: str) -> None:
     path = tmp_path / "yarn.toml"
     assert fault(path, changed(YARN, line, value), read_material).startswith(f"{path}:{line + 1}: ")
@@ -80,9 +78,7 @@ def test_yarn_materials(tmp_path: Path, line: int, value: str) -> None:
     "line", lines_with(SCENE, ("width", "height", "spacing", "duration", "time_step", "thickness", "radius"))
 )
 def test_scenes(tmp_path: Path, line: int, value: str) -> None:
-    write_material(
-        tmp_path / "cloth.json", OrthotropicMaterial(10.0, 1.0, 10.0, 1.0, bend_weft=1e-5, bend_warp=1e-5)
-    )
+    write_material(tmp_path / "cloth.json", OrthotropicMaterial(10.0, 1.0, 10.0, 1.0, bend_weft=1e-5, bend_warp=1e-5))
     path = tmp_path / "scene.toml"
     path.write_text(SCENE, encoding="utf-8")
     read_scene(path)

@@ -21,9 +21,7 @@ MESH = rectangle(0.1, 0.08, 0.02)
 
 def state(time: float) -> ClothState:
     flat = ClothState.flat(MESH)
-    return ClothState(
-        flat.positions + np.array([0, 0, time**2]), np.full_like(flat.positions, 2 * time), time
-    )
+    return ClothState(flat.positions + np.array([0, 0, time**2]), np.full_like(flat.positions, 2 * time), time)
 
 
 def write_run(folder: Path, times=(0.0, 0.1, 0.3)) -> None:
@@ -76,9 +74,7 @@ def test_a_ball_is_closed_and_faces_outwards() -> None:
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
     assert volume == pytest.approx(4 * np.pi / 3, rel=0.02)
-    edges = np.sort(
-        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
-    )
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
     assert (vertex_normals(vertices, triangles) * vertices).sum(axis=1).min() > 0.999
 

@@ -111,15 +111,11 @@ def test_yarns_floats_and_ladders_come_back_from_knitout(tmp_path: Path) -> None
     structure = library.Structure("mine", tuple(rows), sizes={"yarns": ["A", "AB", "C", "B"]})
     write_pattern(pattern, tmp_path / "my.k", structure=structure)
     again = structure_of(tmp_path / "my.k")
-    assert (
-        again is not None and again.chart == structure.chart and again.sizes["yarns"] == ["A", "AB", "C", "B"]
-    )
+    assert again is not None and again.chart == structure.chart and again.sizes["yarns"] == ["A", "AB", "C", "B"]
     write_pattern(pattern, tmp_path / "my.chart", structure=again)
     assert rows_of(tmp_path / "my.chart") == structure.chart
     twisted = library.Structure("mine", ("k|k",))
-    with pytest.raises(
-        InputError, match=r"my2\.k: chart row 1 back needle 1 needs a transfer to the other bed"
-    ):
+    with pytest.raises(InputError, match=r"my2\.k: chart row 1 back needle 1 needs a transfer to the other bed"):
         write_pattern(pattern, tmp_path / "my2.k", structure=twisted)
     assert not (tmp_path / "my2.k").exists()
 
@@ -188,18 +184,14 @@ def test_what_cannot_be_drawn_is_refused_with_line_and_reason(tmp_path: Path, ca
     assert told.startswith(str(path)) and message in told and "\n" not in told
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b";!knitout-2\n\0\1", b"\xff\xfek\0n", np.random.default_rng(1).bytes(300)]
-)
+@pytest.mark.parametrize("content", [b"", b";!knitout-2\n\0\1", b"\xff\xfek\0n", np.random.default_rng(1).bytes(300)])
 def test_other_files_are_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(InputError, match=r"my\.k"):
         read_pattern(write(tmp_path, content))
 
 
 def test_a_file_is_known_by_its_first_line(tmp_path: Path) -> None:
-    text = "\ufeff" + "\r\n".join(
-        [*piece(FRONT, FRONT), "; Gr\u00f6\u00dfe", "x-speed-number 3", "stitch 1 2"]
-    )
+    text = "\ufeff" + "\r\n".join([*piece(FRONT, FRONT), "; Gr\u00f6\u00dfe", "x-speed-number 3", "stitch 1 2"])
     assert rows_of(write(tmp_path, text.encode(), "nameless")) == ("k",)
     assert rows_of(write(tmp_path, text.removeprefix("\ufeff").encode("latin-1"))) == ("k",)
 

@@ -25,9 +25,7 @@ def comma(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}f}".replace(".", ",")
 
 
-def fabric_of(
-    folder: Path, content: str | bytes, *, name: str = "weft-1.csv", settings: LogSettings | None = SWATCH
-):
+def fabric_of(folder: Path, content: str | bytes, *, name: str = "weft-1.csv", settings: LogSettings | None = SWATCH):
     path = folder / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return read_measurements(path, settings=settings)
@@ -52,9 +50,7 @@ def rows(form, *, stretch=STRETCH) -> str:
 def test_instron_specimens_below_each_other(tmp_path):
     text = '"Sample ID","jersey"\n"Method","strip"\n\n'
     for k in (1, 2):
-        text += (
-            f'"Specimen {k} - wale"\n"Time","Extension","Load","Tensile strain"\n"(s)","(mm)","(N)","(%)"\n'
-        )
+        text += f'"Specimen {k} - wale"\n"Time","Extension","Load","Tensile strain"\n"(s)","(mm)","(N)","(%)"\n'
         text += rows(lambda s, f: f'"{600 * s:.2f}","{100 * s:.4f}","{f:.4f}","{100 * s:.4f}"')
         text += '"Mean","12.0","1.1","30"\n\n'
     fabric = fabric_of(tmp_path, text, name="log.csv")
@@ -75,9 +71,7 @@ def test_shimadzu_units_below_names_and_force_first(tmp_path):
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
 def test_encodings(tmp_path, encoding):
-    text = "Längenänderung [mm]\tPrüfkraft [N]\r\n" + rows(lambda s, f: f"{100 * s:.4f}\t{f:.4f}").replace(
-        "\n", "\r\n"
-    )
+    text = "Längenänderung [mm]\tPrüfkraft [N]\r\n" + rows(lambda s, f: f"{100 * s:.4f}\t{f:.4f}").replace("\n", "\r\n")
     check(fabric_of(tmp_path, text.encode(encoding)))
 
 
@@ -128,11 +122,7 @@ def test_several_swatches_in_one_column(tmp_path):
 
 def test_sizes_above_the_table(tmp_path):
     text = "Gauge length;100;mm\nSpecimen width: ;50,0 mm\nDirection: weft\nExtension (mm);Load (N)\n"
-    check(
-        fabric_of(
-            tmp_path, text + rows(lambda s, f: f"{comma(100 * s)};{comma(f)}"), name="log.csv", settings=None
-        )
-    )
+    check(fabric_of(tmp_path, text + rows(lambda s, f: f"{comma(100 * s)};{comma(f)}"), name="log.csv", settings=None))
 
 
 def test_the_construction_of_the_fabric_above_the_table(tmp_path):
@@ -186,9 +176,7 @@ def test_sizes_in_a_sentence_above_the_table(tmp_path):
 
 def test_one_file_a_specimen(tmp_path):
     for k in (1, 2):
-        (tmp_path / f"log{k}.txt").write_text(
-            "Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}")
-        )
+        (tmp_path / f"log{k}.txt").write_text("Extension (mm),Load (N)\n" + rows(lambda s, f: f"{100 * s:.4f},{f:.4f}"))
     text = "".join(
         f'[[stretch]]\nfile = "log{k}.txt"\ndirection = "weft"\nswatch_width_mm = 50\nswatch_length_mm = 100\n'
         for k in (1, 2)
@@ -271,9 +259,7 @@ def test_refusals_say_what_to_do(tmp_path, content, settings, words):
 
 @pytest.mark.parametrize("name", ["warp", "Wales", "walewise", "90°", "Kette", "length-wise"])
 def test_names_of_directions(tmp_path, name):
-    text = "Direction,Specimen,Extension (mm),Load (N)\n" + rows(
-        lambda s, f: f"{name},1,{100 * s:.4f},{f:.4f}"
-    )
+    text = "Direction,Specimen,Extension (mm),Load (N)\n" + rows(lambda s, f: f"{name},1,{100 * s:.4f},{f:.4f}")
     if name == "Wales":
         text = f"{name}\n" + GOOD
     if name == "length-wise":
@@ -315,9 +301,7 @@ def cut(*pieces, notes, header="Extension (mm),Load (N)\n", time: bool = False) 
     return text
 
 
-@pytest.mark.parametrize(
-    "note", ["Break detected\n", "Sample slipped 2 mm\n", "Event,paused\n", "broke in a wale\n"]
-)
+@pytest.mark.parametrize("note", ["Break detected\n", "Sample slipped 2 mm\n", "Event,paused\n", "broke in a wale\n"])
 @pytest.mark.parametrize("at", [2, 40, 79])
 @pytest.mark.parametrize("time", [False, True])
 def test_a_note_within_a_pull_begins_no_swatch(tmp_path, note, at, time):
@@ -365,9 +349,7 @@ def test_a_time_that_goes_on_keeps_a_swatch_together(tmp_path):
     check(fabric_of(tmp_path, text))
 
 
-@pytest.mark.parametrize(
-    "results", ["Results\nSpecimen,Max load (N)\n", "\nResults\nMax load of specimen 1\n"]
-)
+@pytest.mark.parametrize("results", ["Results\nSpecimen,Max load (N)\n", "\nResults\nMax load of specimen 1\n"])
 def test_rows_of_results_are_remarked_on(tmp_path, results):
     text = GOOD + results + "1,12.5\n"
     fabric = fabric_of(tmp_path, text)

@@ -18,9 +18,7 @@ def compact_material(steps: int, springs: int, walls: int, *, mirrored: bool = T
     """Random numbers of everything."""
     rng = np.random.default_rng(3)
     arrays = SpringNetwork(*(rng.normal(size=tuple(shape)) for shape in shapes_of(steps, springs, walls)))
-    positive = {
-        name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")
-    }
+    positive = {name: np.abs(getattr(arrays, name)) for name in ("stiffnesses", "background", "wall_stiffnesses")}
     scale = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
     return CompactMaterial(
         0.1, scale, arrays._replace(**positive), density=0.3, mirrored=mirrored,

@@ -94,9 +94,7 @@ def test_faults_are_named(text: str, message: str, tmp_path: Path) -> None:
 
 
 def test_unknown_names_and_missing_files(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"unknown material; expected a TOML file or one of hylc2020-.*; found 'silk'"
-    ):
+    with pytest.raises(InputError, match=r"unknown material; expected a TOML file or one of hylc2020-.*; found 'silk'"):
         read_material("silk")
     with pytest.raises(InputError, match="file does not exist"):
         read_material(tmp_path / "none.toml")

@@ -222,9 +222,7 @@ def test_tracked_pins_whose_stress_contradicts_force_and_width_are_refused(tmp_p
     path = table(tmp_path, rows, header)
     assert read_measurements(path, single_run=True).name == "Wool"
     with pytest.raises(InputError, match="stress_N_per_mm"):
-        read_measurements(
-            table(tmp_path, [rows[0].replace("0.02", "20"), *rows[1:]], header), single_run=True
-        )
+        read_measurements(table(tmp_path, [rows[0].replace("0.02", "20"), *rows[1:]], header), single_run=True)
     with pytest.raises(InputError, match="X or Y"):
         read_measurements(table(tmp_path, [row.replace("Wool X", "Wool") for row in rows], header))
 

@@ -36,16 +36,10 @@ def test_stiffnesses_of_cloth_that_newton_can_be(fit):
     np.testing.assert_allclose(fit.cloth.stretch[:2], (60, 90), rtol=0.15)
     assert fit.cloth.density == 0.2
     errors = [
-        abs(d.error)
-        for d in fit.deviations
-        if d.reference.test == "tension" and d.reference.quantity == "stretch"
+        abs(d.error) for d in fit.deviations if d.reference.test == "tension" and d.reference.quantity == "stretch"
     ]
     assert max(errors) < 12
-    along = {
-        d.reference.at: d
-        for d in fit.deviations
-        if d.reference.test == "bending" and d.reference.direction == 0
-    }
+    along = {d.reference.at: d for d in fit.deviations if d.reference.test == "bending" and d.reference.direction == 0}
     assert along[100.0].reference.value == pytest.approx(2e-3, rel=1e-6)
     assert along[100.0].other == pytest.approx(2e-3, rel=0.15)
 
@@ -64,10 +58,7 @@ def test_response_has_the_moduli_of_its_stress():
     cloth = Style3DCloth(0.2, (50.0, 50.0, 5.0), (1e-5, 2e-5, 1e-5), WOVEN.strain_scale)
     strain = np.array([0.1, 0.05, 0.1, 10.0, 5.0, -20.0])
     slopes = np.array(
-        [
-            (cloth.response(strain + h).stress - cloth.response(strain - h).stress) / 2e-6
-            for h in 1e-6 * np.eye(6)
-        ]
+        [(cloth.response(strain + h).stress - cloth.response(strain - h).stress) / 2e-6 for h in 1e-6 * np.eye(6)]
     )
     np.testing.assert_allclose(0.5 * (slopes + slopes.T), cloth.moduli(cloth.response(strain)), atol=1e-6)
 
@@ -100,9 +91,7 @@ def test_command_writes_parameters_certificate_and_table(tmp_path, capsys):
     assert max(r["at"] for r in pulled) == pytest.approx(2.0)
     for row in pulled:
         assert row["error_percent"] == pytest.approx(
-            100
-            * (row["newton"] - row["material"])
-            / max(row["material"], 0.05 * max(r["material"] for r in pulled))
+            100 * (row["newton"] - row["material"]) / max(row["material"], 0.05 * max(r["material"] for r in pulled))
         )
     rows = list(csv.DictReader((tmp_path / "newton.csv").open(encoding="utf-8")))
     assert {"tension", "bending", "twist", "free piece", "cantilever"} <= {r["test"] for r in rows}
@@ -134,10 +123,7 @@ def test_bad_range_is_refused_and_nothing_is_written(tmp_path, capsys, loads):
 def test_range_belongs_to_newton(tmp_path):
     write_material(tmp_path / "cloth.json", WOVEN)
     out = tmp_path / "cloth.c"
-    assert (
-        main(["export", str(tmp_path / "cloth.json"), "--format", "c", "--loads", "1,2", "--out", str(out)])
-        == 2
-    )
+    assert main(["export", str(tmp_path / "cloth.json"), "--format", "c", "--loads", "1,2", "--out", str(out)]) == 2
     with pytest.raises(InputError, match="range of loads"):
         fit_style3d(WOVEN, (1.0, np.inf))
 

@@ -16,9 +16,7 @@ from yarnscale.files.obj_surface import read_obj, read_obj_surface
 Faces = list[list[tuple[float, float]]]
 
 
-def text_of(
-    faces: Faces, *, split: bool, space: float = 1.0, fabric: float = 1.0, jitter: float = 0.0
-) -> str:
+def text_of(faces: Faces, *, split: bool, space: float = 1.0, fabric: float = 1.0, jitter: float = 0.0) -> str:
     """An OBJ of flat faces; split: a vertex for every corner, moved by up to ``jitter``."""
     rng = np.random.default_rng(1)
     rows, numbers, lines = [], {}, []
@@ -119,17 +117,13 @@ def test_faults_of_the_mesh_name_vertices_and_lines_of_the_file(obj: Callable[[s
     lines = text_of(grid(2), split=False).splitlines()
     # Comments and a vertex that no face uses must not shift the count; the last face lies on the third.
     lines = ["# a comment", "v 9 9 9", *lines, "f 5/4 4/3 9/8"]
-    lines = [
-        re.sub(r"(\d+)/(\d+)", lambda m: f"{int(m[2]) + 1}/{m[2]}", x) if x[0] == "f" else x for x in lines
-    ]
+    lines = [re.sub(r"(\d+)/(\d+)", lambda m: f"{int(m[2]) + 1}/{m[2]}", x) if x[0] == "f" else x for x in lines]
     with pytest.raises(InputError, match=r"a\.obj:25: edge 5-4; expected one triangle on each side"):
         read_garment(obj("\n".join(lines)), weld=False, on_notice=[].append)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 2e-4])
-def test_vertices_split_for_every_face_are_refused_and_welded(
-    obj: Callable[[str], Path], jitter: float
-) -> None:
+def test_vertices_split_for_every_face_are_refused_and_welded(obj: Callable[[str], Path], jitter: float) -> None:
     path = obj(text_of(grid(4), split=True, jitter=jitter))
     with pytest.raises(InputError, match=r"a\.obj:129: .*weld = true.*48 edges.*39 split.*16 loose pieces"):
         read_garment(path)
@@ -149,8 +143,7 @@ def test_texture_split_for_every_face_is_one_fabric(obj: Callable[[str], Path]) 
     common = {place: f"v {place[0]} {place[1]} 0" for face in grid(3) for place in face}
     numbers = {place: k + 1 for k, place in enumerate(common)}
     faces = [
-        "f " + " ".join(f"{numbers[p]}/{4 * k + c + 1}" for c, p in enumerate(face))
-        for k, face in enumerate(grid(3))
+        "f " + " ".join(f"{numbers[p]}/{4 * k + c + 1}" for c, p in enumerate(face)) for k, face in enumerate(grid(3))
     ]
     points = [line for line in lines if line.startswith("vt")]
     mesh = read_garment(obj("\n".join([*common.values(), *points, *faces])))
@@ -177,9 +170,7 @@ def test_long_edges_are_split_where_vertices_lie_within_them(obj: Callable[[str]
 
     def row(count: int, height: float) -> Faces:
         w = 0.2 / count
-        return [
-            [(w * i + x, height + y) for x, y in ((0, 0), (w, 0), (w, 0.05), (0, 0.05))] for i in range(count)
-        ]
+        return [[(w * i + x, height + y) for x, y in ((0, 0), (w, 0), (w, 0.05), (0, 0.05))] for i in range(count)]
 
     upper = text_of(row(6, 0.05), split=False)
     if seam:
@@ -214,9 +205,7 @@ def test_layers_are_counted_and_left_apart(obj: Callable[[str], Path]) -> None:
         (100, 100, "cm"),
     ],
 )
-def test_units_of_positions_texture_or_both(
-    obj: Callable[[str], Path], space: float, fabric: float, unit: str
-) -> None:
+def test_units_of_positions_texture_or_both(obj: Callable[[str], Path], space: float, fabric: float, unit: str) -> None:
     path = obj(text_of(grid(4), split=False, space=space, fabric=fabric))
     if space != fabric:
         with pytest.raises(InputError, match=f'would fit: unit = "{unit}"'):

@@ -84,9 +84,7 @@ def test_panels_that_share_texture_are_kept_apart(tmp_path: Path) -> None:
     same(read_garment(path), mesh)
 
 
-TRIANGLES = (
-    "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\nv 2 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt 2 0\nvt 2 1\n"
-)
+TRIANGLES = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\nv 2 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt 2 0\nvt 2 1\n"
 
 
 def test_cloth_without_an_area_in_space_is_refused_whatever_its_units(tmp_path: Path) -> None:

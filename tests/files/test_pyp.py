@@ -49,9 +49,7 @@ def test_the_published_files_survive_a_round_trip(shared: Path, tmp_path: Path, 
 def test_rows_of_edges_may_come_in_any_order(lines: list[str], tmp_path: Path) -> None:
     first = block_start(lines, "*E")
     rows = lines[first : first + 32]
-    shuffled = (
-        lines[:first] + [rows[i] for i in np.random.default_rng(0).permutation(32)] + lines[first + 32 :]
-    )
+    shuffled = lines[:first] + [rows[i] for i in np.random.default_rng(0).permutation(32)] + lines[first + 32 :]
     original, mixed = store(tmp_path, "a", lines), store(tmp_path, "b", shuffled)
     assert lines != shuffled
     assert read_pyp(mixed).content_hash() == read_pyp(original).content_hash()
@@ -92,9 +90,7 @@ def store(folder: Path, name: str, lines: list[str]) -> Path:
     return path
 
 
-def in_row(
-    block: str, row: int, change: Callable[[list[str]], list[str]]
-) -> Callable[[list[str]], list[str]]:
+def in_row(block: str, row: int, change: Callable[[list[str]], list[str]]) -> Callable[[list[str]], list[str]]:
     """A fault: change the tokens of one row of a block."""
 
     def fault(lines: list[str]) -> list[str]:
@@ -272,9 +268,7 @@ def test_yarns_through_each_other_are_refused(tmp_path: Path) -> None:
     director /= np.linalg.norm(director, axis=1)[:, None]
     path = tmp_path / "through.pyp"
     write_pyp(replace(pattern, vertices=flat, reference_director=director), path)
-    with pytest.raises(
-        InputError, match=r"yarns run through each other: segment .* expected centre lines"
-    ) as e:
+    with pytest.raises(InputError, match=r"yarns run through each other: segment .* expected centre lines") as e:
         read_pyp(path)
     assert re.search(r"segment \d+-\d+ and segment \d+-\d+", str(e.value))
     assert str(e.value).startswith(f"{path}: ")

@@ -17,8 +17,7 @@ from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.yarn.pattern import YarnPattern
 
 WORDS = (
-    b"nan -inf 1e308 -1 0 1e-320 99999999999999999999 *Q *E # *pattern 3.5 \xff \x00 -- 1e5 0x10 "
-    b'{ ] null true "x" ,'
+    b'nan -inf 1e308 -1 0 1e-320 99999999999999999999 *Q *E # *pattern 3.5 \xff \x00 -- 1e5 0x10 { ] null true "x" ,'
 )
 TOKENS = [*WORDS.split(b" "), b"\n", b" "]
 ONE_CHANGE = st.tuples(

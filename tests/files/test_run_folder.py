@@ -131,9 +131,7 @@ def test_what_is_made_of_a_run_goes_with_it_and_nothing_else(tmp_path: Path) -> 
 def test_results_of_another_command_are_never_removed(tmp_path: Path) -> None:
     run(tmp_path, 1)
     for options in ({}, {"overwrite": True}, {"resume": True}):
-        with pytest.raises(
-            InputError, match="holds results of 'cloth'; expected a folder of its own for 'fabric'"
-        ):
+        with pytest.raises(InputError, match="holds results of 'cloth'; expected a folder of its own for 'fabric'"):
             RunFolder(tmp_path, "fabric", ("frame_*.npz",), **options)  # type: ignore[arg-type]
     assert names(tmp_path) == {"frames/frame_0000.npz"}
 

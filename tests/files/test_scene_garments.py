@@ -79,9 +79,7 @@ poses = [{time = 0, depth = 0.15}, {time = 0.5, lowered = 40, turned = 90}]
         ("width = 0.1\nheight = 0.1\nspacing = 0.02\n", "", False),
     ],
 )
-def test_garments_meet_themselves_and_sheets_where_told(
-    folder: Path, mesh: str, rest: str, meets: bool
-) -> None:
+def test_garments_meet_themselves_and_sheets_where_told(folder: Path, mesh: str, rest: str, meets: bool) -> None:
     text = obj_text(SQUARE.assembled, SQUARE.triangles, SQUARE.material, SQUARE.corners)
     (folder / "own.obj").write_text(text)
     cloth = scene_of(folder, f"[mesh]\n{mesh}{SCHEDULE}{rest}").cloth

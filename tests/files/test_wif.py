@@ -86,9 +86,7 @@ def test_a_sinking_shed_lowers_its_shafts_and_zeros_lift_nothing(tmp_path: Path)
     assert np.array_equal(draft_of(write(tmp_path, sinking)), 1 - table)
 
 
-@pytest.mark.parametrize(
-    ("unit", "metres"), [("Decipoints", 0.0254 / 720), ("inches", 0.0254), ("centimeters", 0.01)]
-)
+@pytest.mark.parametrize(("unit", "metres"), [("Decipoints", 0.0254 / 720), ("inches", 0.0254), ("centimeters", 0.01)])
 def test_spacing_and_thickness_have_units(tmp_path: Path, unit: str, metres: float) -> None:
     spacing, thickness = 0.002 / metres, 0.001 / metres
     sizes = "".join(

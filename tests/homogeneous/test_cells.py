@@ -32,9 +32,7 @@ def test_given_loads_are_met_and_given_strains_are_held(cell: PeriodicCell) -> N
 def test_pull_along_the_bias_leaves_the_sides_free(cell: PeriodicCell) -> None:
     angle = np.pi / 4
     free = equilibrium_under(CellFabric(cell), Loads(), prescribed=FLAT)
-    found = equilibrium_under(
-        CellFabric(cell), Loads.tension(angle, 0.3), prescribed=FLAT, start=free, tolerance=1e-5
-    )
+    found = equilibrium_under(CellFabric(cell), Loads.tension(angle, 0.3), prescribed=FLAT, start=free, tolerance=1e-5)
     assert free.converged and found.converged
     # P = 2 F ∂Ψ/∂I by the chain rule from the stress, with F the square root of I, has no traction on the sides.
     a, shear, b = 1 + found.strain[0], found.strain[1], 1 + found.strain[2]

@@ -85,14 +85,10 @@ def test_linear_fabric_with_held_strains_has_the_solution_of_its_equations() -> 
 @pytest.mark.parametrize("angle", [0.0, 0.5, np.pi / 4, 2.0])
 def test_isotropic_sheet_is_pulled_alike_in_every_direction(angle: float) -> None:
     k, coupling = 20.0, 6.0
-    sheet = OrthotropicMaterial(
-        k, coupling, k, (k - coupling) / 2, bend_weft=1e-5, bend_bias=1e-5, bend_warp=1e-5
-    )
+    sheet = OrthotropicMaterial(k, coupling, k, (k - coupling) / 2, bend_weft=1e-5, bend_bias=1e-5, bend_warp=1e-5)
     young, poisson = (k**2 - coupling**2) / k, coupling / k
     loads = [Loads.tension(angle, load) for load in (0.1, 1.0, 5.0)]
-    for load, found in zip(
-        (0.1, 1.0, 5.0), path_under(MaterialFabric(sheet), loads, tolerance=1e-9), strict=True
-    ):
+    for load, found in zip((0.1, 1.0, 5.0), path_under(MaterialFabric(sheet), loads, tolerance=1e-9), strict=True):
         along, across = (line_stretch(found.strain, angle + turn)[0] for turn in (0.0, np.pi / 2))
         # St. Venant–Kirchhoff: P = λ Y (λ² − 1)/2, and E across is −ν times E along.
         assert found.converged

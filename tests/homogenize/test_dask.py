@@ -95,9 +95,7 @@ def test_loads_are_sampled_as_on_this_machine(
         assert np.array_equal(getattr(FabricStates.of(far), name), getattr(FabricStates.of(near), name))
 
 
-def test_a_killed_worker_loses_nothing(
-    cluster: tuple[str, list[int]], cell: PeriodicCell, tmp_path: Path
-) -> None:
+def test_a_killed_worker_loses_nothing(cluster: tuple[str, list[int]], cell: PeriodicCell, tmp_path: Path) -> None:
     address, processes = cluster
     quiet = create_store(tmp_path / "quiet", cell, GRID.axes, scattered=False)
     summary = sample(cell, quiet, dask=address)

@@ -141,9 +141,7 @@ def command(grid: Path, store: Path, *more: str) -> list[str]:
 def finished(store: SampleStore) -> dict[int, list[bytes]]:
     """Contents of all finished states."""
     names = ("status", "energy_density", "stress", "fluctuation", "twist", "iterations", "seconds")
-    return {
-        int(i): [store.read(int(i), name).tobytes() for name in names] for i in np.flatnonzero(store.status())
-    }
+    return {int(i): [store.read(int(i), name).tobytes() for name in names] for i in np.flatnonzero(store.status())}
 
 
 def wait_for(store: Path, count: int) -> None:
@@ -160,9 +158,7 @@ def wait_for(store: Path, count: int) -> None:
 def same_outcome(store: SampleStore, other: SampleStore) -> None:
     for name, tolerance in (("energy_density", 1e-9), ("stress", 1e-6)):
         for index in range(store.count):
-            assert np.allclose(
-                store.read(index, name), other.read(index, name), rtol=tolerance, atol=tolerance
-            )
+            assert np.allclose(store.read(index, name), other.read(index, name), rtol=tolerance, atol=tolerance)
 
 
 def group_goes(group: int) -> bool:
@@ -257,13 +253,9 @@ def test_ctrl_c_keeps_what_is_finished(runner: Runner, grid: Path, quiet: Sample
     same_outcome(SampleStore(path), quiet)
 
 
-def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(
-    grid: Path, tmp_path: Path, quiet: SampleStore
-) -> None:
+def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(grid: Path, tmp_path: Path, quiet: SampleStore) -> None:
     line = [sys.executable, "-m", "yarnscale", *command(grid, tmp_path / "store")]
-    with subprocess.Popen(
-        line, stderr=subprocess.PIPE, text=True, start_new_session=True, env=ENVIRONMENT
-    ) as run:
+    with subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True, env=ENVIRONMENT) as run:
         wait_for(tmp_path / "store", 2)
         os.killpg(run.pid, signal.SIGINT)
         _, errors = run.communicate(timeout=30)
@@ -271,9 +263,7 @@ def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(
     said = [text for text in errors.splitlines() if not text.startswith(PROGRESS)]
     assert said == ["yarnscale: interrupted; what was finished is kept"]
     kept = finished(SampleStore(tmp_path / "store"))
-    again = subprocess.run(
-        [*line, "--resume", "--json"], capture_output=True, text=True, check=False, env=ENVIRONMENT
-    )
+    again = subprocess.run([*line, "--resume", "--json"], capture_output=True, text=True, check=False, env=ENVIRONMENT)
     assert again.returncode == 0
     assert json.loads(again.stdout)["converged"] == STATES
     now = finished(SampleStore(tmp_path / "store"))

@@ -18,11 +18,7 @@ CURL = 0.3  # of the range: where the λ_x term is lowest
 def energy(states: np.ndarray) -> np.ndarray:
     """A known energy of the form of eq. 31: unequal axes, curl, couplings of several shapes."""
     x = states / REACH
-    axes = (
-        2 * x[:, 0] ** 2 * np.exp(0.5 * x[:, 0])
-        + 0.7 * x[:, 1] ** 2 * (1 + x[:, 1] ** 2)
-        + 1.5 * x[:, 2] ** 2
-    )
+    axes = 2 * x[:, 0] ** 2 * np.exp(0.5 * x[:, 0]) + 0.7 * x[:, 1] ** 2 * (1 + x[:, 1] ** 2) + 1.5 * x[:, 2] ** 2
     bending = 0.02 * (x[:, 3] ** 2 - 2 * CURL * x[:, 3]) + 0.03 * (x[:, 4] ** 2 + 0.5 * x[:, 4])
     couplings = 0.8 * x[:, 0] * x[:, 2] + 0.1 * np.sin(x[:, 0]) * x[:, 1] ** 2
     couplings += 0.004 * x[:, 0] * x[:, 3] + 0.003 * np.tanh(x[:, 2]) * x[:, 4] * (1 + x[:, 4])
@@ -186,9 +182,7 @@ def test_plane_terms_do_not_fall_outward_but_for_the_contraction_across_a_pull(f
     for (i, j), term in material.planes.items():
         total = term.values + material.axes[i](term.knots_u)[:, None] + material.axes[j](term.knots_v)
         inner = total[1:-1, 1:-1]
-        around = [
-            total[1 + a : -1 + a or None, 1 + b : -1 + b or None] for a, b in product((-1, 0, 1), repeat=2)
-        ]
+        around = [total[1 + a : -1 + a or None, 1 + b : -1 + b or None] for a, b in product((-1, 0, 1), repeat=2)]
         off_axes = (term.knots_u[1:-1, None] != 0) & (term.knots_v[1:-1] != 0)
         wells = (inner < np.min([a for k, a in enumerate(around) if k != 4], axis=0) - 1e-12) & off_axes
         assert (i, j) == (0, 2) or np.count_nonzero(wells) <= 1

@@ -41,9 +41,7 @@ from yarnscale.yarn.material import PRESETS
 
 REST = Ray("rest", ((Loads(), strains_held(np.zeros(6))),))
 TENSION = Ray("tension", tuple((Loads.components(s_x=load, s_y=load), FLAT) for load in (0.1, 0.1, 0.5)))
-TOO_TIGHT = Ray(
-    "strain", tuple((Loads(), Prescribed.components(II11=curvature)) for curvature in (900.0, 0.0))
-)
+TOO_TIGHT = Ray("strain", tuple((Loads(), Prescribed.components(II11=curvature)) for curvature in (900.0, 0.0)))
 """Its first level asks for more curvature than the cell of these tests bears."""
 RAYS = [REST, TENSION, TOO_TIGHT]
 
@@ -165,9 +163,7 @@ def test_tension_goes_on_behind_one_load_without_equilibrium(
     assert found[1:].tolist() == [[False, True, True], [False, False, False]]
 
 
-def test_samples_are_equilibria_that_meet_their_loads(
-    cell: PeriodicCell, sampled: SampleStore, tmp_path: Path
-) -> None:
+def test_samples_are_equilibria_that_meet_their_loads(cell: PeriodicCell, sampled: SampleStore, tmp_path: Path) -> None:
     codes = sampled.status().reshape(sampled.shape)
     converged, stalled, excluded = (CODE_OF[name] for name in ("converged", "stalled", "excluded"))
     assert codes[0].tolist() == [[converged, excluded, excluded], [excluded] * 3, [excluded] * 3]
@@ -228,9 +224,7 @@ def test_only_the_same_loads_resume(cell: PeriodicCell, tmp_path: Path) -> None:
         grid.extended([REST.plain()])
 
 
-def test_visited_states_are_reached_from_their_nearest_samples(
-    cell: PeriodicCell, sampled: SampleStore
-) -> None:
+def test_visited_states_are_reached_from_their_nearest_samples(cell: PeriodicCell, sampled: SampleStore) -> None:
     known = FabricStates.of(sampled)
     scale = np.array([0.5] * 3 + [0.1 / cell.pattern.radius] * 3)
     far, near = known.strains[-1] + np.array([0, 0.2, 0, 0, 0, 0]), known.strains[-1] + 1e-3 * scale
@@ -252,22 +246,14 @@ def test_samples_of_a_material_and_those_that_judge_it_are_apart(
 
     def plan(cell: PeriodicCell, **options: object) -> list[Ray]:
         plans.append(options)
-        return (
-            [REST, TENSION]
-            if options.get("fixed", True)
-            else [REST, ray_to(np.array([0.1, 0, 0, 0, 0, 0]), 1)]
-        )
+        return [REST, TENSION] if options.get("fixed", True) else [REST, ray_to(np.array([0.1, 0, 0, 0, 0, 0]), 1)]
 
     monkeypatch.setattr(load_samples, "load_rays", plan)
     found = load_samples.sample_loads(cell, tmp_path, solves=400, limit=7.0)
     assert [(p["solves"], p["limit"]) for p in plans] == [(400, 7.0), (40, 7.0)]
     assert plans[1]["seed"] != plans[0].get("seed", 0)
     assert set(found.samples.kinds) == {"rest", "tension"} and set(found.unseen.kinds) == {"rest", "strain"}
-    assert (
-        found.summary.converged
-        == len(found.samples.energies) + len(found.unseen.energies)
-        == found.summary.states
-    )
+    assert found.summary.converged == len(found.samples.energies) + len(found.unseen.energies) == found.summary.states
     with pytest.raises(InputError, match="output exists"):
         load_samples.sample_loads(cell, tmp_path, solves=400, limit=7.0)
     far = np.array([[0.0, 0.3, 0.0, 0.0, 0.0, 0.0]])

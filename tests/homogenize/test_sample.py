@@ -109,14 +109,10 @@ def test_lost_workers_change_nothing(
     store = create_store(tmp_path / "store", cell, GRID.axes, scattered=False)
     assert sample(cell, store).converged == 9
     for index in range(store.count):
-        assert np.array_equal(
-            store.read(index, "energy_density"), quiet.read(index, "energy_density"), equal_nan=True
-        )
+        assert np.array_equal(store.read(index, "energy_density"), quiet.read(index, "energy_density"), equal_nan=True)
 
 
-def test_a_state_that_kills_its_workers_stays_pending(
-    cell: PeriodicCell, tmp_path: Path, inline: dict
-) -> None:
+def test_a_state_that_kills_its_workers_stays_pending(cell: PeriodicCell, tmp_path: Path, inline: dict) -> None:
     inline["deadly"] = 0.05
     axes = StrainGrid(s_x=(0.0, 0.05, 0.1, 0.15)).axes
     store = create_store(tmp_path / "store", cell, axes, scattered=False)
@@ -127,9 +123,7 @@ def test_a_state_that_kills_its_workers_stays_pending(
     assert sample(cell, store).converged == 4
 
 
-def test_a_machine_that_kills_every_worker_ends_the_run(
-    cell: PeriodicCell, tmp_path: Path, inline: dict
-) -> None:
+def test_a_machine_that_kills_every_worker_ends_the_run(cell: PeriodicCell, tmp_path: Path, inline: dict) -> None:
     inline["in_solve"] = range(1000)
     store = create_store(tmp_path / "store", cell, GRID.axes, scattered=False)
     with pytest.raises(ChildProcessError, match="all workers died"):
@@ -139,9 +133,7 @@ def test_a_machine_that_kills_every_worker_ends_the_run(
 def test_processes_of_this_machine_do_the_same(cell: PeriodicCell, tmp_path: Path) -> None:
     axes = StrainGrid(s_x=(0.0, 0.1, 0.2)).axes
     store = create_store(tmp_path / "store", cell, axes, scattered=False)
-    record, _ = solve(
-        cell, store.states[0], None
-    )  # compiles what is missing: that would cost the worker memory
+    record, _ = solve(cell, store.states[0], None)  # compiles what is missing: that would cost the worker memory
     summary = sample(cell, store, workers=1)
     assert summary.converged == 3
     assert 50 < summary.peak_worker_megabytes < 300

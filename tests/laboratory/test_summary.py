@@ -48,8 +48,7 @@ def test_a_strip_that_curls_has_no_bending_length():
 
 def test_rigidity_is_the_mean_of_both_sides():
     points = [
-        BendingPoint(0.0, k, (2e-6 if k > 0 else 1e-6) * k, "converged")
-        for k in (-150.0, -50.0, 0.0, 50.0, 150.0)
+        BendingPoint(0.0, k, (2e-6 if k > 0 else 1e-6) * k, "converged") for k in (-150.0, -50.0, 0.0, 50.0, 150.0)
     ]
     summary = bending_summary(points, 0.2)
     assert pytest.approx(1.5e-6) == summary.B

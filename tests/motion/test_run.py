@@ -29,9 +29,7 @@ class Pendulum(Body[Angle]):
     def __init__(self, *, fails_above: float = math.inf, longest: float = math.inf) -> None:
         self.fails_above, self.longest, self.lengths = fails_above, longest, list[float]()
 
-    def _step(
-        self, state: Angle, duration: float, inertia: bool, iterations: int | None, until: float
-    ) -> Step[Angle]:
+    def _step(self, state: Angle, duration: float, inertia: bool, iterations: int | None, until: float) -> Step[Angle]:
         ahead = state.value + duration * state.speed * inertia
         value = ahead / (1.0 + duration**2)
         speed = (value - state.value) / duration if inertia else 0.0
@@ -53,9 +51,7 @@ class Pendulum(Body[Angle]):
             raise InputError("angle", expected="up to 3", found=state.value)
 
 
-def ran(
-    body: Pendulum, schedule: Schedule, start: Angle = Angle(1.0, 0.0), **options
-) -> tuple[Run, list, list]:
+def ran(body: Pendulum, schedule: Schedule, start: Angle = Angle(1.0, 0.0), **options) -> tuple[Run, list, list]:
     frames: list[tuple[int, float]] = []
     kept: list[Run[Angle]] = []
     run = simulate(

@@ -24,9 +24,7 @@ class Model:
 
     def values(self, shift: float) -> np.ndarray:
         columns = np.repeat(np.arange(self.pattern.size), np.diff(self.pattern.starts))
-        return (self.matrix + shift * np.diag(np.arange(1.0, len(self.matrix) + 1)))[
-            self.pattern.rows, columns
-        ]
+        return (self.matrix + shift * np.diag(np.arange(1.0, len(self.matrix) + 1)))[self.pattern.rows, columns]
 
 
 class Quartic:

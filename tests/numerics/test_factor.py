@@ -88,9 +88,7 @@ def _grid(width: int) -> tuple[SymmetricPattern, np.ndarray]:
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_a_large_matrix_is_solved_alike_by_any_number_of_threads(
-    threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_matrix_is_solved_alike_by_any_number_of_threads(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fronts, "_LEAST_WORK", 0.0)
     pattern, values = _grid(24)
     right = np.random.default_rng(0).normal(size=(pattern.size, 3))

@@ -16,9 +16,7 @@ class Model:
     def __init__(self, matrix: np.ndarray) -> None:
         n = len(matrix)
         self.matrix = matrix
-        self.pattern = SymmetricPattern.from_keys(
-            n, np.array([j * n + i for j in range(n) for i in range(j, n)])
-        )
+        self.pattern = SymmetricPattern.from_keys(n, np.array([j * n + i for j in range(n) for i in range(j, n)]))
 
     def values(self, shift: float) -> np.ndarray:
         columns = np.repeat(np.arange(self.pattern.size), np.diff(self.pattern.starts))
@@ -115,9 +113,7 @@ def test_derivatives_of_a_minimum_against_re_solved_minima() -> None:
     constraints = LinearConstraints(np.ones((1, 6)), np.array([0.4]))
 
     def solve(p: float):  # type: ignore[no-untyped-def]
-        solution = minimise(
-            Spring(p), np.zeros(6), NewtonOptions(tolerance=1e-12), linear=linear_solver(constraints)
-        )
+        solution = minimise(Spring(p), np.zeros(6), NewtonOptions(tolerance=1e-12), linear=linear_solver(constraints))
         assert solution.converged
         return solution
 

@@ -76,9 +76,7 @@ def test_unary_instructions(name: str) -> None:
     function = ca.Function("f", [x], [UNARY[name](x)])
     inputs = columns(37, 1)
     kernel = compile_kernel(function, name)
-    np.testing.assert_allclose(
-        run_columns(kernel, inputs)[0], by_casadi(function, inputs)[0], rtol=4e-15, atol=1e-15
-    )
+    np.testing.assert_allclose(run_columns(kernel, inputs)[0], by_casadi(function, inputs)[0], rtol=4e-15, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", BINARY)

@@ -102,9 +102,7 @@ NO_SHIFT = ShiftRule(start=0.0, lowest=0.0, lowest_is_zero=True)
 
 def test_a_convex_quadratic_takes_one_step() -> None:
     matrix, right = positive_definite(8), np.arange(8.0)
-    solution = minimise(
-        quadratic_form(matrix, right), np.ones(8), NewtonOptions(shift=NO_SHIFT, tolerance=1e-9)
-    )
+    solution = minimise(quadratic_form(matrix, right), np.ones(8), NewtonOptions(shift=NO_SHIFT, tolerance=1e-9))
     assert (solution.status, solution.iterations, solution.factorisations) == (Status.CONVERGED, 1, 2)
     np.testing.assert_allclose(solution.x, np.linalg.solve(matrix, right), rtol=1e-10)
     assert solution.residual <= 1e-9
@@ -190,9 +188,7 @@ def double_well(n: int = 2) -> Dense:
     def hessian(x: np.ndarray) -> np.ndarray:
         return np.diag([3 * x[0] ** 2 - 1] + [1.0] * (n - 1))
 
-    return Dense(
-        n, lambda x: float(0.25 * (x[0] ** 2 - 1) ** 2 + 0.5 * (x[1:] ** 2).sum()), gradient, hessian
-    )
+    return Dense(n, lambda x: float(0.25 * (x[0] ** 2 - 1) ** 2 + 0.5 * (x[1:] ** 2).sum()), gradient, hessian)
 
 
 def test_a_factor_used_again_saves_factorisations_on_the_way_to_the_same_minimum() -> None:
@@ -257,9 +253,7 @@ def test_a_barrier_is_never_crossed() -> None:
     def value(x: np.ndarray) -> float:
         return math.inf if x[0] <= 0 else float(x[0] - math.log(x[0]) + 0.5 * x[1] ** 2)
 
-    objective = Dense(
-        2, value, lambda x: np.array([1 - 1 / x[0], x[1]]), lambda x: np.diag([1 / x[0] ** 2, 1.0])
-    )
+    objective = Dense(2, value, lambda x: np.array([1 - 1 / x[0], x[1]]), lambda x: np.diag([1 / x[0] ** 2, 1.0]))
     seen = []
     solution = minimise(
         objective, np.array([5.0, 3.0]), NewtonOptions(tolerance=1e-9), after_step=lambda x: seen.append(x[0])
@@ -351,9 +345,7 @@ def test_a_step_that_gains_too_little_is_the_last_but_not_one_that_failed() -> N
         after_step=lambda x: seen.append(float(x[0])),
     )
     assert near.status is Status.CONVERGED and near.factorisations == near.iterations == 1
-    assert (
-        abs(near.x[0]) < 0.02 and seen == [near.x[0]] and near.gradient[0] == near.x[0]
-    )  # taken all the same
+    assert abs(near.x[0]) < 0.02 and seen == [near.x[0]] and near.gradient[0] == near.x[0]  # taken all the same
     far = minimise(slope, np.ones(1), NewtonOptions(tolerance=1e-9, enough=0.4))
     assert far.status is Status.CONVERGED and far.iterations == 2 and abs(far.x[0]) < abs(near.x[0])
     wrong = Dense(1, lambda x: float(-x[0]), lambda x: x, lambda x: np.eye(1))
@@ -363,9 +355,7 @@ def test_a_step_that_gains_too_little_is_the_last_but_not_one_that_failed() -> N
 def test_a_step_that_a_large_shift_shortened_is_not_taken_for_one_that_gains_little() -> None:
     """With a shift of 100 the first step of ½ x² gains less than a hundredth of what there is to gain."""
     slope = quadratic_form(np.eye(1), np.zeros(1))
-    solution = minimise(
-        slope, np.ones(1), NewtonOptions(tolerance=1e-9, enough=0.1, shift=ShiftRule(start=100.0))
-    )
+    solution = minimise(slope, np.ones(1), NewtonOptions(tolerance=1e-9, enough=0.1, shift=ShiftRule(start=100.0)))
     assert solution.status is Status.CONVERGED and solution.iterations > 1
     assert 0.5 * solution.x[0] ** 2 < 0.1
     # A falling curvature is no end either, however little the step promises.

@@ -20,9 +20,7 @@ class _Model:
         generator = np.random.default_rng(seed)
         ends = np.cumsum(SIZES)
         pairs = [
-            np.concatenate(
-                [np.arange(ends[g] - SIZES[g], ends[g]) for g in np.unique(generator.integers(0, 12, 3))]
-            )
+            np.concatenate([np.arange(ends[g] - SIZES[g], ends[g]) for g in np.unique(generator.integers(0, 12, 3))])
             for _ in range(25)
         ]
         rows = np.full((len(pairs), 9), -1)
@@ -79,9 +77,7 @@ def test_rows_are_orthonormal_and_project_on_what_all_constraints_leave(
 
 @pytest.mark.parametrize("shift", [0.0, 0.3])
 @pytest.mark.parametrize("infeasible", [False, True])
-def test_steps_are_those_of_the_whole_system(
-    constraints: ChainConstraints, shift: float, infeasible: bool
-) -> None:
+def test_steps_are_those_of_the_whole_system(constraints: ChainConstraints, shift: float, infeasible: bool) -> None:
     model, generator = _Model(), np.random.default_rng(3)
     right = generator.standard_normal(int(SIZES.sum()))
     gap = generator.standard_normal(5) if infeasible else None

@@ -209,9 +209,7 @@ print(float(value[0, 0]))
 def test_processes_that_compile_at_once_do_not_disturb_each_other(cache: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", _WORKER]
-    workers = [
-        subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(4)
-    ]
+    workers = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(4)]
     answers = [worker.communicate(timeout=120)[0].strip() for worker in workers]
     assert [worker.returncode for worker in workers] == [0] * 4
     assert {round(float(answer), 12) for answer in answers} == {0.479425538604}

@@ -73,9 +73,7 @@ def test_same_minimum_as_eliminated_constraints(rows: np.ndarray) -> None:
     generator = np.random.default_rng(3)
     objective = _Quadratic(_matrix(), generator.standard_normal(SIZE))
     right = generator.standard_normal(ROWS)
-    whole = minimise(
-        objective, np.zeros(SIZE), linear=linear_solver(SparseConstraints(csr_array(rows), right))
-    )
+    whole = minimise(objective, np.zeros(SIZE), linear=linear_solver(SparseConstraints(csr_array(rows), right)))
     few = minimise(objective, np.zeros(SIZE), linear=linear_solver(LinearConstraints(rows, right)))
     assert whole.converged
     np.testing.assert_allclose(whole.x, few.x, rtol=1e-6, atol=1e-9)

@@ -36,9 +36,7 @@ def test_near_views_show_a_part(rows: tuple[CurveSet, np.ndarray], tmp_path: Pat
     assert 0.08 < covered(tmp_path / "near.png") < 0.5
 
 
-def test_views_without_yarns_and_broken_points_are_refused(
-    rows: tuple[CurveSet, np.ndarray], tmp_path: Path
-) -> None:
+def test_views_without_yarns_and_broken_points_are_refused(rows: tuple[CurveSet, np.ndarray], tmp_path: Path) -> None:
     curves, points = rows
     with pytest.raises(InputError, match="near view"):
         yarn_cloth_picture(tmp_path / "no.png", curves, points, about=(1, 1, 1), width=0.01)

@@ -56,9 +56,7 @@ def test_yarn_picture(renderer: None, tmp_path: Path, capfd: pytest.CaptureFixtu
     grid = np.stack([*np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5)), np.zeros((5, 5))], axis=-1)
     for camera in ("top", "oblique", "side"):
         path = tmp_path / f"{camera}.png"
-        yarn_picture(
-            path, [wave(0.2), wave(-0.2, yarn=1)], 0.08, surface=grid, camera=camera, size=(240, 180)
-        )
+        yarn_picture(path, [wave(0.2), wave(-0.2, yarn=1)], 0.08, surface=grid, camera=camera, size=(240, 180))
         assert imread(path).shape[:2] == (180, 240)
         assert 0.05 < ink(path) < 0.98
     assert capfd.readouterr() == ("", "")
@@ -70,9 +68,7 @@ def test_frames_side_by_side(renderer: None, tmp_path: Path, capfd: pytest.Captu
     moment = Moment(0.0, cloth=positions, bodies=0.3 * vertices - [0, 0, 0.5])
     one = Animation(np.zeros(1), lambda _: moment, Surface(triangles), bodies=Surface(faces))
     frames_picture(tmp_path / "one.png", one, size=(240, 180), titles=["end"])
-    frames_picture(
-        tmp_path / "all.png", replace(one, times=np.arange(3.0), numbers=()), columns=2, size=(200, 150)
-    )
+    frames_picture(tmp_path / "all.png", replace(one, times=np.arange(3.0), numbers=()), columns=2, size=(200, 150))
     assert ink(tmp_path / "one.png") > 0.1
     assert imread(tmp_path / "all.png").shape[:2] == (300, 400)
     assert capfd.readouterr() == ("", "")

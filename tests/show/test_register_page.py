@@ -190,11 +190,7 @@ def test_drags_change_the_state_and_the_pattern(page: RegistrationPage, tmp_path
         away = (moved.curves.controls - start.curves.controls)[:, :2]
         assert np.abs(np.delete(away, 3, axis=0)).max() == 0.0
         # To the right and upwards on the screen is along x and y of the front.
-        assert (
-            away[3, 0] > 0.0
-            and away[3, 1] > 0.0
-            and away[3, 0] / away[3, 1] == pytest.approx(14 / 9, rel=0.1)
-        )
+        assert away[3, 0] > 0.0 and away[3, 1] > 0.0 and away[3, 0] / away[3, 1] == pytest.approx(14 / 9, rel=0.1)
         # What was done is in the file: a killed command goes on from it.
         kept = read_session(page.session.path, "same")
         assert kept is not None and kept.current.pins == {3} and len(kept.earlier) == 1
@@ -205,15 +201,11 @@ def test_drags_change_the_state_and_the_pattern(page: RegistrationPage, tmp_path
         assert page.session.current.curves.controls == pytest.approx(moved.curves.controls)
         browser.drag('#back .corner[data-corner="origin"]', (10.0, 0.0))
         browser.until("state.undo === 2 && !busy")
-        assert (
-            np.abs(page.session.current.lattices["back"].origin - start.lattices["back"].origin).max() > 0.5
-        )
+        assert np.abs(page.session.current.lattices["back"].origin - start.lattices["back"].origin).max() > 0.5
         browser.press("z", modifiers=2)
         browser.until("state.undo === 1 && !busy")
         browser.value("document.getElementById('finish').click()")
-        browser.until(
-            "document.getElementById('finish').disabled && document.getElementById('undo').disabled"
-        )
+        browser.until("document.getElementById('finish').disabled && document.getElementById('undo').disabled")
     finally:
         browser.close()
     pattern = read_pattern_json(tmp_path / "out.json")

@@ -25,9 +25,7 @@ def test_straight_yarn_draws_a_rib_in_to_where_it_has_no_stress(cell):
     end = drawn_in(cell, 1.0)
     assert end.relaxed and end.change[0] < -0.4
     none = np.zeros_like(cell.pattern.rest_twist)
-    bare = replace(
-        end.cell.pattern, rest_curvature=np.zeros_like(end.cell.pattern.rest_curvature), rest_twist=none
-    )
+    bare = replace(end.cell.pattern, rest_curvature=np.zeros_like(end.cell.pattern.rest_curvature), rest_twist=none)
     straight = replace(end.cell, pattern=bare)
     state = straight.relax()
     wider = straight.relax(ShellStrain(s_x=0.02), start=state)

@@ -63,6 +63,4 @@ def test_derivatives_of_the_coefficients_are_finite_differences():
             step = 1e-4 * value
             above = OrthotropicMaterial(**values | {name: value + step}).coefficients
             below = OrthotropicMaterial(**values | {name: value - step}).coefficients
-            np.testing.assert_allclose(
-                cloth.derivative(name), (above - below) / (2 * step), rtol=1e-8, atol=1e-9
-            )
+            np.testing.assert_allclose(cloth.derivative(name), (above - below) / (2 * step), rtol=1e-8, atol=1e-9)

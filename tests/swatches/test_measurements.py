@@ -58,9 +58,7 @@ def test_runs_are_averaged_at_equal_force_with_their_spread():
 
 
 def test_runs_of_other_forces_count_over_the_common_range():
-    other = StretchRun(
-        "2", FORCE[1:8] + 0.1, 0.1 * (1 + 0.2 * (FORCE[1:8] + 0.1) - 0.01 * (FORCE[1:8] + 0.1) ** 2)
-    )
+    other = StretchRun("2", FORCE[1:8] + 0.1, 0.1 * (1 + 0.2 * (FORCE[1:8] + 0.1) - 0.01 * (FORCE[1:8] + 0.1) ** 2))
     curve = StretchTest(Direction.WARP, 0.06, (run(), other)).curve
     assert curve.load[-1] == pytest.approx(4.1 / 0.06)
     assert curve.contraction is None  # one run did not measure it

@@ -88,9 +88,7 @@ def test_points_set_by_hand_stay_and_periods_carry_the_yarns(stockinette) -> Non
     again = moved.fitted(pictures)
     shift = again.lattices["back"].pixels(again.curves.controls[3, :2] / again.curves.period) - place
     assert np.abs(shift).max() < 1.0
-    wider = found.with_lattice(
-        "front", Lattice(lattice.origin, 1.1 * found.lattices["front"].course, lattice.wale)
-    )
+    wider = found.with_lattice("front", Lattice(lattice.origin, 1.1 * found.lattices["front"].course, lattice.wale))
     assert wider.curves.period[0] == pytest.approx(1.05 * found.curves.period[0], rel=1e-3)
     with pytest.raises(InputError, match="control point"):
         found.moved("front", 1000, place)

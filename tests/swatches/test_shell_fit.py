@@ -78,9 +78,7 @@ def test_three_directions_give_back_the_known_constants():
 
 
 def test_noise_moves_curves_by_no_more_than_itself():
-    fit = fit_membrane(
-        stretched(KNOWN, tuple(Direction), noise=0.03), model="stvk", largest_load=np.inf, elements=6
-    )
+    fit = fit_membrane(stretched(KNOWN, tuple(Direction), noise=0.03), model="stvk", largest_load=np.inf, elements=6)
     for direction in Direction:
         stretch = np.linspace(0.05, 0.3, 6)
         found, known = (uniaxial(m, direction.angle, stretch) for m in (fit.material, KNOWN))
@@ -190,9 +188,7 @@ def test_missing_tests_are_named():
 
 
 def test_a_real_knit_is_fitted_within_the_average_errors_of_the_paper(shared):
-    fabric = read_measurements(
-        shared / "measured" / "acrylic_uniaxial.csv", sample="Acrylic Yarn Stockinette"
-    )
+    fabric = read_measurements(shared / "measured" / "acrylic_uniaxial.csv", sample="Acrylic Yarn Stockinette")
     shell = fit_shell(fabric, model="stvk")
     assert shell.membrane.load_error < 0.1759
     assert shell.membrane.contraction_error is not None and shell.membrane.contraction_error < 0.1684

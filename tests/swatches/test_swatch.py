@@ -65,9 +65,7 @@ def test_long_swatches_approach_the_uniform_strip():
     # Far from them the swatch is uniform, stretched as its force demands.
     stretch = np.linspace(0.09, 0.11, 201)
     stress, contraction = uniaxial(FABRIC, 0.0, stretch)
-    assert response.contraction[0] == pytest.approx(
-        np.interp(response.force[0] / 0.05, stress, contraction), rel=1e-4
-    )
+    assert response.contraction[0] == pytest.approx(np.interp(response.force[0] / 0.05, stress, contraction), rel=1e-4)
 
 
 @pytest.mark.parametrize("direction", Direction)
@@ -117,9 +115,7 @@ def test_a_large_stretch_is_reached_in_one_go():
     assert response.converged.all()
 
 
-@pytest.mark.parametrize(
-    "change", [{"length": -0.1}, {"width": 0.0}, {"gauge_width": 0.07}, {"gauge_width": -0.01}]
-)
+@pytest.mark.parametrize("change", [{"length": -0.1}, {"width": 0.0}, {"gauge_width": 0.07}, {"gauge_width": -0.01}])
 def test_swatches_without_size_are_refused(change):
     with pytest.raises(InputError):
         StretchSwatch(Direction.WEFT, **change)

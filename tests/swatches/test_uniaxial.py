@@ -54,9 +54,7 @@ def test_sensitivities_are_finite_differences(direction):
         above = uniaxial(replace(FABRIC, **{name: getattr(FABRIC, name) + step}), direction.angle, stretch)
         below = uniaxial(replace(FABRIC, **{name: getattr(FABRIC, name) - step}), direction.angle, stretch)
         np.testing.assert_allclose(by_stress[:, k], (above[0] - below[0]) / (2 * step), rtol=1e-5, atol=1e-9)
-        np.testing.assert_allclose(
-            by_contraction[:, k], (above[1] - below[1]) / (2 * step), rtol=1e-5, atol=1e-9
-        )
+        np.testing.assert_allclose(by_contraction[:, k], (above[1] - below[1]) / (2 * step), rtol=1e-5, atol=1e-9)
 
 
 def test_biaxial_stress_is_the_slope_and_its_sensitivities_are_finite_differences():
@@ -70,7 +68,5 @@ def test_biaxial_stress_is_the_slope_and_its_sensitivities_are_finite_difference
     slopes = biaxial_sensitivity(FABRIC, stretch, names)
     for k, name in enumerate(names):
         step = 1e-4 * getattr(FABRIC, name)
-        above, below = (
-            biaxial(replace(FABRIC, **{name: getattr(FABRIC, name) + s}), stretch) for s in (step, -step)
-        )
+        above, below = (biaxial(replace(FABRIC, **{name: getattr(FABRIC, name) + s}), stretch) for s in (step, -step))
         np.testing.assert_allclose(slopes[..., k], (above - below) / (2 * step), rtol=1e-6, atol=1e-9)

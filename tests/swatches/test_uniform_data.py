@@ -52,9 +52,7 @@ def test_clamps_are_taken_out_as_the_cloth_feels_them():
     for curve, force, across in ((SOFT, 1.3, 0.9), (STIFF, 1.1, 0.5)):
         stress, contraction = uniaxial(JERSEY, curve.direction.angle, STRETCH)
         force = np.where(converged, force * width * stress, 77.0)
-        responses.append(
-            StretchResponse(width, STRETCH, force, across * contraction, converged, np.zeros((10, 1, 3)))
-        )
+        responses.append(StretchResponse(width, STRETCH, force, across * contraction, converged, np.zeros((10, 1, 3))))
     free = replace(STIFF, contraction_measured=True)
     found = without_own_clamps(ClothCheck(JERSEY, UniformData("", (SOFT, free)), tuple(responses))).curves
     np.testing.assert_allclose(found[0].stress, SOFT.stress / 1.3)

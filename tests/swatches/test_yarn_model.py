@@ -32,9 +32,7 @@ def test_material_has_the_stiffnesses_asked_for(model):
 
 
 def test_a_search_may_come_close_to_no_soft_phase(model):
-    assert (
-        model.material(model.values(np.array([0.3, 5e-13, 0.7, 0.6, 0.2, 0.5, 0.1, 0.9]))).stretch.knee == 0.0
-    )
+    assert model.material(model.values(np.array([0.3, 5e-13, 0.7, 0.6, 0.2, 0.5, 0.1, 0.9]))).stretch.knee == 0.0
 
 
 def test_estimated_radius_grows_with_the_drawing():

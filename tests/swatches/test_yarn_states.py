@@ -77,10 +77,7 @@ def test_the_step_that_is_not_solved_for_takes_away_what_stress_is_left(rested):
     np.testing.assert_allclose(usual.contraction, exact.contraction, rtol=0.0, atol=1e-5)
     # Without it: contractions are those of the states.
     reached = [1.0 - (1.0 + state.strain.s_y) for state in usual.states]
-    assert (
-        np.abs(np.array(reached) - exact.contraction).max()
-        > 5 * np.abs(usual.contraction - exact.contraction).max()
-    )
+    assert np.abs(np.array(reached) - exact.contraction).max() > 5 * np.abs(usual.contraction - exact.contraction).max()
 
 
 def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
@@ -113,9 +110,7 @@ def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here,
     assert beside.relaxed and len(beside.stages) == len(near.stages)
     assert (beside.stages[0] is None) == (there == 0.0) and beside.solves <= alone.solves
     moved = np.abs(alone.cell.pattern.vertices - near.cell.pattern.vertices).max()
-    np.testing.assert_allclose(
-        beside.cell.pattern.vertices, alone.cell.pattern.vertices, rtol=0.0, atol=0.01 * moved
-    )
+    np.testing.assert_allclose(beside.cell.pattern.vertices, alone.cell.pattern.vertices, rtol=0.0, atol=0.01 * moved)
 
 
 def test_a_neighbour_that_ended_earlier_has_no_stage_to_start_from():
@@ -130,9 +125,7 @@ def test_a_neighbour_that_ended_earlier_has_no_stage_to_start_from():
 def test_beside_a_curve_that_failed_states_are_found_from_their_own(rested, there):
     whole = pulled(rested, Direction.WEFT, STRETCHES)
     states = whole.states if any(there) else ()
-    lost = replace(
-        whole, converged=np.array(there), states=states, contraction=np.where(there, whole.contraction, 0.5)
-    )
+    lost = replace(whole, converged=np.array(there), states=states, contraction=np.where(there, whole.contraction, 0.5))
     found = pulled(rested, Direction.WEFT, STRETCHES, near=lost)
     assert found.converged.all()
     np.testing.assert_allclose(found.stress, whole.stress, rtol=1e-4)

@@ -54,9 +54,7 @@ def random_pattern(seed: int) -> YarnPattern:
     return pattern_from_curves(curves, period, 0.3)
 
 
-def brute(
-    pattern: YarnPattern, points: np.ndarray, reach: float, neighbours: int
-) -> set[tuple[int, int, int, int]]:
+def brute(pattern: YarnPattern, points: np.ndarray, reach: float, neighbours: int) -> set[tuple[int, int, int, int]]:
     """All ordered pairs (i, j, tile) closer than reach, by unwrapped yarns and every tile in a wide box."""
     n, period = len(pattern.edges), np.array([*pattern.period, 0.0])
     start = points
@@ -96,10 +94,7 @@ def found_pairs(
         strands, strands.copies(points, pattern.period), reach, neighbours=neighbours, ordered=ordered
     )
     n = len(pattern.edges)
-    return [
-        (i, k % n, *strands.tiles[k // n].tolist())
-        for i, k in zip(first.tolist(), second.tolist(), strict=True)
-    ]
+    return [(i, k % n, *strands.tiles[k // n].tolist()) for i, k in zip(first.tolist(), second.tolist(), strict=True)]
 
 
 def mirrored(pair: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
@@ -244,9 +239,7 @@ def test_pairs_that_move_are_those_that_may_meet(ordered: bool) -> None:
     nodes = strands.copies(pattern.vertices, pattern.period)
     moves = np.random.default_rng(3).normal([9.0, 0.0, 0.0], 0.6, (n, 3))
     moves = np.tile(moves, (len(strands.tiles), 1))
-    found = set(
-        zip(*close_pairs(strands, nodes, 0.0, neighbours=2, ordered=ordered, moves=moves), strict=True)
-    )
+    found = set(zip(*close_pairs(strands, nodes, 0.0, neighbours=2, ordered=ordered, moves=moves), strict=True))
     every = close_pairs(strands, nodes, 50.0, neighbours=2, ordered=ordered)
     largest = np.max(
         [np.linalg.norm(moves[a] - moves[b], axis=1) for a in (every[0], strands.ends[every[0]])

@@ -59,9 +59,7 @@ def by_hand(kernel: str, q: np.ndarray, p: np.ndarray, samples: tuple[Sample, ..
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
-@pytest.mark.parametrize(
-    "rule", [ContactRule(), ContactRule(points=3, weights="simpson"), ContactRule(points=7)]
-)
+@pytest.mark.parametrize("rule", [ContactRule(), ContactRule(points=3, weights="simpson"), ContactRule(points=7)])
 @pytest.mark.parametrize("polyline", [True, False])
 def test_values_are_the_double_sum(kernel: str, rule: ContactRule, polyline: bool) -> None:
     q, p, samples = random_pairs(19), parameters(kernel, 19), contact_samples(rule, polyline=polyline)

@@ -44,17 +44,13 @@ def test_rings_of_a_cell_are_those_of_a_finite_fabric(rings: YarnPattern) -> Non
         assert value == pytest.approx(same, rel=1e-12) and cell.value(x) == pytest.approx(fabric.value(full))
         np.testing.assert_allclose(forces.sum(axis=0), gradient, atol=1e-11 * np.abs(gradient).max())
         product = model.pattern.multiply(model.values(0.0), probe)
-        np.testing.assert_allclose(
-            block.pattern.multiply(entries, probe), product, atol=1e-11 * np.abs(product).max()
-        )
+        np.testing.assert_allclose(block.pattern.multiply(entries, probe), product, atol=1e-11 * np.abs(product).max())
         np.testing.assert_allclose(np.sort(fabric.gaps(full)), np.sort(cell.gaps(x)), rtol=1e-12)
     # Long moves are searched, short ones taken from the list.
     positions = fabric.positions(full)
     for size in (0.01, 0.5, 8.0):
         moves = random.normal(scale=size, size=positions.shape)
         safe = fabric.contact_list.safe_fraction(positions, moves)
-        after = FabricEnergy(sheet, WOOL).contact_list.distances(
-            fabric.contacts(full), positions + safe * moves
-        )
+        after = FabricEnergy(sheet, WOOL).contact_list.distances(fabric.contacts(full), positions + safe * moves)
         assert 0.0 < safe <= 1.0
         assert (after >= 0.2 * fabric.contact_list.distances(fabric.contacts(full), positions) - 1e-12).all()

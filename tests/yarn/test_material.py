@@ -47,9 +47,7 @@ def test_everyday_presets_are_materials() -> None:
 
 
 def test_unknown_preset_lists_the_names() -> None:
-    with pytest.raises(
-        InputError, match=r"unknown material preset; expected hylc2020-stockinette, .*; found 'silk'"
-    ):
+    with pytest.raises(InputError, match=r"unknown material preset; expected hylc2020-stockinette, .*; found 'silk'"):
         YarnMaterial.preset("silk")
 
 

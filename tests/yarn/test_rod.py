@@ -51,9 +51,7 @@ def joints(count: int, seed: int = 0, *, bend: float = 1.0) -> tuple[np.ndarray,
     joint_twist = -np.arctan2((carried * second).sum(1), (carried * director[:, 1]).sum(1))
     rest = rng.normal(size=(count, 3))
     stiffness = rng.uniform(0.5, 2, (count, 2))
-    p = np.column_stack(
-        [tangent.reshape(count, 6), director.reshape(count, 6), joint_twist, 0.3 * rest, stiffness]
-    )
+    p = np.column_stack([tangent.reshape(count, 6), director.reshape(count, 6), joint_twist, 0.3 * rest, stiffness])
     return np.column_stack([points.reshape(count, 9), twists]), p
 
 

@@ -50,8 +50,7 @@ def constraint_rows(pattern: YarnPattern, sliding: bool) -> csr_array:
     n = len(pattern.edges)
     translations, chains = _translations_and_chains(pattern, sliding)
     columns = [
-        3 * c.groups[:, None] + np.arange(3) if c.coefficients.shape[1] == 3 else 2 * n + c.groups
-        for c in chains
+        3 * c.groups[:, None] + np.arange(3) if c.coefficients.shape[1] == 3 else 2 * n + c.groups for c in chains
     ]
     entries = np.concatenate([translations.ravel(), *(chain.coefficients.ravel() for chain in chains)])
     places = np.concatenate([np.tile(np.arange(4 * n), 3), *(c.ravel() for c in columns)])

@@ -125,9 +125,7 @@ class Continuation:
         further = self._minimised(energy, solution.x, PATIENCE * self.options.max_iterations)
         return _with_work(further, solution)
 
-    def _released(
-        self, energy: CellEnergy, solution: Solution, start: Start | None, nearby: bool
-    ) -> Solution:
+    def _released(self, energy: CellEnergy, solution: Solution, start: Start | None, nearby: bool) -> Solution:
         """The lower of an equilibrium and the one that yarns slide to from where they are held.
 
         Sliding yarns catch on each other's vertices, so the first start alone may end above that without sliding.

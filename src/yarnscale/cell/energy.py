@@ -227,9 +227,7 @@ class CellEnergy:
         fluctuation = self.split(x)[0][self.nodes.source[loaded]]
         slopes = self.surface.by_state(self.reference[loaded], fluctuation)
         by_anchors = self.rods.bend_twist.by_parameters(full, ANCHORS)
-        total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum(
-            "ni,nij->j", by_anchors, self._anchor_slope
-        )
+        total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum("ni,nij->j", by_anchors, self._anchor_slope)
         if self.grip is not None and self._friction.count:
             vertices, vectors = self.grip.turned(self.strands)
             by_vectors = self._friction.by_parameters(full, ("offset", "normal")).reshape(-1, 2, 3)

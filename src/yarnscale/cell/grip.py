@@ -52,9 +52,7 @@ class Grip:
         kept, apart = self._apart(strands, positions, frames)
         spring = _held(_across(before._found(self.pairs), self.normal), self.limit / self.stiffness)
         limit, stiffness = self.limit[kept], self.stiffness[kept]
-        return Grip(
-            self.pairs[kept], self.place[kept], apart, self.normal[kept], limit, stiffness, spring[kept]
-        )
+        return Grip(self.pairs[kept], self.place[kept], apart, self.normal[kept], limit, stiffness, spring[kept])
 
     def stencils(self, strands: Strands, frames: Array) -> StencilSet:
         """Friction since the state, on nodes of copies; frames: (n, 3, 3) rotations at the primary vertices.
@@ -63,9 +61,7 @@ class Grip:
         """
         kept, nodes = self._nodes(strands)
         turn = frames[self.pairs[kept, 0]]
-        offset, normal = (
-            np.einsum("kij,kj->ki", turn, v[kept]) for v in (self.apart - self.spring, self.normal)
-        )
+        offset, normal = (np.einsum("kij,kj->ki", turn, v[kept]) for v in (self.apart - self.spring, self.normal))
         limit = self.limit[kept]
         parameters = np.column_stack([self.place[kept], offset, normal, limit, limit / self.stiffness[kept]])
         return StencilSet(FRICTION, position_variables(nodes), parameters, 4)

@@ -71,9 +71,7 @@ def _kernel() -> Kernel:
     z, reference = ca.SX.sym("z", 6), ca.SX.sym("X", 3)
     point, rotation = midsurface_point(z, reference)
     outputs = [point, ca.vec(rotation.T)]
-    return compile_kernel(
-        ca.Function("midsurface", [z, reference], outputs, {"cse": True}), "midsurface", shared=(0,)
-    )
+    return compile_kernel(ca.Function("midsurface", [z, reference], outputs, {"cse": True}), "midsurface", shared=(0,))
 
 
 @cache

@@ -52,9 +52,7 @@ def explicit_part(energy: CellEnergy, x: Array) -> ExplicitPart:
     return ExplicitPart(by_material, shared, by_length)
 
 
-def _of_material(
-    material: YarnMaterial, r: float, stretch: Array, joint: Array, contact: float
-) -> dict[str, float]:
+def _of_material(material: YarnMaterial, r: float, stretch: Array, joint: Array, contact: float) -> dict[str, float]:
     """Derivatives by one material's parameters from those by (k_s1, k_s2, ε̄), (k_b, k_t) and its k_contact."""
     section = math.pi * r**2
     two_phase = material.stretch.law == "two_phase"

@@ -41,9 +41,7 @@ def passages_between(energy: CellEnergy, before: Shape, after: Shape) -> Passage
 def _nodes(energy: CellEnergy, strands: Strands, strain: ShellStrain, fluctuation: Array) -> Array:
     """Positions (T·n, 3) [r] of copies in a shape."""
     if strain is energy.strain and strands is energy.strands:
-        return energy.nodes.expand(np.append(fluctuation, np.zeros(energy.count)))[: -energy.count].reshape(
-            -1, 3
-        )
+        return energy.nodes.expand(np.append(fluctuation, np.zeros(energy.count)))[: -energy.count].reshape(-1, 3)
     surface = energy.surface if strain is energy.strain else cell_midsurface(energy.pattern, strain)
     points, rotation = surface.at(energy.placed(strands))
     return points + np.einsum("nij,nj->ni", rotation, np.tile(fluctuation, (len(strands.tiles), 1)))

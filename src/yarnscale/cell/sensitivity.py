@@ -103,8 +103,7 @@ def sensitivities(energy: CellEnergy, state: Equilibrium) -> Sensitivities:
     stress = np.empty((6, len(value)))
     for k, step in enumerate(_steps(energy)):
         ahead, behind = (
-            _flat(explicit_part(_moved(energy, k, s * step), x + s * step * answer.by_state[:, k]))
-            for s in (1.0, -1.0)
+            _flat(explicit_part(_moved(energy, k, s * step), x + s * step * answer.by_state[:, k])) for s in (1.0, -1.0)
         )
         stress[k] = (ahead - behind) / (2 * step)
         stress[k, lengths] -= _constraint_work(energy, multipliers[:, 1 + k], x)

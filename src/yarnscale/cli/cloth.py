@@ -59,9 +59,7 @@ def _scene(options: argparse.Namespace) -> Scene:
 
     if options.scene in READY:
         if options.shell is None:
-            raise InputError(
-                "ready scene", where=options.scene, expected="--shell MATERIAL.json", found="none"
-            )
+            raise InputError("ready scene", where=options.scene, expected="--shell MATERIAL.json", found="none")
         scene = ready_scene(options.scene, read_material(options.shell), spacing=options.spacing)
         return replace(scene, notices=(sizes_of(scene.cloth),))
     if not Path(options.scene).exists():
@@ -115,9 +113,7 @@ def _notes(scene: Scene) -> list[str]:
         thick = f"{1e3 * contact.thickness:.3g} mm"
         notes = [f"the cloth meets itself{' and obstacles' * obstacles}, from a thickness of {thick}"]
     elif contact is not None and obstacles:
-        notes = [
-            "the cloth meets obstacles but not itself: crossings of the cloth with itself are not tested"
-        ]
+        notes = ["the cloth meets obstacles but not itself: crossings of the cloth with itself are not tested"]
     else:
         notes = ["nothing may touch, so crossings are not tested ([contact] in a scene file)"]
     end = scene.start.time + scene.schedule.duration
@@ -129,9 +125,7 @@ def _notes(scene: Scene) -> list[str]:
 
 def _unfulfilled(result: SceneResult) -> list[str]:
     given = result.scene.may_give_way
-    return sentences(
-        result.unfulfilled, "as the scene allows" if given else "may_give_way = true in a scene allows it"
-    )
+    return sentences(result.unfulfilled, "as the scene allows" if given else "may_give_way = true in a scene allows it")
 
 
 def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneResult:

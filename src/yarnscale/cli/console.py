@@ -68,9 +68,7 @@ def writable_file(path: Path | None, *suffixes: str) -> None:
     if path is None:
         return
     if suffixes and path.suffix.lower() not in suffixes:
-        raise InputError(
-            "unknown file type", where=path, expected=" or ".join(suffixes), found=repr(path.suffix)
-        )
+        raise InputError("unknown file type", where=path, expected=" or ".join(suffixes), found=repr(path.suffix))
     folder = path.parent
     if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
         raise InputError("output cannot be written", where=path, expected="a file in a folder that exists")

@@ -170,9 +170,7 @@ def _frame_writer(animation: Animation, kind: str, out: Path) -> Callable[[int, 
 
     curves = animation.yarns
     if curves is None:
-        raise InputError(
-            "BCC files hold curves", expected="frames of yarns (--yarns DIR)", found="cloth only"
-        )
+        raise InputError("BCC files hold curves", expected="frames of yarns (--yarns DIR)", found="cloth only")
 
     def write_curves(number: int, moment: Moment) -> None:
         assert moment.yarns is not None

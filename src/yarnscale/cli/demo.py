@@ -163,7 +163,5 @@ def _cloth_section(
     ]
     measures = {f"stretch_{k}": float(v) for k, v in pulled.measures.items() if np.isfinite(v)}
     measures["vertices"] = pulled.scene.cloth.mesh.vertex_count
-    text = [
-        "Simulated as a thin shell with the material above, implicit time steps, self-contact in the drape."
-    ]
+    text = ["Simulated as a thin shell with the material above, implicit time steps, self-contact in the drape."]
     return Section("Cloth", text, tables, pictures), measures, (pulled, draped)

@@ -45,9 +45,7 @@ def detail(options: argparse.Namespace) -> int:
         frames = frames.among(options.chosen.of(list(frames.paths)))
     out = options.out or options.frames / "yarns"
     made = (CURVES, "frame_*.npz", ORIGIN)
-    with RunFolder(
-        out, "detail", made, overwrite=options.overwrite, resume=options.resume, goes_on_from=made
-    ):
+    with RunFolder(out, "detail", made, overwrite=options.overwrite, resume=options.resume, goes_on_from=made):
         note_result(out, options.frames)
         table, summary = _table(options, out)
         first = frames.state(next(iter(frames.paths)))
@@ -66,9 +64,7 @@ def detail(options: argparse.Namespace) -> int:
     }
     each = f", {summary['seconds_per_frame']:.2g} s each" if done else ""
     written = f"{done} of {len(frames.paths)} frames written{each}"
-    report(
-        options, summary, f"{out}: {summary['curves']} curves, {summary['yarn_vertices']} vertices; {written}"
-    )
+    report(options, summary, f"{out}: {summary['curves']} curves, {summary['yarn_vertices']} vertices; {written}")
     return 0
 
 
@@ -101,15 +97,11 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
     store = _kept(path, cell, axes, replace=options.overwrite)
     if store is None:
         store = create_store(path, cell, axes, scattered=False)
-    say(
-        f"no samples given or beside the pattern: {store.count} states are relaxed ('homogenize' leaves samples)"
-    )
+    say(f"no samples given or beside the pattern: {store.count} states are relaxed ('homogenize' leaves samples)")
     progress = ProgressLine(f"sampling {pattern.name}").sampled
     run_sample(cell, store, workers=worker_count(options), dask=options.dask, progress=progress)
     table = FluctuationTable.from_store(store, pattern)
-    return table, _origin(store, out, resume=options.resume) | yarn.summary | {
-        "states_replaced": table.replaced
-    }
+    return table, _origin(store, out, resume=options.resume) | yarn.summary | {"states_replaced": table.replaced}
 
 
 def _stored(
@@ -144,9 +136,7 @@ def _unseen_error(store: SampleStore, pattern: YarnPattern) -> dict[str, object]
     return {"error_in_radii": np.percentile(errors, [50.0, 95.0])} if errors.size else {}
 
 
-def _kept(
-    path: Path, cell: PeriodicCell, axes: Mapping[str, np.ndarray], *, replace: bool
-) -> SampleStore | None:
+def _kept(path: Path, cell: PeriodicCell, axes: Mapping[str, np.ndarray], *, replace: bool) -> SampleStore | None:
     """The store of an earlier run, None without one; one of another cell is removed if it may be replaced."""
     if not path.exists():
         return None
@@ -195,9 +185,7 @@ def _origin(store: SampleStore, out: Path, *, resume: bool) -> dict[str, object]
     text = json.dumps(note, indent=1) + "\n"
     path = writable_folder(out) / ORIGIN
     if resume and path.is_file() and path.read_text(encoding="utf-8") != text:
-        raise InputError(
-            "cannot resume: frames of other yarns", where=out, expected="the same pattern and samples"
-        )
+        raise InputError("cannot resume: frames of other yarns", where=out, expected="the same pattern and samples")
     write_text(path, text)
     return {"pattern": provenance["pattern"]}
 

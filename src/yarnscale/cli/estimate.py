@@ -109,11 +109,7 @@ def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnMode
     length, width = options.swatch or (None, None)
     settings = LogSettings(swatch_length=length, swatch_width=width)
     measurements = read_measurements(options.measurements, sample=options.sample, settings=settings)
-    given = {
-        name: value * factor
-        for name, factor in COUNTS.items()
-        if (value := getattr(options, name)) is not None
-    }
+    given = {name: value * factor for name, factor in COUNTS.items() if (value := getattr(options, name)) is not None}
     measurements = measurements.knowing(
         KnownConstruction(**{"yarn_count" if name == "tex" else name: value for name, value in given.items()})
     )
@@ -152,13 +148,9 @@ def _pattern(options: argparse.Namespace, measurements: SwatchMeasurements) -> s
     return str(beside) if beside.is_file() else measurements.pattern
 
 
-def _estimated(
-    options: argparse.Namespace, measurements: SwatchMeasurements, model: YarnModel
-) -> FabricEstimate:
+def _estimated(options: argparse.Namespace, measurements: SwatchMeasurements, model: YarnModel) -> FabricEstimate:
     """Estimate the yarn into its folder."""
-    search = FitOptions(
-        options.solver, options.seed, options.starts, options.refined, iterations=options.iterations
-    )
+    search = FitOptions(options.solver, options.seed, options.starts, options.refined, iterations=options.iterations)
     chosen, holdout = _directions(options)
     if options.resume:
         check_resumable(options.out / EVALUATIONS)
@@ -189,9 +181,7 @@ def _estimated(
     return found
 
 
-def _as_cloth(
-    options: argparse.Namespace, found: FabricEstimate, executor: Executor | None
-) -> FabricEstimate:
+def _as_cloth(options: argparse.Namespace, found: FabricEstimate, executor: Executor | None) -> FabricEstimate:
     """The estimate with the swatches as cloth; of a yarn fitted again where clamps hold that cloth in another way.
 
     The better cloth counts.

@@ -49,9 +49,7 @@ def add_estimate_options(add: Add) -> None:
         "that the fabric file names)",
     )  # fmt: skip
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the report and the evaluations")
-    option(
-        "--sample", metavar="NAME-PREFIX", help="the fabric, where a table holds several: how its name begins"
-    )
+    option("--sample", metavar="NAME-PREFIX", help="the fabric, where a table holds several: how its name begins")
     option(
         "--swatch", type=_swatch, metavar="LENGTHxWIDTH",
         help="distance of the clamps before the test and width of the swatch [mm], where a log leaves them out",
@@ -62,9 +60,7 @@ def add_estimate_options(add: Add) -> None:
     option("--loop-length", type=positive, metavar="MM", help="yarn in one stitch, which fixes the size")
     option("--tex", type=positive, metavar="TEX", help="mass of the yarn in g per 1000 m")
     option("--area-density", type=positive, metavar="G_PER_M2", help="mass of the fabric")
-    option(
-        "--directions", type=_directions, metavar="weft,bias,warp", help="directions to fit (all measured)"
-    )
+    option("--directions", type=_directions, metavar="weft,bias,warp", help="directions to fit (all measured)")
     option("--holdout", choices=DIRECTIONS, help="direction that is not fitted but predicted")
     option(
         "--solver", choices=SOLVERS, default="sobol",
@@ -109,9 +105,7 @@ def add_estimate_options(add: Add) -> None:
     option("--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)")
     refined = "from how many of the best refinement begins (12)"
     option("--refined", type=positive_integer, default=12, metavar="N", help=refined)
-    option(
-        "--iterations", type=positive_integer, default=20, metavar="N", help="of Gauss-Newton, at most (20)"
-    )
+    option("--iterations", type=positive_integer, default=20, metavar="N", help="of Gauss-Newton, at most (20)")
     option(
         "--bending-weight", type=not_negative, default=0.0, metavar="W",
         help="of the bending stiffness measured with pear loops, beside 1 of stress and 1 of contraction (0)",

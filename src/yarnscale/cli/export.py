@@ -72,9 +72,7 @@ def _hylc(options: argparse.Namespace, material: object) -> str:
         box = np.stack([known.min(axis=0), known.max(axis=0)], axis=1)
         box[1] = np.max(np.abs(box[1])) * np.array([-1, 1])
         published = published_form(material, box)
-        errors = StressErrors.of(
-            published.stress(material.samples), material.stress(material.samples), material.scale
-        )
+        errors = StressErrors.of(published.stress(material.samples), material.stress(material.samples), material.scale)
         lost = (
             "what more than two strains do together: the stress differs by "
             f"{100 * errors.median:.3g} % (median) and {100 * errors.high:.3g} % (95th percentile) at sampled states"
@@ -82,9 +80,7 @@ def _hylc(options: argparse.Namespace, material: object) -> str:
     elif isinstance(material, SplineMaterial):
         published = material
     else:
-        raise InputError(
-            "material cannot be exported", where=options.material, expected="kind 'compact' or HYLC JSON"
-        )
+        raise InputError("material cannot be exported", where=options.material, expected="kind 'compact' or HYLC JSON")
     write_material(options.out, published)
     say(f"yarnscale: note: not in HYLC JSON: {lost}")
     return lost

@@ -75,9 +75,7 @@ def _model(options: argparse.Namespace) -> str:
         if model == "rods":
             refuse(options, ("adaptive", "explicit"), "--model splines, or --method direct")
     elif options.model not in (None, model):
-        raise InputError(
-            "--model", expected=f"--method volume, or {model} with {options.method}", found=options.model
-        )
+        raise InputError("--model", expected=f"--method volume, or {model} with {options.method}", found=options.model)
     return model
 
 
@@ -198,9 +196,7 @@ def _volume(options: argparse.Namespace, sheet: YarnSheet) -> BoundingVolume | N
 # --- results ------------------------------------------------------------------------------------------
 
 
-def _simulated(
-    options: argparse.Namespace, kind: type, scene: Callable[[], FabricScene[Any]], **parts: object
-) -> int:
+def _simulated(options: argparse.Namespace, kind: type, scene: Callable[[], FabricScene[Any]], **parts: object) -> int:
     """Run a scene into the folder of results; parts: contents of files and names in the options, for the checkpoint."""
     settings = {f"--{name.replace('_', '-')}": getattr(options, name) for name in SHAPING} | parts
     formats = [name for made in options.format for name in convert.made_by(made, _name(made))]
@@ -212,9 +208,7 @@ def _simulated(
         checkpoint(options.out, kind, settings).read()
     made = scene()
     with results as folder:
-        result = run(
-            made, folder, resume=options.resume, settings=settings, on_step=ProgressLine("fabric").show_step
-        )
+        result = run(made, folder, resume=options.resume, settings=settings, on_step=ProgressLine("fabric").show_step)
         numbers: dict[str, object] = {
             "method": options.method, "model": options.model, **result.summary(),
         }  # fmt: skip

@@ -43,9 +43,7 @@ def add_fabric_options(add: Add) -> None:
     about = "Simulate a finite fabric, yarn by yarn or in a bounding volume."
     option = add("fabric", "fabric", about, *yarn, _add_stepping, *results)
     mu = {"type": not_negative, "metavar": "MU"}
-    kinds = (
-        "a built-in pattern or a pattern file; splines: jersey and knits of knit and purl stitches on one bed"
-    )
+    kinds = "a built-in pattern or a pattern file; splines: jersey and knits of knit and purl stitches on one bed"
     option("pattern", metavar="PATTERN", help=kinds)
     rows = "courses of jersey; periods of other patterns along their wales"
     option("--rows", type=_count, metavar="N", help=rows)

@@ -103,9 +103,7 @@ def _lines(found: list[FabricTests], compared: Difference | None) -> Iterator[st
         for cycle in tests.cycles:
             if cycle.test == "tension":
                 share = (
-                    f"{cycle.returned:.3f} of {cycle.work:.4g} J/m²"
-                    if cycle.status == "converged"
-                    else cycle.status
+                    f"{cycle.returned:.3f} of {cycle.work:.4g} J/m²" if cycle.status == "converged" else cycle.status
                 )
                 yield f"  work returned along {cycle.direction:g}°, cycle {cycle.number}: {share}"
         for bent in tests.bend:

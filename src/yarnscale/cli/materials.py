@@ -125,9 +125,7 @@ def homogenize(options: argparse.Namespace) -> int:
     if summary.ended:
         lines.append(f"  {summary.ended} rays of loads ended early, where the fabric is unstable or rolls up")
     if summary.pending:
-        lines.append(
-            f"  {summary.pending} levels of load are left, since their workers died; --resume continues"
-        )
+        lines.append(f"  {summary.pending} levels of load are left, since their workers died; --resume continues")
     found = {
         "states": summary.states, "converged": summary.converged, "pending": summary.pending,
         "rays_ended_early": summary.ended, "seconds": summary.seconds, "density": outcome.material.density,
@@ -143,9 +141,7 @@ def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool =
     stores = ("samples/", "unseen/")
     pictures = ("tension", "bending", "terms", "stress", "errors")
     makes = (*stores, PATTERN, "material.json", "index.html", *(f"pictures/{name}.png" for name in pictures))
-    return RunFolder(
-        path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN)
-    )
+    return RunFolder(path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN))
 
 
 def homogenize_into(

@@ -69,9 +69,7 @@ def _traced(options: argparse.Namespace, structure: Structure) -> tuple[YarnPatt
     """The drawing and its curves on the lines of ``--traced``."""
     for name in ("front", "back"):
         if getattr(options, name) is not None:
-            raise InputError(
-                f"--{name}", expected="photographs or --traced, not both", found=getattr(options, name)
-            )
+            raise InputError(f"--{name}", expected="photographs or --traced, not both", found=getattr(options, name))
     if options.radius is None:
         raise InputError("--radius is missing", expected="the radius of the yarn for traced curves [m]")
     traced = read_traced(options.traced, options.scale)
@@ -140,9 +138,7 @@ def _pixel(options: argparse.Namespace, photographs: dict[str, Photograph]) -> f
     return 25.4e-3 / dpi * reduced.pop()
 
 
-def _report(
-    options: argparse.Namespace, pattern: YarnPattern, structure: Structure, found: Registration
-) -> None:
+def _report(options: argparse.Namespace, pattern: YarnPattern, structure: Structure, found: Registration) -> None:
     """What was found, in counts of a knitter."""
     if structure.draft is not None:
         stitches = np.array(structure.draft.shape[::-1])

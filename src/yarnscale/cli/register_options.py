@@ -20,9 +20,7 @@ def add_register_options(add: Add) -> None:
     about = "Register the yarns of a fabric to photographs of its sides, with the order over and under from its chart."
     option = add("register", "register", about, add_json)
     option("--front", type=Path, metavar="FRONT.png", help="photograph of the right side, its wales upright")
-    option(
-        "--back", type=Path, metavar="BACK.png", help="of the other side, the fabric turned over about a wale"
-    )
+    option("--back", type=Path, metavar="BACK.png", help="of the other side, the fabric turned over about a wale")
     option(
         "--traced", type=Path, metavar="FILE.svg",
         help="instead of photographs: curves traced over both sides, .svg (layers front and back, a rectangle period) "
@@ -48,11 +46,7 @@ def add_register_options(add: Add) -> None:
 def pixel_size(text: str) -> float:
     """Size of a pixel [m] from ``40px/mm``, ``600dpi``, ``1.8um/px`` or a length in the picture, ``820px=20mm``."""
     plain = text.replace(" ", "")
-    if (
-        (match := re.fullmatch(rf"{_NUMBER}px={_NUMBER}(mm|cm)", plain))
-        and float(match[1])
-        and float(match[2])
-    ):
+    if (match := re.fullmatch(rf"{_NUMBER}px={_NUMBER}(mm|cm)", plain)) and float(match[1]) and float(match[2]):
         return float(match[2]) * (1e-3 if match[3] == "mm" else 1e-2) / float(match[1])
     for unit, size in _UNITS.items():
         if (match := re.fullmatch(_NUMBER + unit, plain)) and float(match[1]):

@@ -111,9 +111,7 @@ def add_cell_strain(command: argparse.ArgumentParser) -> None:
 
 def add_free_sliding(command: argparse.ArgumentParser) -> None:
     """``--free-sliding``."""
-    command.add_argument(
-        "--free-sliding", action="store_true", help="let yarns slide along themselves as a whole"
-    )
+    command.add_argument("--free-sliding", action="store_true", help="let yarns slide along themselves as a whole")
 
 
 def add_starts(default: int) -> Share:
@@ -128,9 +126,7 @@ def add_loads(command: argparse.ArgumentParser) -> None:
     """How many states, along loads up to which."""
     solves = "equilibria to sample (600; form hylc2020: 400)"
     command.add_argument("--solves", type=positive_integer, metavar="N", help=solves)
-    command.add_argument(
-        "--limit", type=positive, metavar="N/M", help="largest load in N/m (50, less for soft yarn)"
-    )
+    command.add_argument("--limit", type=positive, metavar="N/M", help="largest load in N/m (50, less for soft yarn)")
 
 
 def add_overwrite(command: argparse.ArgumentParser) -> None:
@@ -143,9 +139,7 @@ def add_overwrite(command: argparse.ArgumentParser) -> None:
 
 def add_processes(command: argparse.ArgumentParser) -> None:
     """``--workers``."""
-    command.add_argument(
-        "--workers", type=positive_integer, metavar="N", help="processes (default: one per core)"
-    )
+    command.add_argument("--workers", type=positive_integer, metavar="N", help="processes (default: one per core)")
 
 
 def add_workers(command: argparse.ArgumentParser) -> None:

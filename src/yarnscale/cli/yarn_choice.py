@@ -74,9 +74,7 @@ def yarn_for(
         return YarnChoice(label, own, "of the file" if kept is None else "of the run")
     if isinstance(source, str) and source in library.names():
         preset = library.structure(source).material
-        return YarnChoice(
-            label, YarnMaterial.preset(preset), "default of this built-in pattern", is_default=True
-        )
+        return YarnChoice(label, YarnMaterial.preset(preset), "default of this built-in pattern", is_default=True)
     name, kind = (WEAVE_DEFAULT, "weaves") if pattern.woven else (KNIT_DEFAULT, "knits")
     return YarnChoice(label, PRESETS[name], f"default of {kind}; --material takes another", is_default=True)
 

@@ -55,9 +55,7 @@ def aligned_tilings(period: Array, mesh: TriangleMesh) -> Tilings:
     return Tilings(origin, stretch)
 
 
-def _equations(
-    shifts: list[_Shift], middle: Array, period: Array, axis: int, count: int
-) -> tuple[Array, Array]:
+def _equations(shifts: list[_Shift], middle: Array, period: Array, axis: int, count: int) -> tuple[Array, Array]:
     """Linear equations for the offsets and strains e of all panels (2·count): sides agree, strains are small."""
     unstretched = np.zeros((count, 2 * count))
     unstretched[:, count:] = np.eye(count)

@@ -124,9 +124,7 @@ class ScatteredFluctuations:
         """From the converged states of a store; radius: of the yarn [m], the scale of curvatures. Raises InputError."""
         good = np.flatnonzero(store.status() == CODE_OF["converged"])
         if len(good) == 0:
-            raise InputError(
-                "samples for yarns on cloth", where=store.path, expected="a converged state", found="none"
-            )
+            raise InputError("samples for yarns on cloth", where=store.path, expected="a converged state", found="none")
         states, first = np.unique(FabricStates.of(store).strains, axis=0, return_index=True)
         values = np.stack([store.read(int(i), "fluctuation").ravel() for i in good[first]])
         return cls(states, values, np.array([1.0] * 3 + [_BEND_SIZE / radius] * 3))

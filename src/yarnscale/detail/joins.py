@@ -164,9 +164,7 @@ def _nearest_pairs(ends: YarnEnds, mesh: TriangleMesh, reach: float, free: Flags
     fits &= ends.kind[one] == ends.kind[two]
     one, two = one[fits], two[fits]
     gap = ends.place[two] - ends.seen_place[one]
-    miss = 0.5 * (
-        np.linalg.norm(gap - ends.seen_step[one], axis=1) + np.linalg.norm(gap + ends.step[two], axis=1)
-    )
+    miss = 0.5 * (np.linalg.norm(gap - ends.seen_step[one], axis=1) + np.linalg.norm(gap + ends.step[two], axis=1))
     chosen, left = [], free.copy()
     for k in np.argsort(miss, kind="stable").tolist():
         if miss[k] <= reach and left[one[k]] and left[two[k]]:

@@ -111,9 +111,7 @@ class YarnLayout:
             sewn = np.logical_or.reduceat(np.asarray(mesh.seams.any(axis=1))[self.triangle], starts)
             kept = ((length >= SHORTEST * pattern.radius) | sewn) & (ends - starts > 2)
         if not kept.any():
-            raise InputError(
-                "yarns on the cloth", expected="panels larger than the pattern", found="none fits"
-            )
+            raise InputError("yarns on the cloth", expected="panels larger than the pattern", found="none fits")
         rows = np.repeat(kept, ends - starts)
         return self.among(
             rows,
@@ -150,9 +148,7 @@ def _panel_pieces(
             found=f"{shape[0]} × {shape[1]} tiles of {len(rest)}",
         )
     owner, place = _locate(corners, rest, period, low, shape)
-    chain, lengths, closed = chains(
-        owner, pattern.next_vertex, pattern.edges[:, 2:].copy(), pattern.previous_vertex
-    )
+    chain, lengths, closed = chains(owner, pattern.next_vertex, pattern.edges[:, 2:].copy(), pattern.previous_vertex)
     return chain % len(rest), own[owner.ravel()[chain]], place.reshape(-1, 3)[chain], lengths, closed
 
 

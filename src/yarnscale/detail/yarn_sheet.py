@@ -51,9 +51,7 @@ def sheet_on_mesh(
     detail = YarnDetail.of(_one_state(pattern, state), mesh, seams="cut")
     layout, vertex = detail.layout, detail.layout.vertex
     if layout.vertex_count > LARGEST_SHEET:
-        raise InputError(
-            "yarns on the mesh", expected=f"at most {LARGEST_SHEET} vertices", found=layout.vertex_count
-        )
+        raise InputError("yarns on the mesh", expected=f"at most {LARGEST_SHEET} vertices", found=layout.vertex_count)
     positions = mesh.assembled if positions is None else np.asarray(positions, np.float64)
     places = detail.curves(positions)
     tile = np.round((layout.material - pattern.vertices[vertex, :2]) / pattern.period).astype(np.int64)
@@ -69,9 +67,7 @@ def sheet_on_mesh(
     return SheetOnMesh(laid, rotations[:, :, 2], _border_distance(mesh, layout, pattern.radius))
 
 
-def rods_on_mesh(
-    pattern: YarnPattern, material: Materials, mesh: TriangleMesh, *, relax: bool = True
-) -> RodFabric:
+def rods_on_mesh(pattern: YarnPattern, material: Materials, mesh: TriangleMesh, *, relax: bool = True) -> RodFabric:
     """``sheet_on_mesh`` with its borders and seams glued firmly.
 
     relax: loops have the shape of the relaxed periodic cell, else that of the pattern. Raises InputError.

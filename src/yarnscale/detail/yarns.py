@@ -70,9 +70,7 @@ class YarnDetail:
     def _placed(self, positions: Array) -> tuple[Array, Array]:
         positions = np.ascontiguousarray(positions, dtype=np.float64)
         if positions.shape != (self.mesh.vertex_count, 3):
-            raise InputError(
-                "positions of the cloth", expected=(self.mesh.vertex_count, 3), found=positions.shape
-            )
+            raise InputError("positions of the cloth", expected=(self.mesh.vertex_count, 3), found=positions.shape)
         if not np.isfinite(positions).all():
             raise InputError("positions of the cloth", expected="finite numbers", found="others")
         gradient, first, second = self.surface.forms(positions)

@@ -114,9 +114,7 @@ def pattern_from_curves(
     period = np.asarray(period, dtype=np.float64)
     for index, curve in enumerate(curves):
         if curve.points.ndim != 2 or curve.points.shape[1] != 3 or len(curve.points) < 3:
-            raise InputError(
-                f"curves[{index}] has too few points", expected="shape (≥ 3, 3)", found=curve.points.shape
-            )
+            raise InputError(f"curves[{index}] has too few points", expected="shape (≥ 3, 3)", found=curve.points.shape)
     counts = np.array([len(curve.points) for curve in curves])
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     edges = _edges(starts, counts, [curve.shift for curve in curves])
@@ -168,9 +166,7 @@ def _tangents(curve: PeriodicCurve, period: np.ndarray) -> np.ndarray:
     edge = np.diff(curve.closed(period), axis=0)
     length = np.linalg.norm(edge, axis=1)
     if not (length > 0.0).all():
-        raise InputError(
-            "a curve repeats a point", expected="distinct points", found=curve.points[length == 0.0][0]
-        )
+        raise InputError("a curve repeats a point", expected="distinct points", found=curve.points[length == 0.0][0])
     return edge / length[:, None]
 
 

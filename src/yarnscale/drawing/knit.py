@@ -113,9 +113,7 @@ def knit(
         )  # fmt: skip
 
     if alike and chart.plain and all(len(kind) == 1 for kind in kinds):
-        loop = _LoopPlan(
-            wale, 1.6 * course if height is None else height, 0.24 * wale if width is None else width
-        )
+        loop = _LoopPlan(wale, 1.6 * course if height is None else height, 0.24 * wale if width is None else width)
         if shaped or loop.interlocks(course):
             dense = _classical_curves(signs(chart), loop, course, 1.4 if thickness is None else thickness)
             # Corners of coarsely cut yarns come nearer than the yarns do.
@@ -124,15 +122,11 @@ def knit(
                 check_drawn(fine)
                 return assembled(_sampled(dense, period, chart.wales, vertices_per_stitch))
     return check_drawn(
-        assembled(
-            _swollen_curves(chart, kinds, relative, period, thickness or 1.1, tightness, vertices_per_stitch)
-        )
+        assembled(_swollen_curves(chart, kinds, relative, period, thickness or 1.1, tightness, vertices_per_stitch))
     )
 
 
-def _classical_curves(
-    stitches: np.ndarray, loop: _LoopPlan, course: float, thickness: float
-) -> list[PeriodicCurve]:
+def _classical_curves(stitches: np.ndarray, loop: _LoopPlan, course: float, thickness: float) -> list[PeriodicCurve]:
     """Dense closed-form lines, one a course [r]."""
     courses, wales = stitches.shape
     low, high = loop.crossings(course)
@@ -244,9 +238,7 @@ def _height_knots(
     return np.concatenate(knots), np.concatenate(heights).astype(np.float64)
 
 
-def _course_curve(
-    loop: _LoopPlan, knots: np.ndarray, heights: np.ndarray, wales: int, middle: float
-) -> PeriodicCurve:
+def _course_curve(loop: _LoopPlan, knots: np.ndarray, heights: np.ndarray, wales: int, middle: float) -> PeriodicCurve:
     """The dense centre line of one course; its height is monotone between crossings."""
     lap = 2.0 * np.pi * wales
     height = PchipInterpolator(np.concatenate([knots - lap, knots, knots + lap]), np.tile(heights, 3))

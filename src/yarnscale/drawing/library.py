@@ -57,9 +57,7 @@ class Structure:
         return self.maker(source, **{**self.sizes, **parameters})
 
 
-def _structure(
-    definition: str, draft: Sequence[str] = (), chart: Sequence[str] = (), **others: Any
-) -> Structure:
+def _structure(definition: str, draft: Sequence[str] = (), chart: Sequence[str] = (), **others: Any) -> Structure:
     """An entry of ``patterns.toml``."""
     over = np.array([[symbol == "x" for symbol in row] for row in draft], dtype=int) if draft else None
     return Structure(definition, tuple(chart), over, **others)

@@ -92,9 +92,7 @@ def _rounded(corners: np.ndarray, wales: int) -> np.ndarray:
     """Corners cut twice (Chaikin), then points at even steps; the line ends before its image."""
     for _ in range(2):
         following = _closed(corners, wales)[1:]
-        corners = np.stack([0.75 * corners + 0.25 * following, 0.25 * corners + 0.75 * following], 1).reshape(
-            -1, 2
-        )
+        corners = np.stack([0.75 * corners + 0.25 * following, 0.25 * corners + 0.75 * following], 1).reshape(-1, 2)
     closed = _closed(corners, wales)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     count = int(np.ceil(along[-1] / STEP))
@@ -151,12 +149,7 @@ def _line_crossings(first, second):
     for i in range(len(first) - 1):
         x, y = first[i]
         dx, dy = first[i + 1, 0] - x, first[i + 1, 1] - y
-        if (
-            max(x, x + dx) < low[0]
-            or min(x, x + dx) > high[0]
-            or max(y, y + dy) < low[1]
-            or min(y, y + dy) > high[1]
-        ):
+        if max(x, x + dx) < low[0] or min(x, x + dx) > high[0] or max(y, y + dy) < low[1] or min(y, y + dy) > high[1]:
             continue
         for k in range(len(second) - 1):
             ex, ey = second[k + 1, 0] - second[k, 0], second[k + 1, 1] - second[k, 1]

@@ -37,9 +37,7 @@ def checked_size(name: str, value: object) -> float:
     least, most = RANGES.get("radius" if name.startswith("radius") else name, (0.1, 1000.0))
     if not least <= number <= most:
         unit = " m" if name.startswith("radius") else ""
-        raise InputError(
-            f"{name} is out of range", expected=f"{least:g} to {most:g}{unit}", found=f"{number:g}{unit}"
-        )
+        raise InputError(f"{name} is out of range", expected=f"{least:g} to {most:g}{unit}", found=f"{number:g}{unit}")
     return number
 
 
@@ -57,9 +55,7 @@ def vertex_count(length: float, stitches: int, per_stitch: float | None, radius:
     return max(3, round(stitches * checked_size("vertices_per_stitch", per_stitch)))
 
 
-def yarn_letters(
-    field: str, letters: Sequence[str] | None, count: int, *, most: int
-) -> list[tuple[int, ...]]:
+def yarn_letters(field: str, letters: Sequence[str] | None, count: int, *, most: int) -> list[tuple[int, ...]]:
     """Kinds of yarn as numbers, for each of `count` courses, picks or ends one (or up to `most`, plated).
 
     letters: a text of one or more letters for each; kinds are numbered in the order of the letters. None: all 0.
@@ -70,12 +66,7 @@ def yarn_letters(
     if len(texts) != count:
         raise InputError(f"{field} has the wrong length", expected=f"{count} kinds of yarn", found=len(texts))
     for place, text in enumerate(texts, start=1):
-        if (
-            not isinstance(text, str)
-            or not 1 <= len(text) <= most
-            or not text.isalpha()
-            or not text.isascii()
-        ):
+        if not isinstance(text, str) or not 1 <= len(text) <= most or not text.isalpha() or not text.isascii():
             expected = "a letter" if most == 1 else f"1 to {most} letters"
             raise InputError(f"{field} entry {place} is no kind of yarn", expected=expected, found=repr(text))
     known = sorted(set("".join(texts)))

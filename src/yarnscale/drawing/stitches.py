@@ -53,9 +53,7 @@ class StitchChart:
     def read(cls, chart: Sequence[str] | str) -> StitchChart:
         """A chart from texts, of one bed or ``front|back``."""
         if not isinstance(chart, Iterable):
-            raise InputError(
-                "chart is no text of stitches", expected="a text, or several", found=f"{chart!r:.60}"
-            )
+            raise InputError("chart is no text of stitches", expected="a text, or several", found=f"{chart!r:.60}")
         rows = [chart] if isinstance(chart, str) else list(chart)
         if not 1 <= len(rows) <= LARGEST_CHART:
             expected = f"1 to {LARGEST_CHART}"
@@ -168,10 +166,7 @@ class StitchChart:
     @cached_property
     def words(self) -> list[str]:
         """Crossings that the chart implies, a text per row along its yarn: O(ver) or U(nder), seen from +z."""
-        return [
-            "".join(self._stitch_word(row, column) for column in range(self.wales))
-            for row in range(self.courses)
-        ]
+        return ["".join(self._stitch_word(row, column) for column in range(self.wales)) for row in range(self.courses)]
 
     def _stitch_word(self, row: int, column: int) -> str:
         """Left half in order, right half mirrored: first the older loops that it meets, then the newer ones."""

@@ -152,9 +152,7 @@ def _stage(
             v *= STEP_LIMIT / longest
         x = x + move * safe_fraction(copies, move[near.source], near.end, near.first, near.second, GAP_SHARE)
     starts = np.concatenate([[0], np.cumsum(sizes)])
-    return [
-        PeriodicCurve(x[a:b], curve.shift) for a, b, curve in zip(starts, starts[1:], curves, strict=False)
-    ]
+    return [PeriodicCurve(x[a:b], curve.shift) for a, b, curve in zip(starts, starts[1:], curves, strict=False)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -177,9 +177,7 @@ def _check_layers(table: np.ndarray) -> None:
             )
 
 
-def _kinds(
-    weft: Sequence[str] | None, warp: Sequence[str] | None, picks: int, ends: int
-) -> np.ndarray | None:
+def _kinds(weft: Sequence[str] | None, warp: Sequence[str] | None, picks: int, ends: int) -> np.ndarray | None:
     """Number of the kind of each yarn, weft first."""
     if weft is None and warp is None:
         return None

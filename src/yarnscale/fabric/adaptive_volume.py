@@ -153,9 +153,7 @@ class AdaptiveVolume(Body[YarnMotion]):
 
 def _changed(motion: YarnMotion, change: csr_array) -> YarnMotion:
     # Steps begin anew: the state before was that of another volume.
-    return replace(
-        motion, positions=change @ motion.positions, velocities=change @ motion.velocities, before=None
-    )
+    return replace(motion, positions=change @ motion.positions, velocities=change @ motion.velocities, before=None)
 
 
 def _table(knots: list[Knot]) -> Array:

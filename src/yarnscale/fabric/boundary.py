@@ -108,9 +108,7 @@ def glue(
     kept = ~(inside[first] | inside[second])
     first, second, strengths = first[kept], second[kept], strengths[kept]
     # From either end of one segment to the nearest of the other: each pair of vertices once.
-    corners = np.stack(
-        [np.stack([a, b], 1) for a in (first, ends[first]) for b in (second, ends[second])], axis=1
-    )
+    corners = np.stack([np.stack([a, b], 1) for a in (first, ends[first]) for b in (second, ends[second])], axis=1)
     away = sheet.vertices[corners[..., 0]] - sheet.vertices[corners[..., 1]]
     lengths = np.linalg.norm(away, axis=2)
     nearest = np.argmin(lengths, axis=1)

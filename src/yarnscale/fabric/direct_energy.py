@@ -63,9 +63,7 @@ class FabricEnergy(RodEnergy):
     where they are not counted. Yarns are linked at the end as at the beginning exactly where none is left.
     """
 
-    def __init__(
-        self, sheet: YarnSheet, material: Materials, *, springs: BorderSprings | None = None
-    ) -> None:
+    def __init__(self, sheet: YarnSheet, material: Materials, *, springs: BorderSprings | None = None) -> None:
         super().__init__(PatternStiffness.of(sheet, material), sheet.strands)
         self.sheet, self.force_unit = sheet, self.unit / self.radius
         self.springs = BorderSprings.none() if springs is None else springs
@@ -148,9 +146,7 @@ class FabricEnergy(RodEnergy):
     def rub(self, x: Array, friction: YarnFriction | None) -> None:
         """Begin a step of friction at a state: what presses there resists to slip from there on. None: no friction."""
         before, contacts = self._friction, self.contacts(x).stencils
-        self._friction = (
-            no_friction() if friction is None else friction.stencils(self.positions(x), contacts, x)
-        )
+        self._friction = no_friction() if friction is None else friction.stencils(self.positions(x), contacts, x)
         if before.count or self._friction.count:
             self.set_others(self.glue, self._friction)
 
@@ -216,6 +212,4 @@ class FabricEnergy(RodEnergy):
     def spins(self) -> Array:
         """Moment of inertia of every edge about itself (n,) [kg m²]; 0 at the ends of yarns."""
         length = np.where(self.sheet.following >= 0, self.sheet.rest_length, 0.0)
-        return (
-            0.5 * (self.radius * self.sheet.relative_radius) ** 2 * self.stiffness.mass_per_length() * length
-        )
+        return 0.5 * (self.radius * self.sheet.relative_radius) ** 2 * self.stiffness.mass_per_length() * length

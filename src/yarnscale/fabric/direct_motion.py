@@ -128,9 +128,7 @@ class FabricDynamics(Body[FabricMotion]):
             return self._explicit(state, duration)
         energy, settings = self.energy, self.settings
         self._begin(state, settings.friction, until)
-        rule = step_rule(
-            settings.integrator, state.x, state.velocity, state.before, duration, inertia=inertia
-        )
+        rule = step_rule(settings.integrator, state.x, state.velocity, state.before, duration, inertia=inertia)
         weight, ahead = rule.inertia()
         mass = Springs(weight * self.mass, ahead)
         objective = FabricObjective(
@@ -140,9 +138,7 @@ class FabricDynamics(Body[FabricMotion]):
         # From where the fabric is: an extrapolation may press yarns into each other, and Newton's method knows inertia.
         enough = settings.enough * self.fall_energy(duration) if inertia else 0.0
         shift = replace(_SHIFT, start=state.shift)
-        options = NewtonOptions(
-            self.tolerance, enough, iterations or settings.iterations, shift, check_minimum=False
-        )
+        options = NewtonOptions(self.tolerance, enough, iterations or settings.iterations, shift, check_minimum=False)
         solution = self._minimised(objective, state, options)
         x, shift = solution.x, min(max(solution.shift, _LEAST_SHIFT), _LARGEST_SHIFT)
         velocity = self._damped(x, rule.velocity(x), duration) if inertia else np.zeros_like(x)
@@ -195,9 +191,7 @@ class FabricDynamics(Body[FabricMotion]):
         passages = motion.passages if found is None else found.rows
         return FabricMotion(x, velocity, time, shift, self.energy.frames, passages, before)
 
-    def _minimised(
-        self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions
-    ) -> Solution:
+    def _minimised(self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions) -> Solution:
         """The least of a step's energy, from where the fabric is."""
         return minimise(
             objective, motion.x, options, bound=self.energy.bound,
@@ -305,8 +299,6 @@ def rigid_motion(positions: Array, velocities: Array, mass: Array, patch: Intege
     away, own = positions - centre[patch], velocities - mean[patch]
     spin = summed(mass[:, None] * np.cross(away, own))
     square = np.einsum("ni,ni->n", away, away)
-    tensor = summed(
-        mass[:, None, None] * (square[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :])
-    )
+    tensor = summed(mass[:, None, None] * (square[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]))
     rate = np.einsum("pij,pj->pi", np.linalg.pinv(tensor, rcond=1e-9, hermitian=True), spin)
     return mean[patch] + np.cross(rate[patch], away)

@@ -58,9 +58,7 @@ class Holds:
     def forces(self, energy: FabricEnergy, x: Array) -> Array:
         """Force with which each held vertex is held (k, 3) [N]."""
         return (
-            self._weight(energy)
-            * (self.targets / energy.radius - energy.positions(x)[self.nodes])
-            * energy.force_unit
+            self._weight(energy) * (self.targets / energy.radius - energy.positions(x)[self.nodes]) * energy.force_unit
         )
 
     def reactions(self, energy: FabricEnergy, x: Array) -> Array:
@@ -130,9 +128,7 @@ def equilibrium(
         objective, start, NewtonOptions(tolerance, max_iterations=max_iterations, check_minimum=False),
         bound=energy.bound, after_step=energy.anchor, linear=solver,
     )  # fmt: skip
-    return Rest(
-        solution.x, solution.status, solution.residual, solution.iterations, time.perf_counter() - began
-    )
+    return Rest(solution.x, solution.status, solution.residual, solution.iterations, time.perf_counter() - began)
 
 
 def relaxed_sheet(energy: FabricEnergy, *, max_iterations: int = 25) -> YarnSheet:

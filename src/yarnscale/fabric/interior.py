@@ -58,9 +58,7 @@ def interior(pattern: YarnPattern, energy: FabricEnergy, x: Array, *, share: flo
     head = int(chain[np.argmax(pattern.vertices[chain, 1])])
     first, last, tile = _stitches(sheet, positions, head, share, len(chain))
     if len(first) < FEWEST:
-        raise InputError(
-            "stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(first)
-        )
+        raise InputError("stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(first))
     energies, virials = energy.vertex_shares(x)
     weight = sheet.voronoi_length
     length = _between(weight, first, last)
@@ -93,9 +91,7 @@ def _stitches(
     heads = np.flatnonzero(sheet.source == head)
     heads = heads[_inner(sheet.tile[heads], share)]
     if len(heads) < FEWEST:
-        raise InputError(
-            "stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(heads)
-        )
+        raise InputError("stitches inside a fabric", expected=f"{FEWEST} or more; a larger share", found=len(heads))
     # Along the wales in their present direction.
     reference = sheet.tile[heads] - sheet.tile[heads].mean(axis=0)
     gradient, second = _fit(reference, positions[heads])

@@ -87,9 +87,7 @@ def smooth(controls: Sequence[ArrayLike]) -> Strand:
     length = _along(fine)
     count = max(1, round(length[-1] / 1.03))
     at = np.linspace(0.0, length[-1], count + 1)[1:-1]
-    return Strand.drawn(
-        np.stack([np.interp(at, length, fine[:, c]) for c in range(3)], axis=1).reshape(-1, 3)
-    )
+    return Strand.drawn(np.stack([np.interp(at, length, fine[:, c]) for c in range(3)], axis=1).reshape(-1, 3))
 
 
 def _along(points: Array) -> Array:

@@ -56,9 +56,7 @@ def knitted_sheet(
     )  # fmt: skip
     for name, value, least in sizes:
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-            raise InputError(
-                f"{name} of a knitted piece", expected=f"a whole number, {least} or more", found=value
-            )
+            raise InputError(f"{name} of a knitted piece", expected=f"a whole number, {least} or more", found=value)
     courses = rows * len(pattern.yarns) + more_courses
     if columns * (courses + 2) / len(pattern.yarns) * len(pattern.edges) > LARGEST_SHEET:
         raise InputError("knitted piece is too large", expected=f"at most {LARGEST_SHEET} vertices")

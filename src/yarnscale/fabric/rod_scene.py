@@ -49,9 +49,7 @@ class RodScene(FabricScene[FabricMotion]):
     def body(self) -> FabricDynamics:
         """What moves. Raises InputError for explicit steps in a volume and numbers out of range."""
         friction = YarnFriction(self.friction) if self.friction else None
-        settings = MotionSettings(
-            self.gravity, self.damping, friction, method=self.method, integrator=self.integrator
-        )
+        settings = MotionSettings(self.gravity, self.damping, friction, method=self.method, integrator=self.integrator)
         self.energy.count_passages()
         parts = self.energy, settings, self.loads.holds, self.loads.pushes(self.energy)
         if self.volume is None:

@@ -87,9 +87,7 @@ class VolumeDynamics(FabricDynamics):
         if self.method == "explicit":  # what is held would leave the volume
             raise InputError("steps of rods in a volume", expected="the implicit method", found=self.method)
 
-    def _minimised(
-        self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions
-    ) -> Solution:
+    def _minimised(self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions) -> Solution:
         return self.volume.minimised(objective, motion.x, options)
 
     def _damped(self, x: Array, velocity: Array, duration: float) -> Array:

@@ -129,9 +129,7 @@ class YarnSheet:
         """
         for name, value in (("columns", columns), ("rows", rows)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                raise InputError(
-                    f"{name} of a sheet", expected="a whole number of periods, 1 or more", found=value
-                )
+                raise InputError(f"{name} of a sheet", expected="a whole number of periods, 1 or more", found=value)
         found = columns * rows * len(pattern.edges)
         if found > LARGEST_SHEET:
             raise InputError("sheet is too large", expected=f"at most {LARGEST_SHEET} vertices", found=found)
@@ -175,9 +173,7 @@ class YarnSheet:
         counts = []
         for name, size, period in zip(("width", "height"), (width, height), pattern.period, strict=True):
             if not (math.isfinite(size) and size >= period):
-                raise InputError(
-                    f"{name} of a sheet", expected=f"at least one period of {period:g} m", found=size
-                )
+                raise InputError(f"{name} of a sheet", expected=f"at least one period of {period:g} m", found=size)
             counts.append(round(min(size / float(period), 1e7)))
         return cls.of(pattern, counts[0], counts[1], tube=tube)
 
@@ -197,17 +193,10 @@ class YarnSheet:
         """
         for index, line in enumerate(lines):
             shape = np.shape(line)
-            if (
-                len(shape) != 2
-                or shape[1] != 3
-                or shape[0] < (3 if closed else 2)
-                or not np.isfinite(line).all()
-            ):
+            if len(shape) != 2 or shape[1] != 3 or shape[0] < (3 if closed else 2) or not np.isfinite(line).all():
                 raise InputError(f"line {index}", expected="finite points, shape (k, 3)", found=shape)
         if not lines or not (math.isfinite(radius) and radius > 0):
-            raise InputError(
-                "yarns", expected="at least one line, a positive radius", found=(len(lines), radius)
-            )
+            raise InputError("yarns", expected="at least one line, a positive radius", found=(len(lines), radius))
         counts = np.array([len(line) for line in lines])
         n, offsets = int(counts.sum()), np.concatenate([[0], np.cumsum(counts)])
         whole = np.ones(len(lines), bool) if closed else np.zeros(len(lines), bool)
@@ -292,9 +281,7 @@ class YarnSheet:
         return self.moved(positions, rotations=rotations, tangents=unit(edge))
 
 
-def _lines(
-    pattern: YarnPattern, columns: int, rows: int, tube: bool
-) -> tuple[Integers, Integers, Integers, Flags]:
+def _lines(pattern: YarnPattern, columns: int, rows: int, tube: bool) -> tuple[Integers, Integers, Integers, Flags]:
     """Vertices and tiles of all yarns of the sheet in order, lengths of yarns, whether they are closed."""
     size = np.array([columns, rows]) * pattern.period
     count = np.array([columns, rows])
@@ -314,9 +301,7 @@ def _lines(
         # The straight line around which the yarn winds: base + k · pace at its k-th vertex.
         base = (points - np.arange(length)[:, None] * pace).mean(axis=0)
         for start in _starts(base, pattern.period, count, shift, size):
-            first, last = _inside(
-                base + start * pattern.period, pace, size, length if not shift.any() else None
-            )
+            first, last = _inside(base + start * pattern.period, pace, size, length if not shift.any() else None)
             steps = np.arange(first, last)
             if around and last > first:
                 steps = np.arange(first, first + columns * length)
@@ -344,9 +329,7 @@ def _starts(base: Array, period: Array, count: Integers, shift: Integers, size: 
             if (a, b) in seen:
                 continue
             if shift.any():
-                seen.update(
-                    (a + k * int(shift[0]), b + k * int(shift[1])) for k in range(-2 * span, 2 * span)
-                )
+                seen.update((a + k * int(shift[0]), b + k * int(shift[1])) for k in range(-2 * span, 2 * span))
             found.append(np.array([a, b]))
     return found
 

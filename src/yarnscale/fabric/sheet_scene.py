@@ -80,12 +80,8 @@ class HandleRegion:
         low, high = self.bounds
         found = np.flatnonzero(((places >= low - 1e-9) & (places <= high + 1e-9)).all(axis=1))
         if not len(found):
-            ends = " to ".join(
-                str(tuple(float(f"{v:.3g}") for v in end)) for end in (places.min(0), places.max(0))
-            )
-            raise InputError(
-                f"handle '{self.name}'", expected="vertices in its region", found=f"all from {ends} m"
-            )
+            ends = " to ".join(str(tuple(float(f"{v:.3g}") for v in end)) for end in (places.min(0), places.max(0)))
+            raise InputError(f"handle '{self.name}'", expected="vertices in its region", found=f"all from {ends} m")
         return found
 
 

@@ -26,9 +26,7 @@ def _kernel() -> Kernel:
     along = [ca.dot(gap, t) / ca.sqrt(ca.dot(t, t)) for t in (first, second)]
     values = ca.vertcat(ca.sqrt(ca.dot(gap, gap)), *along)
     slopes = ca.vec(ca.densify(ca.jacobian(values, ca.vertcat(gap, first, second))).T)
-    return compile_kernel(
-        ca.Function("contact", [gap, first, second], [values, slopes], {"cse": True}), "contact"
-    )
+    return compile_kernel(ca.Function("contact", [gap, first, second], [values, slopes], {"cse": True}), "contact")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +54,7 @@ class SplineContacts:
             index, weights = fabric.rows(points)
             _, changes = fabric.rows(points, 1)
             blocks.append(
-                sign * np.einsum("kij,kn->kinj", by_gap, weights)
-                + np.einsum("kij,kn->kinj", by_tangent, changes)
+                sign * np.einsum("kij,kn->kinj", by_gap, weights) + np.einsum("kij,kn->kinj", by_tangent, changes)
             )
             nodes.append(index)
         index = np.concatenate(nodes, axis=1)

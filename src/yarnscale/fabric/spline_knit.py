@@ -109,9 +109,7 @@ class SplineFabric:
     def lines(self, control: Array, per_segment: int = 2) -> Array:
         """The yarns as polylines (yarns, k, 3) with ``per_segment`` points a segment."""
         place = np.arange(self.segments_per_yarn * per_segment + 1) / per_segment
-        points = CurvePoints(
-            np.repeat(np.arange(self.yarn_count), len(place)), np.tile(place, self.yarn_count)
-        )
+        points = CurvePoints(np.repeat(np.arange(self.yarn_count), len(place)), np.tile(place, self.yarn_count))
         return self.at(control.reshape(-1, 3), points).reshape(self.yarn_count, -1, 3)
 
 
@@ -128,9 +126,7 @@ def jersey(
 
     radius [m]; wale_spacing, course_spacing [radii], see ``drawing.knit``. Raises InputError.
     """
-    pattern = knit(
-        "k", radius=radius, wale_spacing=wale_spacing, course_spacing=course_spacing, name="jersey"
-    )
+    pattern = knit("k", radius=radius, wale_spacing=wale_spacing, course_spacing=course_spacing, name="jersey")
     return spline_fabric(
         pattern,
         StitchChart.read("k"),
@@ -184,9 +180,7 @@ def spline_fabric(
     last = (count - 1) % chart.courses
     _, heads = crossings[(last + 1) % chart.courses]
     tops = _tops(_dense(lines[last], fine), fine * heads.reshape(-1, _CROSSINGS)[:, _LEGS]) / fine
-    return SplineFabric(
-        control, pattern.radius, material, *contacts, CurvePoints(np.full(len(tops), count - 1), tops)
-    )
+    return SplineFabric(control, pattern.radius, material, *contacts, CurvePoints(np.full(len(tops), count - 1), tops))
 
 
 def _check_stitches(pattern: YarnPattern, chart: StitchChart) -> None:
@@ -282,9 +276,7 @@ def _tops(line: Array, heads: Array) -> Array:
     return np.array(found)
 
 
-def _contacts(
-    crossings: list[tuple[Array, Array]], rows: int, kept: slice
-) -> tuple[CurvePoints, CurvePoints]:
+def _contacts(crossings: list[tuple[Array, Array]], rows: int, kept: slice) -> tuple[CurvePoints, CurvePoints]:
     """Each row on the row below; the first row's loops closed with itself, and its beginning tied.
 
     crossings: for every course of the chart the places on it and on the course below; kept: which of the four.

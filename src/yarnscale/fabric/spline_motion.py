@@ -164,23 +164,17 @@ class SplineMotion(Body[YarnMotion]):
             step = self._explicit(state, duration)
             return replace(step, state=replace(step.state, time=until))
         if not inertia and self.volume is None:  # contacts, linearised in every step, would not be satisfied
-            raise InputError(
-                "steps without inertia", expected="spline yarns in a volume", found="all of them"
-            )
+            raise InputError("steps without inertia", expected="spline yarns in a volume", found="all of them")
         still = replace(state, velocities=np.zeros_like(state.velocities), before=None)
         limit = self.iterations if iterations is None else iterations
         step = self._implicit(state if inertia else still, duration, limit)
         moved = replace(step.state, time=until)
-        return replace(
-            step, state=moved if inertia else replace(still, positions=moved.positions, time=until)
-        )
+        return replace(step, state=moved if inertia else replace(still, positions=moved.positions, time=until))
 
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
         self._aim_constraints(motion)
-        _, gradient, model = self._objective(*self._balance(self._rule(motion, duration))).quadratic(
-            reached.ravel()
-        )
+        _, gradient, model = self._objective(*self._balance(self._rule(motion, duration))).quadratic(reached.ravel())
         linear, shift = self._new_linear(), 0.0
         while not linear.factorise(model, shift):
             shift = _SHIFT.raised(shift)
@@ -192,9 +186,7 @@ class SplineMotion(Body[YarnMotion]):
         solver, right = self._mass_solver(), None
         if self._constraints is not None:
             right = self._constraints.right
-        wanted = (
-            self.map.pull_gradient(self.times_mass(v.ravel())) for v in (yarns.positions, yarns.velocities)
-        )
+        wanted = (self.map.pull_gradient(self.times_mass(v.ravel())) for v in (yarns.positions, yarns.velocities))
         positions, velocities = (solver.step(w, gap) for w, gap in zip(wanted, (right, None), strict=True))
         found = YarnMotion(positions.reshape(-1, 3), velocities.reshape(-1, 3), yarns.time)
         away = np.linalg.norm(self.yarns(found).positions - yarns.positions, axis=1).max()
@@ -254,9 +246,7 @@ class SplineMotion(Body[YarnMotion]):
         return weight, centre.ravel() if self.map is None else self.map.expand(centre.ravel())
 
     def _objective(self, weight: float, centre: Array) -> Objective:
-        inertia = MatrixSprings(
-            lambda away: weight * self.times_mass(away), weight * self.energy.mass_entries, centre
-        )
+        inertia = MatrixSprings(lambda away: weight * self.times_mass(away), weight * self.energy.mass_entries, centre)
         objective = SumOfEnergies(self.energy, [Load(self.load), inertia], self.force_scale)
         return objective if self.map is None else MappedObjective(objective, self.map, pull=self._pull)
 
@@ -279,9 +269,7 @@ class SplineMotion(Body[YarnMotion]):
         """Held points as constraints on the volume, without linearly dependent ones."""
         if self._held.shape[0] == 0 or self.map is None:  # type: ignore[index]
             return None
-        columns = [
-            np.asarray(self.map.weights.T @ row.reshape(-1, 3)).ravel() for row in self._held.toarray()
-        ]
+        columns = [np.asarray(self.map.weights.T @ row.reshape(-1, 3)).ravel() for row in self._held.toarray()]
         _, sizes, directions = np.linalg.svd(np.array(columns), full_matrices=False)
         kept = directions[sizes > 1e-9 * sizes[0]]
         return LinearConstraints(kept, kept @ control.ravel())

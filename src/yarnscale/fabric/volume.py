@@ -44,9 +44,7 @@ class BoundingVolume:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         for count in shape:
             if not 4 <= count <= 1000:
-                raise InputError(
-                    "control points of a volume", expected="4 to 1000 in each direction", found=count
-                )
+                raise InputError("control points of a volume", expected="4 to 1000 in each direction", found=count)
         low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
         flat = np.flatnonzero(high - low <= 0)
         if len(flat):
@@ -89,9 +87,7 @@ class BoundingVolume:
         Exact at as many points, evenly spread over the surfaces, as there are control points.
         """
         n1, n2, n3 = self.shape
-        x, y = (
-            np.linspace(k[DEGREE], k[-DEGREE - 1], n) for k, n in ((self.x_knots, n1), (self.y_knots, n2))
-        )
+        x, y = (np.linspace(k[DEGREE], k[-DEGREE - 1], n) for k, n in ((self.x_knots, n1), (self.y_knots, n2)))
         grid = np.meshgrid(x, y, [self.bottom, self.top], indexing="ij")
         wanted = shape(np.stack(grid, axis=-1).reshape(-1, 3)).reshape(n1, n2 * n3 * 3)
         along = np.linalg.solve(_design(x, self.x_knots, "x").toarray(), wanted).reshape(n1, n2, n3 * 3)
@@ -124,9 +120,7 @@ def _design(values: Array, knots: Array, name: str) -> csr_array:
     low, high = knots[DEGREE], knots[-DEGREE - 1]
     slack = 1e-9 * (high - low)
     if values.min(initial=low) < low - slack or values.max(initial=high) > high + slack:
-        raise InputError(
-            f"points in a volume along {name}", expected=f"{low:g} to {high:g} m", found="points outside"
-        )
+        raise InputError(f"points in a volume along {name}", expected=f"{low:g} to {high:g} m", found="points outside")
     return csr_array(BSpline.design_matrix(np.clip(values, low, high), knots, DEGREE))
 
 

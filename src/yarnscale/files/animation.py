@@ -75,14 +75,10 @@ class Animation:
     def among(self, numbers: Sequence[int]) -> Animation:
         """The frames of these numbers alone."""
         index = [k for k, number in enumerate(self.numbers) if number in set(numbers)]
-        return replace(
-            self, times=self.times[index], moment=lambda k: self.moment(index[k]), numbers=list(numbers)
-        )
+        return replace(self, times=self.times[index], moment=lambda k: self.moment(index[k]), numbers=list(numbers))
 
 
-def read_animation(
-    folder: str | os.PathLike[str], *, yarns: str | os.PathLike[str] | None = None
-) -> Animation:
+def read_animation(folder: str | os.PathLike[str], *, yarns: str | os.PathLike[str] | None = None) -> Animation:
     """The frames of a run.
 
     folder: frames of a cloth, frames of curves, or what ``simulate`` writes, with ``frames`` and perhaps ``yarns``
@@ -164,8 +160,6 @@ def vertex_normals(positions: Array, triangles: Integers) -> Array:
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     faces = np.cross(b - a, c - a)
     corners = triangles.ravel()
-    sums = np.stack(
-        [np.bincount(corners, np.repeat(faces[:, k], 3), len(positions)) for k in range(3)], axis=1
-    )
+    sums = np.stack([np.bincount(corners, np.repeat(faces[:, k], 3), len(positions)) for k in range(3)], axis=1)
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
     return np.where(lengths > 0, sums / np.where(lengths > 0, lengths, 1.0), [0.0, 0.0, 1.0])

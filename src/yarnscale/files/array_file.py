@@ -77,7 +77,5 @@ def checked_indices(array: NDArray, *, name: str, width: int, count: int, where:
     if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in "iu":
         raise InputError(name, where=where, expected=f"integers of shape (n, {width})", found=array.shape)
     if array.size and (array.min() < 0 or array.max() >= count):
-        raise InputError(
-            name, where=where, expected=f"indices 0..{count - 1}", found=f"{array.min()}..{array.max()}"
-        )
+        raise InputError(name, where=where, expected=f"indices 0..{count - 1}", found=f"{array.min()}..{array.max()}")
     return array.astype(np.int64)

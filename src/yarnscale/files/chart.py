@@ -118,9 +118,7 @@ def _parse(path: Path, text: str) -> _Chart:
                     found=quoted(content.strip()),
                 )
             if key in chart.keys:
-                raise InputError(
-                    f"{quoted(key)} occurs twice", where=where, expected=f"only line {chart.keys[key][0]}"
-                )
+                raise InputError(f"{quoted(key)} occurs twice", where=where, expected=f"only line {chart.keys[key][0]}")
             chart.keys[key] = (number, value)
     if not chart.rows:
         expected = "a line 'rows:' and a row of symbols on each line after it"
@@ -131,13 +129,9 @@ def _parse(path: Path, text: str) -> _Chart:
 def _row(where: str, line: int, content: str) -> _Row:
     """Symbols, which may be spaced out, and after a colon the letters of the yarn."""
     symbols, colon, yarns = content.partition(":")
-    columns = [
-        place for place, letter in enumerate(symbols, start=1) if not letter.isspace() and letter != "|"
-    ]
+    columns = [place for place, letter in enumerate(symbols, start=1) if not letter.isspace() and letter != "|"]
     if not columns:
-        raise InputError(
-            "row has no stitches", where=where, expected="symbols", found=quoted(content.strip())
-        )
+        raise InputError("row has no stitches", where=where, expected="symbols", found=quoted(content.strip()))
     letters = "".join(yarns.split())
     if colon and not (letters.isalpha() and letters.isascii() and len(letters) <= 2):
         raise InputError(
@@ -154,9 +148,7 @@ def _kind(path: Path, chart: _Chart) -> str:
         raise InputError("kind is missing", where=path, expected="kind = knit or kind = weave")
     line, kind = chart.keys["kind"]
     if kind not in NUMBERS:
-        raise InputError(
-            "kind is unknown", where=f"{path}:{line}", expected="knit or weave", found=quoted(kind)
-        )
+        raise InputError("kind is unknown", where=f"{path}:{line}", expected="knit or weave", found=quoted(kind))
     return kind
 
 
@@ -198,9 +190,7 @@ def _length(where: str, key: str, value: str) -> float:
     units = [unit for unit, (quantity, _) in FACTORS.items() if quantity == "length"]
     if len(words) != 2 or words[1] not in units:
         expected = f"as in 1 mm ({', '.join(units)})"
-        raise InputError(
-            f"{key} needs a number and a unit", where=where, expected=expected, found=quoted(value)
-        )
+        raise InputError(f"{key} needs a number and a unit", where=where, expected=expected, found=quoted(value))
     return to_si(_number(where, key, words[0]), words[1])
 
 

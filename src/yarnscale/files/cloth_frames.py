@@ -32,9 +32,7 @@ class FrameWriter:
     folder cannot be written.
     """
 
-    def __init__(
-        self, folder: str | os.PathLike[str], *, obstacles: Sequence[Obstacle] = (), keep: int = 0
-    ) -> None:
+    def __init__(self, folder: str | os.PathLike[str], *, obstacles: Sequence[Obstacle] = (), keep: int = 0) -> None:
         self.folder = Path(folder)
         self._bodies = BodySurface(obstacles)
         with system_errors(self.folder):
@@ -69,15 +67,11 @@ class FrameFolder(FrameWriter):
         keep: int = 0,
     ) -> None:
         super().__init__(folder, obstacles=obstacles, keep=keep)
-        write_arrays(
-            self.folder / MESH, material=mesh.material, triangles=mesh.triangles, corners=mesh.corners
-        )
+        write_arrays(self.folder / MESH, material=mesh.material, triangles=mesh.triangles, corners=mesh.corners)
 
     def write(self, number: int, state: ClothState) -> None:
         """Write one frame."""
-        self.write_arrays(
-            number, state.time, state.obstacles, positions=state.positions, velocities=state.velocities
-        )
+        self.write_arrays(number, state.time, state.obstacles, positions=state.positions, velocities=state.velocities)
 
 
 def frame_name(number: int) -> str:
@@ -99,9 +93,7 @@ def read_frame(path: str | os.PathLike[str]) -> ClothState:
     arrays = read_arrays(path, "positions", "velocities", "time", what="frame of a cloth")
     positions = checked(arrays["positions"], name="positions", shape=(None, 3), where=path)
     velocities = checked(arrays["velocities"], name="velocities", shape=positions.shape, where=path)
-    return ClothState(
-        positions, velocities, float(checked(arrays["time"], name="time", shape=(), where=path))
-    )
+    return ClothState(positions, velocities, float(checked(arrays["time"], name="time", shape=(), where=path)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,9 +138,7 @@ class ClothFrames(Frames):
         state, count = read_frame(self.paths[number]), int(self.triangles.max(initial=-1)) + 1
         if len(state.positions) != count:
             found = state.positions.shape
-            raise InputError(
-                "positions", where=self.paths[number], expected=f"shape ({count}, 3)", found=found
-            )
+            raise InputError("positions", where=self.paths[number], expected=f"shape ({count}, 3)", found=found)
         return state
 
 
@@ -162,9 +152,7 @@ def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
         raise InputError("folder does not exist", where=folder, expected="frames of a cloth")
     if not (folder / MESH).is_file() and (folder / "frames").is_dir():
         folder = folder / "frames"
-    arrays = read_arrays(
-        folder / MESH, "material", "triangles", optional=("corners",), what="mesh of a cloth"
-    )
+    arrays = read_arrays(folder / MESH, "material", "triangles", optional=("corners",), what="mesh of a cloth")
     material = checked(arrays["material"], name="material", shape=(None, 2), where=folder / MESH)
     triangles, corners = (
         checked_indices(arrays.get(name, arrays["triangles"]), name=name, width=3, count=len(material),
@@ -172,9 +160,7 @@ def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
         for name in ("triangles", "corners")
     )  # fmt: skip
     if len(corners) != len(triangles):
-        raise InputError(
-            "corners", where=folder / MESH, expected=f"{len(triangles)} rows", found=len(corners)
-        )
+        raise InputError("corners", where=folder / MESH, expected=f"{len(triangles)} rows", found=len(corners))
     return ClothFrames(*frame_files(folder), triangles, corners, material)
 
 
@@ -183,9 +169,7 @@ def frame_files(folder: Path) -> tuple[dict[int, Path], Array, Integers | None]:
     paths, bodies = frame_paths(folder), None
     if (folder / BODIES).is_file():
         stored = read_arrays(folder / BODIES, "triangles", what="bodies in frames")["triangles"]
-        bodies = checked_indices(
-            stored, name="triangles", width=3, count=np.iinfo(np.int64).max, where=folder / BODIES
-        )
+        bodies = checked_indices(stored, name="triangles", width=3, count=np.iinfo(np.int64).max, where=folder / BODIES)
     return paths, frame_times(folder, paths), bodies
 
 

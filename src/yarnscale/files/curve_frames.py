@@ -160,7 +160,5 @@ def read_curve_frames(folder: str | os.PathLike[str]) -> CurveFrames:
     path = folder / CURVES
     arrays = read_arrays(path, "offsets", "radii", optional=("closed", "yarn"), what="set of curves")
     with located(path):
-        curves = CurveSet(
-            arrays["offsets"], arrays["radii"], closed=arrays.get("closed"), yarn=arrays.get("yarn")
-        )
+        curves = CurveSet(arrays["offsets"], arrays["radii"], closed=arrays.get("closed"), yarn=arrays.get("yarn"))
     return CurveFrames(*frame_files(folder), curves)

@@ -31,9 +31,7 @@ class EstimateFolder:
         """The evaluation of a key, None where it is not there or cannot be read."""
         try:
             entry = json.loads(self._path(key).read_text())
-            return Residuals(
-                np.array(entry["residuals"], float), int(entry["solves"]), float(entry["seconds"])
-            )
+            return Residuals(np.array(entry["residuals"], float), int(entry["solves"]), float(entry["seconds"]))
         except (OSError, ValueError, KeyError, TypeError):
             return None
 

@@ -92,9 +92,7 @@ def fabric_model(
     drawn, chart = named and is_drawing(pattern), stitches_of(pattern) if named else None
     shape = read_pattern(pattern) if named else pattern
     check_forces(measurements, woven=shape.woven)
-    known = replace(
-        measurements.known, area_density=measurements.area_density, yarn_count=measurements.yarn_count
-    )
+    known = replace(measurements.known, area_density=measurements.area_density, yarn_count=measurements.yarn_count)
     if (known.wales is None) != (known.courses is None):
         raise InputError("wales and courses per length", expected="both, which fix the size", found="one")
     yarn, area, decides = known.yarn_in_stitch, known.stitch_area, False
@@ -112,9 +110,7 @@ def fabric_model(
         decides = stiffness is None and measurements.stiffest_yarn is None
     elif drawn and yarn_length is None:
         shape = shape.scaled(DRAWN_RADIUS / shape.radius)
-        notify(
-            f"size of the fabric unknown: {shape.name} is drawn with a yarn of {1e3 * DRAWN_RADIUS:g} mm radius"
-        )
+        notify(f"size of the fabric unknown: {shape.name} is drawn with a yarn of {1e3 * DRAWN_RADIUS:g} mm radius")
     stiffness = measurements.stiffest_yarn if stiffness is None else stiffness
     if stiffness is None:
         stiffness = UNKNOWN_STIFFNESS

@@ -211,9 +211,7 @@ def _json_object(path: str | Path, text: str) -> dict[str, Any]:
     except (RecursionError, ValueError) as error:
         raise InputError("file is not JSON", where=path, found=error) from None
     if not isinstance(content, dict):
-        raise InputError(
-            "file is not an object", where=path, expected="a JSON object", found=type(content).__name__
-        )
+        raise InputError("file is not an object", where=path, expected="a JSON object", found=type(content).__name__)
     return content
 
 

@@ -35,9 +35,7 @@ def length(unit: str) -> float:
     return LENGTHS[unit]
 
 
-def scales(
-    areas: Areas, unit: str | None, scale: float | None, material_scale: float | None
-) -> tuple[float, float]:
+def scales(areas: Areas, unit: str | None, scale: float | None, material_scale: float | None) -> tuple[float, float]:
     """Metres per unit of space and of the fabric.
 
     ``unit`` is that of the file. Where positions and texture coordinates have different units, it is that of one of
@@ -66,9 +64,7 @@ def check_ratio(
     if stated or max(ratio, 1 / ratio) <= REFUSED:
         on_notice(f"fabric and cloth in space differ in size: {found}{_remedy(areas)}")
         return
-    raise InputError(
-        "sizes", expected="a fabric as large as the cloth in space" + _remedy(areas), found=found
-    )
+    raise InputError("sizes", expected="a fabric as large as the cloth in space" + _remedy(areas), found=found)
 
 
 def _remedy(areas: Areas) -> str:

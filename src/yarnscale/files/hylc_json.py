@@ -69,9 +69,7 @@ def _planes(terms: Fields, scale: Array) -> dict[tuple[int, int], BicubicSpline]
 
         twists = nodal("muv") if "muv" in item.content else np.zeros((len(u), len(v)))
         a, b = scale[pair[0]], scale[pair[1]]
-        found[pair] = BicubicSpline(
-            u * a, v * b, nodal("p"), nodal("mu") / a, nodal("mv") / b, twists / (a * b)
-        )
+        found[pair] = BicubicSpline(u * a, v * b, nodal("p"), nodal("mu") / a, nodal("mv") / b, twists / (a * b))
     return found
 
 
@@ -118,11 +116,7 @@ def hylc_content(material: SplineMaterial) -> dict[str, object]:
 
 def _scale(material: SplineMaterial) -> Array:
     stored = material.provenance.get("strain_scale")
-    if (
-        isinstance(stored, list)
-        and len(stored) == len(AXES)
-        and all(isinstance(x, float) and x > 0 for x in stored)
-    ):
+    if isinstance(stored, list) and len(stored) == len(AXES) and all(isinstance(x, float) and x > 0 for x in stored):
         return np.array(stored)
     return np.max(np.abs(material.range), axis=1)
 

@@ -41,9 +41,7 @@ _FORMS = {
     "xfer": (2 * _NEEDLE, "xfer f1 b1"),
     "drop": (_NEEDLE, "drop f1"),
     "rack": (r" (?P<rack>[+-]?(\d{1,3}\.?\d*|\.\d+))", "rack 1"),
-    **dict.fromkeys(
-        ["in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss"], (".*", "")
-    ),
+    **dict.fromkeys(["in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss"], (".*", "")),
 }
 """Parameters of each instruction, and an example."""
 
@@ -106,9 +104,7 @@ def read_knitout(path: str | os.PathLike[str]) -> StructureFile:
     chart = tuple("|".join(row[bed::beds][wales] for bed in range(beds)) for row in rows[courses])
     sizes: dict = {"name": path.stem, **(TWO_BEDS if beds == 2 else {})}
     both = all(any(held & bit for course in body for held in set(course.held)) for bit in (1, 2))
-    if both and not any(
-        course.moved or len({bed for bed, _ in course.loops}) > 1 for course in body[courses]
-    ):
+    if both and not any(course.moved or len({bed for bed, _ in course.loops}) > 1 for course in body[courses]):
         where, expected = f"{path}:{body[courses][0].start.line}", "a course that knits on both beds"
         raise InputError("front and back are two layers", where=where, expected=expected)
     used = sorted({name for names in carriers[courses] for name in names}, key=lambda name: (len(name), name))

@@ -88,9 +88,7 @@ def write_material(path: str | Path, material: ShellMaterial) -> None:
     elif isinstance(material, SplineMaterial):
         return write_text(path, hylc_text(material))
     else:
-        raise InputError(
-            "material", expected="a compact, orthotropic or stiffening one", found=type(material).__name__
-        )
+        raise InputError("material", expected="a compact, orthotropic or stiffening one", found=type(material).__name__)
     write_json(path, {"format": FORMAT, "version": VERSION, **body})
 
 
@@ -152,9 +150,7 @@ def _directional_content(material: DirectionalMaterial) -> dict[str, object]:
     }
 
 
-def _read_directional(
-    fields: Fields, kind: type[DirectionalMaterial], units: Mapping[str, str]
-) -> DirectionalMaterial:
+def _read_directional(fields: Fields, kind: type[DirectionalMaterial], units: Mapping[str, str]) -> DirectionalMaterial:
     _check_units(fields, units)
     terms = fields.fields("terms")
     constants = {name: terms.number(name) for name in kind.constants()}

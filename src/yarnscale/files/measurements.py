@@ -46,9 +46,7 @@ def read_measurements(
     """
     path = Path(path)
     if path.suffix.lower() in _PRESETS:
-        expected = (
-            "a table of readings: such files hold presets of a simulation, whose units are not published"
-        )
+        expected = "a table of readings: such files hold presets of a simulation, whose units are not published"
         raise InputError("fabric of CLO", where=path, expected=expected, found=path.suffix)
     if path.suffix.lower() in U3M_SUFFIXES:
         settings = settings or LogSettings()
@@ -145,9 +143,7 @@ def _log(path: Path, entry: Fields, settings: LogSettings) -> tuple[Path, LogSet
     if "direction" in entry.content:
         said["direction"] = direction_named(entry.text("direction"))
         if said["direction"] is None:
-            raise entry.fault(
-                "direction", expected="weft, bias or warp", found=quoted(entry.get("direction"))
-            )
+            raise entry.fault("direction", expected="weft, bias or warp", found=quoted(entry.get("direction")))
     for size in ("swatch_width", "swatch_length"):
         if f"{size}_mm" in entry.content:
             said[size] = 1e-3 * entry.number(f"{size}_mm", positive=True)

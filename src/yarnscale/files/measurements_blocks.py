@@ -86,9 +86,7 @@ def _names_another(title: str, known: tuple[str, ...], text: tuple[str, ...]) ->
         return True
     words = re.sub(r"\d+", "#", title.lower())
     return "#" in words and any(
-        re.sub(r"\d+", "#", line.lower()) == words
-        and line.lower() != title.lower()
-        and not _says_cycle((line,))
+        re.sub(r"\d+", "#", line.lower()) == words and line.lower() != title.lower() and not _says_cycle((line,))
         for line in text
     )
 

@@ -68,9 +68,7 @@ def read_logs(
         test, remarks = _stretch_test(direction, swatches, single_run=single_run)
         tests.append(test)
         notes += remarks
-    said = {
-        key: value for group in chosen.values() for swatch in group for key, value in swatch.table.settings
-    }
+    said = {key: value for group in chosen.values() for swatch in group for key, value in swatch.table.settings}
     known = KnownConstruction(**{key: said[key] for key in CONSTRUCTION if key in said})
     return StretchReadings(name, tuple(tests), tuple(dict.fromkeys(notes)), known)
 
@@ -115,11 +113,7 @@ def tables_of(path: Path, needed: Sequence[str]) -> tuple[MeasuredTable, ...]:
                 raise
             faults.append(error)
     if not found:
-        raise (
-            faults[0]
-            if faults
-            else InputError("workbook is empty", where=path, expected="a sheet of readings")
-        )
+        raise (faults[0] if faults else InputError("workbook is empty", where=path, expected="a sheet of readings"))
     return tuple(found)
 
 
@@ -304,9 +298,7 @@ def _refuse_other_forces(table: MeasuredTable, column: Column, rows: list[Row]) 
         wrong = np.flatnonzero(np.abs(other - mine) > 0.02 * np.abs(mine).max())
         if len(wrong):
             k = int(wrong[0])
-            expected = (
-                f"the force of column '{column.name:.40}', {mine[k]:.4g} N, or one column of forces alone"
-            )
+            expected = f"the force of column '{column.name:.40}', {mine[k]:.4g} N, or one column of forces alone"
             raise table.fault(rows[k][0], name.text, expected, f"{other[k]:.4g} N")
 
 
@@ -320,9 +312,7 @@ def _check_stress(table: MeasuredTable, columns: dict[str, Column], rows: list[R
         raise table.fault(rows[k][0], columns["stress"], expected, f"{given[k] / 1e3:.4g}")
 
 
-def _refuse_shrinking(
-    table: MeasuredTable, column: Column, rows: list[Row], force: Array, length: Array
-) -> None:
+def _refuse_shrinking(table: MeasuredTable, column: Column, rows: list[Row], force: Array, length: Array) -> None:
     """InputError where the length falls much from one reading to the next while the force grows much."""
     fall, rise = -np.diff(length), np.diff(force)
     wrong = (fall > _NOISE * np.ptp(length)) & (rise > _NOISE * np.ptp(force))

@@ -7,9 +7,7 @@ import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 
-_TABLES = tomllib.loads(
-    (files("yarnscale") / "files" / "measurements_names.toml").read_text(encoding="utf-8")
-)
+_TABLES = tomllib.loads((files("yarnscale") / "files" / "measurements_names.toml").read_text(encoding="utf-8"))
 QUANTITIES: dict[str, list[str]] = _TABLES["quantities"]
 """Quantity → names of its column, the own one first, without capitals, accents and units."""
 UNITS: dict[str, dict[str, float]] = _TABLES["units"]

@@ -40,9 +40,7 @@ _SAMPLED = 2000
 """Readings of a table in which the decimal mark is looked for."""
 
 
-def read_tables(
-    path: str | os.PathLike[str], text: str, *, needed: Sequence[str]
-) -> tuple[MeasuredTable, ...]:
+def read_tables(path: str | os.PathLike[str], text: str, *, needed: Sequence[str]) -> tuple[MeasuredTable, ...]:
     """The tables of a file, one or more, whose names contain one of the ``needed`` quantities and another known one.
 
     Lines that begin with # are comments. Raises InputError with file and line.
@@ -77,9 +75,7 @@ def _refuse_long_lines(path: str, text: str) -> None:
         if end < 0:
             line = text.count("\n", 0, begin) + 1
             found = "more"
-            raise InputError(
-                "line", where=f"{path}:{line}", expected=f"≤ {_LONGEST_LINE} characters", found=found
-            )
+            raise InputError("line", where=f"{path}:{line}", expected=f"≤ {_LONGEST_LINE} characters", found=found)
         begin = end + 1
 
 
@@ -120,9 +116,7 @@ class _Reader:
         elif self.found and not self.rows[-1] and not self.text and all(is_unit(c) or not c for c in cells):
             old = self.found[-1]
             units = (*cells, *[""] * len(old.names))
-            names = tuple(
-                replace(name, unit=unit or name.unit) for name, unit in zip(old.names, units, strict=False)
-            )
+            names = tuple(replace(name, unit=unit or name.unit) for name, unit in zip(old.names, units, strict=False))
             self.found[-1] = replace(old, names=names)
         elif self.found and self._is_reading(line, cells):
             if self.text:
@@ -172,12 +166,7 @@ class _Reader:
         if not numbers:
             return False
         earlier = self.rows[-1][0][1] if self.rows[-1] else None
-        if (
-            earlier is not None
-            and _looks_like_number(earlier[0])
-            and 0 not in numbers
-            and cells[0][:1].isalpha()
-        ):
+        if earlier is not None and _looks_like_number(earlier[0]) and 0 not in numbers and cells[0][:1].isalpha():
             return False
         if len(cells) == self.width:
             return True
@@ -221,11 +210,7 @@ class _Reader:
 
     def tables(self, separator: str) -> tuple[MeasuredTable, ...]:
         """What was found. Raises InputError where that is nothing."""
-        tables = [
-            replace(table, rows=tuple(rows))
-            for table, rows in zip(self.found, self.rows, strict=True)
-            if rows
-        ]
+        tables = [replace(table, rows=tuple(rows)) for table, rows in zip(self.found, self.rows, strict=True) if rows]
         if not self.found and self.first is not None:
             line, cells = self.first
             names = ", ".join(cells)
@@ -236,9 +221,7 @@ class _Reader:
             )  # fmt: skip
         if not tables:
             where = f"{self.path}:{self.found[-1].header}" if self.found else self.path
-            raise InputError(
-                "readings", where=where, expected="a line of column names and rows", found="none"
-            )
+            raise InputError("readings", where=where, expected="a line of column names and rows", found="none")
         for table, rows in zip(self.found, self.rows, strict=True):
             again = [other for other in tables if other.names == table.names]
             if table.title and not rows and again and all(other.header != table.header for other in again):
@@ -265,9 +248,7 @@ def _block(table: MeasuredTable) -> Block:
 
     count = numbers("ignored")
     above = table.above
-    other = len(above) == len(table.names) and all(
-        c and not _looks_like_number(c) and not is_unit(c) for c in above
-    )
+    other = len(above) == len(table.names) and all(c and not _looks_like_number(c) and not is_unit(c) for c in above)
     return Block(
         table.lines[-1][0] if table.lines else table.header,
         tuple(" ".join(filter(None, cells)) for _, cells in table.lines),

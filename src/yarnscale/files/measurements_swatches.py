@@ -14,9 +14,7 @@ from yarnscale.swatches.loading import Cycle
 from yarnscale.swatches.measurements import Direction
 
 DIRECTIONS = {
-    **dict.fromkeys(
-        ("weft", "course", "x", "0", "crosswise", "quer", "schuss", "maschenreihe"), Direction.WEFT
-    ),
+    **dict.fromkeys(("weft", "course", "x", "0", "crosswise", "quer", "schuss", "maschenreihe"), Direction.WEFT),
     **dict.fromkeys(("bias", "45", "diagonal"), Direction.BIAS),
     **dict.fromkeys(("warp", "wale", "y", "90", "lengthwise", "längs", "laengs", "kette"), Direction.WARP),
 }
@@ -50,9 +48,7 @@ class Swatch:
     settings: LogSettings
 
 
-def swatches_of(
-    table: MeasuredTable, columns: dict[str, Column], settings: LogSettings, number: int
-) -> list[Swatch]:
+def swatches_of(table: MeasuredTable, columns: dict[str, Column], settings: LogSettings, number: int) -> list[Swatch]:
     """The readings of a table, one swatch each."""
     direction, run = columns.get("direction"), columns.get("run")
     sample = columns.get("fabric")

@@ -99,9 +99,7 @@ def _branches(part: Fields) -> list[Array]:
     """Ways in and out of every cycle: length [m] and force [N], (n, 2) each."""
     readings = part.get("samplesTree")
     if not isinstance(readings, list) or not readings:
-        raise part.fault(
-            "samplesTree", expected="lists of distance [cm] and force [g]", found=quoted(readings)
-        )
+        raise part.fault("samplesTree", expected="lists of distance [cm] and force [g]", found=quoted(readings))
     pairs = []
     for k, values in enumerate(readings):
         key = f"samplesTree[{k}]"
@@ -140,17 +138,13 @@ def _unpacked(path: Path) -> tuple[str, str]:
             entries = [e for e in archive.infolist() if Path(e.filename).suffix.lower() in (".json", ".u3m")]
             if len(archive.infolist()) > _MOST or not entries:
                 expected = f"an archive of at most {_MOST} files with a JSON file"
-                raise InputError(
-                    "no measurements", where=path, expected=expected, found=len(archive.infolist())
-                )
+                raise InputError("no measurements", where=path, expected=expected, found=len(archive.infolist()))
             for entry in entries:
                 with archive.open(entry) as file:
                     content = file.read(left + 1)
                 left -= len(content)
                 if left < 0:
-                    raise InputError(
-                        "file is too large", where=path, expected=f"≤ {_LARGEST} bytes", found="more"
-                    )
+                    raise InputError("file is too large", where=path, expected=f"≤ {_LARGEST} bytes", found="more")
                 if b'"raw_data"' in content:
                     return entry.filename, content.decode("utf-8-sig")
     except InputError:

@@ -22,9 +22,7 @@ def write_tests_table(path: str | Path, tests: FabricTests) -> None:
     """Write every number of virtual tests as CSV, one a row, units in columns of their own."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ("test", "direction [degrees]", "given", "at", "unit", "measured", "value", "value unit", "status")
-    )
+    writer.writerow(("test", "direction [degrees]", "given", "at", "unit", "measured", "value", "value unit", "status"))
     writer.writerows(_row(row) for row in measured(tests))
     write_text(path, text.getvalue())
 

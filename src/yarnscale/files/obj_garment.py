@@ -53,9 +53,7 @@ def read_garment(
         points, corners = _flat(source, world), source.corner_vertices
     cloth = _used(world, points, corners)
     if len(cloth.positions) < 6:
-        raise InputError(
-            "vertices", where=world.path, expected="6 or more in faces", found=len(cloth.positions)
-        )
+        raise InputError("vertices", where=world.path, expected="6 or more in faces", found=len(cloth.positions))
     flat = in_own_plane(cloth.positions[cloth.vertices], cloth.starts)
     areas = Areas(*(float(np.abs(polygon_areas(x, cloth.starts)).sum()) for x in (flat, points[corners])))
     if not areas.fabric > 0:

@@ -123,9 +123,7 @@ def _check_numbers(surface: ObjSurface) -> None:
         if len(wrong):
             face = int(np.searchsorted(surface.starts, wrong[0], side="right")) - 1
             expected = f"{what} 1..{count}" if count else f"{what}, of which the file has none"
-            raise InputError(
-                "face", where=surface.place(face), expected=expected, found=int(named[wrong[0]]) + 1
-            )
+            raise InputError("face", where=surface.place(face), expected=expected, found=int(named[wrong[0]]) + 1)
 
 
 def read_obj_surface(path: str | os.PathLike[str]) -> tuple[Array, Integers]:

@@ -61,9 +61,7 @@ def read_yarns(path: str | os.PathLike[str]) -> Materials | None:
         return found[0] if len(found) == 1 else materials_of(_pattern(document), found)
 
 
-def write_pattern_json(
-    pattern: YarnPattern, path: str | os.PathLike[str], *, yarns: Materials | None = None
-) -> None:
+def write_pattern_json(pattern: YarnPattern, path: str | os.PathLike[str], *, yarns: Materials | None = None) -> None:
     """Write a pattern in the native format with every digit, a row a line; whole or not at all.
 
     yarns: the materials of its yarns, one for all or one for each number in ``yarn_material``.

@@ -128,9 +128,7 @@ def write_pattern(
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
-        raise InputError(
-            "unknown pattern format", where=path, expected=", ".join(WRITERS), found=repr(suffix)
-        )
+        raise InputError("unknown pattern format", where=path, expected=", ".join(WRITERS), found=repr(suffix))
     if suffix == ".pyp":
         write_pyp(pattern, path)
     elif suffix == ".json":

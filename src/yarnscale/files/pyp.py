@@ -104,16 +104,12 @@ def _parse(path: Path, text: str) -> dict[str, _Block]:
         if content.startswith("*"):
             block = _open_block(where, content, number, blocks)
         elif block is None:
-            raise InputError(
-                "number before any block", where=where, expected="*pattern", found=quoted(content)
-            )
+            raise InputError("number before any block", where=where, expected="*pattern", found=quoted(content))
         else:
             block.rows.append(_parse_row(where, block.name, content.split()))
             block.lines.append(number)
     if not blocks:
-        raise InputError(
-            "file holds no block", where=path, expected="*pattern", found="only blanks and comments"
-        )
+        raise InputError("file holds no block", where=path, expected="*pattern", found="only blanks and comments")
     for name in COLUMNS:
         if name not in blocks:
             raise InputError(
@@ -160,14 +156,10 @@ def _number(where: str, name: str, column: str, token: str) -> float:
     label = f"*{name} {column}"
     if (name, column) in INTEGERS:
         if not re.fullmatch(r"[+-]?\d{1,15}", token, re.ASCII):
-            raise InputError(
-                f"{label} is no integer", where=where, expected="an integer", found=quoted(token)
-            )
+            raise InputError(f"{label} is no integer", where=where, expected="an integer", found=quoted(token))
         return int(token)
     if math.isnan(value := finite_number(token)):
-        raise InputError(
-            f"{label} is no number", where=where, expected="a finite number", found=quoted(token)
-        )
+        raise InputError(f"{label} is no number", where=where, expected="a finite number", found=quoted(token))
     return value
 
 
@@ -217,9 +209,7 @@ def _assemble(path: Path, blocks: dict[str, _Block]) -> YarnPattern:
         raise error.at(path if block is None or row is None else f"{path}:{block.lines[int(row)]}") from None
 
 
-def _clean_directors(
-    director: np.ndarray, vertices: np.ndarray, edges: np.ndarray, period: np.ndarray
-) -> np.ndarray:
+def _clean_directors(director: np.ndarray, vertices: np.ndarray, edges: np.ndarray, period: np.ndarray) -> np.ndarray:
     """Unit directors at right angles to their edges: small deviations (rounded digits) are removed, others kept."""
     edge = vertices[np.clip(edges[:, 1], 0, len(vertices) - 1)] - vertices
     edge[:, :2] += edges[:, 2:] * period

@@ -32,9 +32,7 @@ class Session:
 
     def changed(self, after: Registration) -> Session:
         """The session with another state, written."""
-        return self._written(
-            replace(self, current=after, earlier=(*self.earlier, self.current)[-MOST_STATES:])
-        )
+        return self._written(replace(self, current=after, earlier=(*self.earlier, self.current)[-MOST_STATES:]))
 
     def undone(self) -> Session:
         """The session at its state before the last change, written; the same where there is none."""

@@ -14,9 +14,7 @@ def one_repeat(path: Path, what: str, items: Sequence[Hashable], largest: int, m
     """``repeat_of`` the threads, courses or wales of a file; a notice if some lie outside, InputError without one."""
     found = repeat_of(items, largest, margin)
     if found is None:
-        raise InputError(
-            f"the {len(items)} {what} have no repeat", where=path, expected=f"one of at most {largest}"
-        )
+        raise InputError(f"the {len(items)} {what} have no repeat", where=path, expected=f"one of at most {largest}")
     repeat, outside = found
     if outside:
         notify(f"{path}: {outside} of {len(items)} {what} lie outside the repeat and are left off")

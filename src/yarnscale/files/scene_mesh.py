@@ -30,9 +30,7 @@ def read_mesh(section: Section, on_notice: Notice) -> TriangleMesh:
         sizes = {name: section.number(name) for name in _SIZES if name in section.content}
         cut = section.build(lambda: replace(CUTS[shape], **sizes))
         angles = _seam_angles(section)
-        return section.build(
-            lambda: shirt(shape, cut, section.number_or("spacing", 0.02), rest_angles=angles).mesh
-        )
+        return section.build(lambda: shirt(shape, cut, section.number_or("spacing", 0.02), rest_angles=angles).mesh)
     grain = math.radians(section.number_or("grain", 0.0))
     metres = LENGTHS[section.choice_or("unit", "m", tuple(LENGTHS))]
     if shape == "disk":
@@ -80,15 +78,9 @@ def _seam_angles(section: Section) -> dict[str, float]:
 
 
 def _from_file(section: Section, on_notice: Notice) -> TriangleMesh:
-    section.known(
-        "file", "material_file", "unit", "scale", "material_scale", "grain", "weld", "rest_angle", *_PLACE
-    )
+    section.known("file", "material_file", "unit", "scale", "material_scale", "grain", "weld", "rest_angle", *_PLACE)
     flat = section.beside(section.text("material_file")) if "material_file" in section.content else None
-    scales = {
-        key: section.number(key, positive=True)
-        for key in ("scale", "material_scale")
-        if key in section.content
-    }
+    scales = {key: section.number(key, positive=True) for key in ("scale", "material_scale") if key in section.content}
     weld = section.content.get("weld")
     if isinstance(weld, str):
         raise section.fault("weld", expected="true, false or a distance [m]", found=repr(weld)[:60])

@@ -71,9 +71,7 @@ def _mannequin(section: Section) -> MovingMannequin:
         item.known("time", "lowered", "turned", "depth")
         depth = item.number_or("depth", 1.0)
         if not 0.05 <= depth <= 1.5:
-            raise InputError(
-                f"field '{item.label('depth')}'", where=section.path, expected="0.05 to 1.5", found=depth
-            )
+            raise InputError(f"field '{item.label('depth')}'", where=section.path, expected="0.05 to 1.5", found=depth)
         lowered, turned = (math.radians(item.number_or(key, 0.0)) for key in ("lowered", "turned"))
         poses.append(Pose(item.number("time"), lowered, turned, depth))
     body = section.build(lambda: mannequin(section.number_or("spacing", 0.02)))

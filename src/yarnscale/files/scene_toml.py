@@ -58,8 +58,7 @@ def _scene(root: Section) -> Scene:
         notices += section.build(lambda: [*check_size(mesh, material.density)])
     start = read_start(section, mesh)
     obstacles = tuple(
-        _facing(read_obstacle(item), start, item, notices.append)
-        for item in root.items("obstacles", optional=True)
+        _facing(read_obstacle(item), start, item, notices.append) for item in root.items("obstacles", optional=True)
     )
     garment = is_garment(section)
     thickness = garment_thickness(material, mesh, start) if garment else cloth_thickness(material, mesh)
@@ -104,9 +103,7 @@ def _ready(root: Section, material: ElementMaterial) -> Scene:
     return replace(scene, cloth=cloth, schedule=schedule, options=options)
 
 
-def _facing(
-    obstacle: Obstacle, start: ClothState, section: Section, notice: Callable[[str], None]
-) -> Obstacle:
+def _facing(obstacle: Obstacle, start: ClothState, section: Section, notice: Callable[[str], None]) -> Obstacle:
     """The obstacle; a plane with the whole cloth behind it is turned round, for it was meant from the other side."""
     if not isinstance(obstacle, Plane):
         return obstacle

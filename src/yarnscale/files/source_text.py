@@ -12,9 +12,7 @@ from yarnscale.errors import InputError, system_errors
 LARGEST_FILE = 256 * 1024 * 1024
 
 
-def read_source(
-    path: str | os.PathLike[str], *, other_encodings: bool = False, any_encoding: bool = False
-) -> str:
+def read_source(path: str | os.PathLike[str], *, other_encodings: bool = False, any_encoding: bool = False) -> str:
     """The text of a file; InputError when missing, a folder, unreadable, empty, binary or far too large.
 
     other_encodings: accept UTF-16 and Windows-1252 (Latin-1), which machines write, beside UTF-8. any_encoding: of

@@ -44,9 +44,7 @@ def read_traced(path: Path, pixel: float | None) -> Traced:
     found = _csv(path, text) if suffix == ".csv" else _svg(path, text, pixel)
     for side in SIDES:
         if not found.lines[side]:
-            raise InputError(
-                f"{side} has no curve", where=path, expected="one or more traced curves on each side"
-            )
+            raise InputError(f"{side} has no curve", where=path, expected="one or more traced curves on each side")
     return found
 
 
@@ -61,9 +59,7 @@ def _csv(path: Path, text: str) -> Traced:
             continue
         where = f"{path}:{number}"
         if len(row) != len(COLUMNS):
-            raise InputError(
-                "row of the table", where=where, expected=f"{len(COLUMNS)} cells", found=len(row)
-            )
+            raise InputError("row of the table", where=where, expected=f"{len(COLUMNS)} cells", found=len(row))
         side, curve = row[0].strip().lower(), row[1].strip()
         if side not in SIDES:
             raise InputError("side", where=where, expected="front or back", found=quoted(row[0]))
@@ -72,9 +68,7 @@ def _csv(path: Path, text: str) -> Traced:
         except ValueError:
             place = (np.nan, np.nan)
         if not np.isfinite(place).all():
-            raise InputError(
-                "x, y", where=where, expected="two numbers [mm]", found=quoted(",".join(row[2:]))
-            )
+            raise InputError("x, y", where=where, expected="two numbers [mm]", found=quoted(",".join(row[2:])))
         points[side].setdefault(curve, []).append(place)
     lines: dict[str, list[Array]] = {}
     for side, curves in points.items():
@@ -103,17 +97,12 @@ def _svg(path: Path, text: str, pixel: float | None) -> Traced:
         stated = str(drawing.values.get("attributes", {}).get("width", ""))
         if not stated.strip().endswith(("mm", "cm", "in")):
             expected = "a width in mm, cm or in, or --scale for its units"
-            raise InputError(
-                "size of the drawing is unknown", where=path, expected=expected, found=quoted(stated)
-            )
+            raise InputError("size of the drawing is unknown", where=path, expected=expected, found=quoted(stated))
         unit = 1e-3 / _MILLIMETRE
     layers: dict[str, list[Any]] = {side: [] for side in SIDES}
     boxes = list[Any]()
     _sorted(svgelements, drawing, None, layers, boxes)
-    lines = {
-        side: [line for shape in shapes for line in _lines(path, shape, unit)]
-        for side, shapes in layers.items()
-    }
+    lines = {side: [line for shape in shapes for line in _lines(path, shape, unit)] for side, shapes in layers.items()}
     period = unit * np.array([abs(float(boxes[0].width)), abs(float(boxes[0].height))]) if boxes else None
     return Traced(lines, period)
 
@@ -136,9 +125,7 @@ def _lines(path: Path, shape: Any, unit: float) -> list[Array]:
     """Points along every stroke of a path, y upwards."""
     found = []
     for stroke in shape.as_subpaths():
-        drawn = [
-            segment for segment in stroke if type(segment).__name__ != "Move" and segment.end is not None
-        ]
+        drawn = [segment for segment in stroke if type(segment).__name__ != "Move" and segment.end is not None]
         points = [segment.point(share) for segment in drawn for share in np.linspace(0.0, 1.0, _PARTS + 1)]
         if len(points) > MOST_POINTS:
             raise InputError("path has too many points", where=path, expected=f"≤ {MOST_POINTS}")

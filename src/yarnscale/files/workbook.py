@@ -33,9 +33,7 @@ def sheets(path: Path) -> Iterator[tuple[str, str]]:
     try:
         with zipfile.ZipFile(path) as archive:
             if (size := sum(entry.file_size for entry in archive.infolist())) > LARGEST_FILE:
-                raise InputError(
-                    "file is too large", where=path, expected=f"≤ {LARGEST_FILE} bytes", found=size
-                )
+                raise InputError("file is too large", where=path, expected=f"≤ {LARGEST_FILE} bytes", found=size)
         book = load_workbook(path, read_only=True, data_only=True)
         for sheet in book.worksheets:
             rows = _rows(path, sheet)
@@ -56,9 +54,7 @@ def _rows(path: Path, sheet: ReadOnlyWorksheet) -> list[list[str]]:
         rows.append([_text(cell) for cell in row])
         cells += 1 + len(row)
         if cells > _MOST_CELLS:
-            raise InputError(
-                "sheet is too large", where=path, expected=f"≤ {_MOST_CELLS} cells", found="more"
-            )
+            raise InputError("sheet is too large", where=path, expected=f"≤ {_MOST_CELLS} cells", found="more")
     return rows
 
 

@@ -126,9 +126,7 @@ class Prescribed:
         return cls.components(II11=value * c * c, II12=value * c * s, II22=value * s * s)
 
     def __add__(self, other: Prescribed) -> Prescribed:
-        return Prescribed(
-            np.concatenate([self.matrix, other.matrix]), np.concatenate([self.values, other.values])
-        )
+        return Prescribed(np.concatenate([self.matrix, other.matrix]), np.concatenate([self.values, other.values]))
 
 
 FLAT = Prescribed.bent(0.0, 0.0)
@@ -244,9 +242,7 @@ class _LoadedNewton:
             if not moving and self._residual(gradient) <= self._allowed(here):
                 descent = self._descent_direction(hessian, gradient)
                 if descent is None or escapes >= _ESCAPES:
-                    return self._outcome(
-                        here, Status.CONVERGED if descent is None else Status.STALLED, moduli
-                    )
+                    return self._outcome(here, Status.CONVERGED if descent is None else Status.STALLED, moduli)
                 step, escapes = 0.25 * RADIUS * descent, escapes + 1
             elif iteration == max_iterations:
                 break
@@ -258,9 +254,7 @@ class _LoadedNewton:
             if there is None:
                 return self._outcome(here, Status.STALLED, moduli)
             whole = float(np.abs(step).max())
-            radius = (
-                min(2.0 * radius, self.radius) if fraction == 1.0 else max(fraction * whole, 1e-4 * RADIUS)
-            )
+            radius = min(2.0 * radius, self.radius) if fraction == 1.0 else max(fraction * whole, 1e-4 * RADIUS)
             here, moduli = there, self._moduli(there)
         return self._outcome(here, Status.ITERATION_LIMIT, moduli)
 
@@ -311,9 +305,7 @@ class _LoadedNewton:
         downhill = -math.copysign(1.0, float(direction @ gradient))
         return downhill * direction / np.abs(direction).max()
 
-    def _search(
-        self, here: Response, gradient: Array, step: Array, *, moving: bool
-    ) -> tuple[float, Response | None]:
+    def _search(self, here: Response, gradient: Array, step: Array, *, moving: bool) -> tuple[float, Response | None]:
         """The first of ever shorter steps that lowers Π or the residual; any, while prescribed strains are moving."""
         before, slope = here.energy - self.loads.work(here.strain)[0], float(gradient @ step)
         residual, fraction = self._residual(gradient), 1.0

@@ -119,9 +119,7 @@ def _filled(springs: SpringNetwork, count: int) -> SpringNetwork:
     """The network with springs of no stiffness up to a number, so that all materials share their compiled kernels."""
     none = SpringNetwork(*(np.zeros((count, *part.shape[1:])) for part in springs))
     own = ("springs", "bends", "spring_offsets", "stiffnesses")
-    return springs._replace(
-        **{n: np.concatenate([getattr(springs, n), getattr(none, n)])[:count] for n in own}
-    )
+    return springs._replace(**{n: np.concatenate([getattr(springs, n), getattr(none, n)])[:count] for n in own})
 
 
 def _walled(springs: SpringNetwork, data: Samples, mirrored: bool) -> SpringNetwork:

@@ -97,9 +97,7 @@ class StressErrors(NamedTuple):
         if len(stresses) == 0:
             return cls(0, np.nan, np.nan, np.nan)
         error = stress_errors(fitted, stresses, scale)[1]
-        return cls(
-            len(stresses), float(np.median(error)), float(np.percentile(error, 95)), float(error.mean())
-        )
+        return cls(len(stresses), float(np.median(error)), float(np.percentile(error, 95)), float(error.mean()))
 
 
 @dataclass(frozen=True)
@@ -141,9 +139,7 @@ class Samples:
         return cls(x[good] / scale, energy[good], stress[good] * scale, modulus[good], kind[good])
 
     def chosen(self, states: Flags) -> Samples:
-        x, energies, stresses, moduli = (
-            a[states] for a in (self.x, self.energies, self.stresses, self.moduli)
-        )
+        x, energies, stresses, moduli = (a[states] for a in (self.x, self.energies, self.stresses, self.moduli))
         return Samples(x, energies, stresses, moduli, self.kinds[states])
 
     @cached_property
@@ -212,9 +208,7 @@ class Problem:
         weights = np.concatenate([1.0 / (added + floor)[None], 1.0 / slopes, modulus])
         return weights * self.importance / options.tolerance
 
-    def search(
-        self, unknowns: Array, iterations: int, stages: Sequence[tuple[float, float]] = STAGES
-    ) -> Array:
+    def search(self, unknowns: Array, iterations: int, stages: Sequence[tuple[float, float]] = STAGES) -> Array:
         """Descent by Gauss–Newton matrices that are kept for many steps; stages: floors with shares of iterations.
 
         A matrix costs ten times a gradient, and changes of the gradient correct it (L-BFGS). Floors fall from stage to
@@ -232,9 +226,7 @@ class Problem:
                     damping = max(damping / 4.0, 1e-6)
         return unknowns
 
-    def _descend(
-        self, unknowns: Array, weights: Array, damping: float, steps: int
-    ) -> tuple[Array, int, float]:
+    def _descend(self, unknowns: Array, weights: Array, damping: float, steps: int) -> tuple[Array, int, float]:
         """Steps on one factor of the normal matrix, how many, and what fraction of the first was taken."""
         residuals = self._residuals(unknowns, weights)
         matrix, gradient = (
@@ -245,9 +237,7 @@ class Problem:
         factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
         changes, value, first, fraction = SecantPairs(_KEPT), self._loss(residuals), 0.0, 1.0
         for taken in range(steps):
-            direction = changes.direction(
-                gradient, lambda right: cho_solve(factor, right, check_finite=False)
-            )
+            direction = changes.direction(gradient, lambda right: cho_solve(factor, right, check_finite=False))
             slope, fraction = 2.0 * float(gradient @ direction), min(1.0, 2.5 * fraction)
             for _ in range(_BACKTRACKS):
                 there = unknowns + fraction * direction
@@ -255,9 +245,7 @@ class Problem:
                 trial = self._loss(residuals)
                 if trial <= value + 1e-4 * fraction * slope:
                     break
-                fraction *= float(
-                    np.clip(-0.5 * fraction * slope / (trial - value - fraction * slope), 0.1, 0.5)
-                )
+                fraction *= float(np.clip(-0.5 * fraction * slope / (trial - value - fraction * slope), 0.1, 0.5))
             else:
                 return unknowns, taken, first
             before, gradient = gradient, self._slope(there, weights, residuals)
@@ -278,9 +266,7 @@ class Problem:
     def _slope(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
         """Half of the gradient of the loss."""
         springs, adjoint = self.network(unknowns)[0], weights * np.clip(residuals, -_HUBER, _HUBER)
-        found = run_parts(
-            lambda place: self.states.part(place).pulled_back(springs, adjoint[:, place]), self.shares
-        )
+        found = run_parts(lambda place: self.states.part(place).pulled_back(springs, adjoint[:, place]), self.shares)
         return np.sum(found, axis=0)
 
     @np.errstate(over="ignore")

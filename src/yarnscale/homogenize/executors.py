@@ -95,9 +95,7 @@ def dask_workers(address: str, *, on_notice: Callable[[str], None] | None = None
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(
-            "Dask is not installed", expected="the extra 'dask'", found="no module distributed"
-        ) from None
+        raise InputError("Dask is not installed", expected="the extra 'dask'", found="no module distributed") from None
     # Its messages of a lost connection, with tracebacks, are replaced by one line.
     with _silent("distributed"), _client(Client, address) as client:
         _await_workers(client, address, on_notice)
@@ -109,9 +107,7 @@ def _client(kind: type[Client], address: str) -> Iterator[Client]:
     try:
         client = kind(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(
-            "no Dask scheduler", where=address, expected="host:port of a scheduler", found=error
-        ) from None
+        raise InputError("no Dask scheduler", where=address, expected="host:port of a scheduler", found=error) from None
     try:
         yield client
     finally:
@@ -136,9 +132,7 @@ def _await_workers(client: Client, address: str, on_notice: Callable[[str], None
 @contextmanager
 def _silent(name: str) -> Iterator[None]:
     """Hold back what the loggers of a package say; they have levels of their own."""
-    kept = {
-        key: logging.getLogger(key).level for key in logging.root.manager.loggerDict if key.startswith(name)
-    }
+    kept = {key: logging.getLogger(key).level for key in logging.root.manager.loggerDict if key.startswith(name)}
     for key in kept:
         logging.getLogger(key).setLevel(logging.CRITICAL + 1)
     try:

@@ -61,9 +61,7 @@ def fit(store: SampleStore, *, options: CompactOptions | None = None) -> Compact
 def fit_published(store: SampleStore, *, options: PublishedOptions | None = None) -> SplineMaterial:
     """The published pairwise splines (HYLC20 §6) of a store of strains: see ``published_fit``."""
     if store.rays:
-        raise InputError(
-            "samples along loads", where=store.path, expected="a store of strains for the form hylc2020"
-        )
+        raise InputError("samples along loads", where=store.path, expected="a store of strains for the form hylc2020")
     states = _states_of(store)
     return fit_spline_material(
         np.delete(states.strains, 4, axis=1), states.energies, states.stresses[:, IN_STRESS],
@@ -118,9 +116,7 @@ def homogenize(
             raise InputError("loads", expected="the form compact with them; a range of strains is sampled")
         if not isinstance(options, PublishedOptions | None):
             raise InputError("options of the fit", expected="PublishedOptions", found=options)
-        stores, summary = _strain_stores(
-            cell, folder, range or StrainRange(), solves, workers, dask, resume, progress
-        )
+        stores, summary = _strain_stores(cell, folder, range or StrainRange(), solves, workers, dask, resume, progress)
         samples, unseen = (FabricStates.of(store) for store in stores)
         material = fit_published(stores[0], options=options)
     return Homogenization(material, samples, unseen, errors_at(material, unseen), summary)

@@ -100,14 +100,10 @@ def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int =
     ``NEAR`` in strains over ``scale`` (6,). Raises InputError for a store without loads, or without samples.
     """
     if store.dims != RAY_DIMS:
-        raise InputError(
-            "samples without loads", where=store.path, expected="a store that 'homogenize' made anew"
-        )
+        raise InputError("samples without loads", where=store.path, expected="a store that 'homogenize' made anew")
     good = np.flatnonzero(store.status() == CODE_OF["converged"])
     if not len(good):
-        raise InputError(
-            "no converged state to start from", where=store.path, expected="a finished sampling run"
-        )
+        raise InputError("no converged state to start from", where=store.path, expected="a finished sampling run")
     known = np.array([store.read(int(i), "strain") for i in good]) / scale
     strains = strains[np.isfinite(strains).all(axis=1)]
     if len(strains) > _CANDIDATES:

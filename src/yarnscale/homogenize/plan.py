@@ -34,9 +34,7 @@ class StrainRange:
         if not 0.0 < self.shear < 1.0:
             raise InputError("range of shear", expected="between 0 and 1", found=self.shear)
         if not 0.0 < self.curvature < 1.0:
-            raise InputError(
-                "range of curvature times radius", expected="between 0 and 1", found=self.curvature
-            )
+            raise InputError("range of curvature times radius", expected="between 0 and 1", found=self.curvature)
 
     def bounds(self, radius: float) -> Array:
         """Least and largest value of (s_x, s_a, s_y, λ_x, λ_y) for a yarn radius [m], shape (5, 2)."""

@@ -131,9 +131,7 @@ def fit_spline_material(
     )  # fmt: skip
 
 
-def _scaled(
-    strains: ArrayLike, energies: ArrayLike, stresses: ArrayLike | None
-) -> tuple[_States, float, Array]:
+def _scaled(strains: ArrayLike, energies: ArrayLike, stresses: ArrayLike | None) -> tuple[_States, float, Array]:
     """Checked states over the largest sampled strains; the energy at rest [J/m²]; those strains (5,)."""
     strain, energy = np.asarray(strains, dtype=np.float64), np.asarray(energies, dtype=np.float64)
     if strain.ndim != 2 or strain.shape[1] != 5:

@@ -147,9 +147,7 @@ def _along_axes(radius: float, sizes: Array, close: Array) -> Iterator[Ray]:
         for sign in (1.0, -1.0)
         for pulled in (0, 1)
     )
-    yield from (
-        _sheared_under(sizes[level], sign * _SHEARS, _on_level(close, 2, level)) for level, sign in _SHEARED
-    )
+    yield from (_sheared_under(sizes[level], sign * _SHEARS, _on_level(close, 2, level)) for level, sign in _SHEARED)
     yield _tension(np.pi / 4, close)
     yield from (_bending(angle, sign, radius) for angle in (np.pi / 4, 3 * np.pi / 4) for sign in (1.0, -1.0))
     yield from (_twisting(sign, radius) for sign in (1.0, -1.0))

@@ -152,9 +152,7 @@ def check_resumable(
     _check_cell(store, cell, tiles)
     fresh = np.column_stack([axes[n] for n in STRAINS]) if store.dims == ("state",) else None
     if fresh is None:
-        fresh = np.stack(np.meshgrid(*(axes[n] for n in STRAINS), indexing="ij"), -1).reshape(
-            -1, len(STRAINS)
-        )
+        fresh = np.stack(np.meshgrid(*(axes[n] for n in STRAINS), indexing="ij"), -1).reshape(-1, len(STRAINS))
     held = store.states
     if fresh.shape != held.shape or not np.allclose(fresh, held, atol=1e-12):
         raise InputError("cannot resume: other states", where=store.path, expected="the states of the store")
@@ -163,9 +161,7 @@ def check_resumable(
         ("moduli", moduli, store.has_moduli),
     ):
         if asked and not there:
-            raise InputError(
-                f"cannot resume: the store has no {name}", where=store.path, expected=f"no --{name}"
-            )
+            raise InputError(f"cannot resume: the store has no {name}", where=store.path, expected=f"no --{name}")
 
 
 def resumed_ray_store(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray]) -> SampleStore:
@@ -225,9 +221,7 @@ def _has_result(future: Future) -> bool:
 class _Run:
     """Hands units of work, a state of a grid or a level of a ray, to workers as soon as their start is there."""
 
-    def __init__(
-        self, store: SampleStore, cell: PeriodicCell, report: Callable[[Progress], None] | None
-    ) -> None:
+    def __init__(self, store: SampleStore, cell: PeriodicCell, report: Callable[[Progress], None] | None) -> None:
         self.store, self.cell, self.report = store, cell, report
         self.began = time.perf_counter()
         self.work = RayUnits(store) if store.dims == RAY_DIMS else GridUnits(store)
@@ -313,9 +307,7 @@ def _workers(count: int, dask: str | None, *, again: bool) -> Iterator[Executor]
         except InputError:
             if not again:
                 raise
-            raise ChildProcessError(
-                f"the Dask cluster at {dask} is gone; what was finished is kept"
-            ) from None
+            raise ChildProcessError(f"the Dask cluster at {dask} is gone; what was finished is kept") from None
         yield executor
 
 
@@ -349,6 +341,4 @@ def sample(
                 whole = run.collect(executor) and run.submit(executor, room + 1)
     seconds = time.perf_counter() - run.began
     work = run.work
-    return SampleSummary(
-        work.solved, work.converged, seconds, workers, run.peak, len(work.pending()), work.ended
-    )
+    return SampleSummary(work.solved, work.converged, seconds, workers, run.peak, len(work.pending()), work.ended)

@@ -96,20 +96,14 @@ class SampleStore:
             ) from None
         self.attributes: dict[str, Any] = dict(group.attrs)
         if self.attributes.get("format") != _FORMAT["format"]:
-            raise InputError(
-                "not a sample store", where=path, expected=_FORMAT, found=self.attributes.get("format")
-            )
+            raise InputError("not a sample store", where=path, expected=_FORMAT, found=self.attributes.get("format"))
         if self.attributes.get("version") != _FORMAT["version"]:
             found = self.attributes.get("version")
-            raise InputError(
-                "sample store of another version", where=path, expected=_FORMAT["version"], found=found
-            )
+            raise InputError("sample store of another version", where=path, expected=_FORMAT["version"], found=found)
         try:
             self._describe(group)
         except (KeyError, TypeError, ValueError, OSError) as error:
-            raise InputError(
-                "damaged sample store", where=path, expected=_FORMAT, found=repr(error)
-            ) from None
+            raise InputError("damaged sample store", where=path, expected=_FORMAT, found=repr(error)) from None
 
     def _describe(self, group: zarr.Group) -> None:
         """Learn dimensions, states and fields from the metadata."""
@@ -143,9 +137,7 @@ class SampleStore:
         """A new store for a grid (five axes) or for scattered states (five columns of equal length)."""
         dims = ("state",) if scattered else STRAINS
         shape = (len(axes["s_x"]),) if scattered else tuple(len(axes[name]) for name in STRAINS)
-        return cls._created(
-            path, axes, dims, shape, _fields(vertices, positions, moduli), vertices, provenance
-        )
+        return cls._created(path, axes, dims, shape, _fields(vertices, positions, moduli), vertices, provenance)
 
     @classmethod
     def create_rays(
@@ -342,9 +334,7 @@ def _write_empty(
             array.attrs["components"] = list(COMPONENTS)
         if name == "status":
             codes = list(STATUS_CODES)
-            array.attrs.update(
-                {"flag_values": codes, "flag_meanings": " ".join(STATUS_CODES[c] for c in codes)}
-            )
+            array.attrs.update({"flag_values": codes, "flag_meanings": " ".join(STATUS_CODES[c] for c in codes)})
     if dims == ("state",):
         group.attrs["coordinates"] = " ".join(STRAINS)
     with warnings.catch_warnings():

@@ -72,10 +72,7 @@ class Cycle:
         """Points of loading and unloading on the positive side, and on the other."""
         outwards = sum(x > 0 for x, _ in self.loading)
         split = outwards + 1 if outwards else 0
-        return [
-            [leg[part] for leg in (self.loading, self.unloading)]
-            for part in (slice(split), slice(split, None))
-        ]
+        return [[leg[part] for leg in (self.loading, self.unloading)] for part in (slice(split), slice(split, None))]
 
     def plain(self) -> dict[str, Any]:
         """As plain values."""
@@ -197,9 +194,7 @@ def _loaded_state(history: CellHistory | None) -> LoadedState:
     if history is None:
         return LoadedState(Response(nothing[0], np.nan, nothing[0]), nothing, np.nan, Status.STALLED, 0)
     state = history.state
-    return LoadedState(
-        Response(state.strain.vector, history.stored, state.stress), nothing, 0.0, Status.CONVERGED, 0
-    )
+    return LoadedState(Response(state.strain.vector, history.stored, state.stress), nothing, 0.0, Status.CONVERGED, 0)
 
 
 def cycled_tests(

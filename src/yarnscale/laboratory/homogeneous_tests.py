@@ -143,15 +143,10 @@ def biaxial(
     course, wale = (r / max(ratio) for r in ratio)
     pulls = [(course * load, wale * load) for load in checked_loads(loads)]
     states = path_under(fabric, [both_ways(*pull) for pull in pulls], prescribed=FLAT)
-    return [
-        BiaxialPoint(*pull, *_stretches(state), _status(state))
-        for pull, state in zip(pulls, states, strict=True)
-    ]
+    return [BiaxialPoint(*pull, *_stretches(state), _status(state)) for pull, state in zip(pulls, states, strict=True)]
 
 
-def shear(
-    fabric: HomogeneousFabric, angles: Sequence[float] = SHEAR_ANGLES, *, load: float = 0.0
-) -> list[ShearPoint]:
+def shear(fabric: HomogeneousFabric, angles: Sequence[float] = SHEAR_ANGLES, *, load: float = 0.0) -> list[ShearPoint]:
     """Shear a flat sheet by trellis ``angles`` γ [degrees] under dead loads [N/m] along course and wale.
 
     s_a = sin γ, so the shear force per width is dΨ/dγ = dΨ/ds_a cos γ.
@@ -179,9 +174,7 @@ def twist(fabric: HomogeneousFabric, twists: Sequence[float] | None = None) -> l
     """Twist a sheet, free in its plane. twists: II12 [1/m], default as the curvatures of ``bending``."""
     if twists is None:
         twists = default_curvatures(fabric)
-    steps = _steps(
-        fabric, twists, Loads(), lambda value: Prescribed.components(II11=0.0, II12=value, II22=0.0)
-    )
+    steps = _steps(fabric, twists, Loads(), lambda value: Prescribed.components(II11=0.0, II12=value, II22=0.0))
     return [TwistPoint(value, _number(state, state.stress[4]), _status(state)) for value, state in steps]
 
 
@@ -241,11 +234,7 @@ def _steps(
     for side in (1.0, -1.0):
         start = rest
         for value in sorted((v for v in values if v * side >= 0 and v not in found), key=abs):
-            state = (
-                rest
-                if value == 0
-                else equilibrium_under(fabric, loads, prescribed=prescribed(value), start=start)
-            )
+            state = rest if value == 0 else equilibrium_under(fabric, loads, prescribed=prescribed(value), start=start)
             found[value] = state
             start = state if state.converged else start
     yield from ((value, found[value]) for value in values)

@@ -123,9 +123,7 @@ class FabricTests:
     def bend(self) -> list[BendingSummary]:
         """Bending numbers of every direction."""
         directions = dict.fromkeys(p.direction for p in self.bending)
-        return [
-            bending_summary(self.bent(d), self.density, self.first_cycle("bending", d)) for d in directions
-        ]
+        return [bending_summary(self.bent(d), self.density, self.first_cycle("bending", d)) for d in directions]
 
     @property
     def sheared(self) -> ShearSummary:
@@ -163,8 +161,7 @@ class FabricTests:
         if self.friction is not None:
             content["friction"] = self.friction
             content["cycles"] = {
-                name: [c.plain() for c in self.cycles if c.test == name]
-                for name in ("tension", "shear", "bending")
+                name: [c.plain() for c in self.cycles if c.test == name] for name in ("tension", "shear", "bending")
             }
         if self.drape is not None:
             good = self.drape.succeeded
@@ -229,9 +226,7 @@ def _cycled_steps(subject: object, programme: Programme) -> Iterator[tuple[str, 
     """The tests of a cell with friction; each gives its points and its cycles."""
     friction = programme.friction
     if not isinstance(subject, PeriodicCell) or friction is None:
-        raise InputError(
-            "friction", expected="yarns: a pattern", found="a shell material, which has no memory"
-        )
+        raise InputError("friction", expected="yarns: a pattern", found="a shell material, which has no memory")
     options = (programme.directions, programme.loads, programme.curvature, programme.curvatures)
     for test in cycled_tests(subject, *options):
         yield test.name, lambda _, test=test: test.run(subject, friction, programme.cycles)
@@ -257,14 +252,10 @@ def difference(tested: Sequence[TensionPoint], reference: Sequence[TensionPoint]
     """
     known = {(p.direction, p.load): p for p in tested}
     pairs = [
-        (known[p.direction, p.load], p)
-        for p in reference
-        if p.status == "converged" and (p.direction, p.load) in known
+        (known[p.direction, p.load], p) for p in reference if p.status == "converged" and (p.direction, p.load) in known
     ]
     if not pairs:
-        raise InputError(
-            "fabrics to compare", expected="the same directions and loads", found="none in common"
-        )
+        raise InputError("fabrics to compare", expected="the same directions and loads", found="none in common")
     numbers = np.array([[a.stretch, b.stretch, a.contraction, b.contraction] for a, b in pairs])
     stretch, contraction = np.abs(numbers[:, 0] - numbers[:, 1]), np.abs(numbers[:, 2] - numbers[:, 3])
     stretch_ok = stretch <= 0.01 + 0.03 * np.abs(numbers[:, 1])

@@ -139,9 +139,7 @@ def fit_style3d(material: ShellMaterial, loads: tuple[float, float] = RANGE) -> 
         differences = np.array([a.stretch - b.stretch for a, b in zip(found, bias, strict=True)])
         return float((np.nan_to_num(differences, nan=1.0) ** 2).sum())
 
-    best: Any = minimize_scalar(
-        miss, bounds=np.log10(_SHEARS).tolist(), method="bounded", options={"xatol": 1e-3}
-    )
+    best: Any = minimize_scalar(miss, bounds=np.log10(_SHEARS).tolist(), method="bounded", options={"xatol": 1e-3})
     cloth = sheared(float(best.x))
     own = run_tests(cloth, name="Newton", programme=Programme(loads=steps, curvatures=_curvatures(tests)))
     return Style3DFit(cloth, loads, tests, deviations(list(measured(tests)), list(measured(own))))
@@ -167,9 +165,7 @@ def _edges(weft: float, warp: float, bias: float) -> tuple[float, float, float]:
 def _good(points: list[TensionPoint]) -> list[TensionPoint]:
     found = [p for p in points if p.status == "converged"]
     if not found:
-        raise InputError(
-            "material", expected="an equilibrium under tension", found="none in the range of loads"
-        )
+        raise InputError("material", expected="an equilibrium under tension", found="none in the range of loads")
     return found
 
 

@@ -92,9 +92,7 @@ def tensile_summary(points: Sequence[TensionPoint], cycle: Cycle | None = None) 
     return TensileSummary(good[0].direction, load, linearity, work, stretch, returned, e5, e20, e100)
 
 
-def bending_summary(
-    points: Sequence[BendingPoint], density: float, cycle: Cycle | None = None
-) -> BendingSummary:
+def bending_summary(points: Sequence[BendingPoint], density: float, cycle: Cycle | None = None) -> BendingSummary:
     """Bending numbers of one direction; density: [kg/m²]; cycle: the first, where yarns have friction."""
     good = sorted((p.curvature, p.moment) for p in points if p.status == "converged")
     direction, half = points[0].direction, 0.5 * max(abs(p.curvature) for p in points)

@@ -52,21 +52,15 @@ def measured(tests: FabricTests) -> Iterator[Measured]:
         name = f"shear under {p.tension:g} N/m"
         yield Measured(name, None, "angle", p.angle, "degrees", "force", p.force, "N/m", p.status)
     for p in tests.bending:
-        yield Measured(
-            "bending", p.direction, "curvature", p.curvature, "1/m", "moment", p.moment, "N", p.status
-        )
+        yield Measured("bending", p.direction, "curvature", p.curvature, "1/m", "moment", p.moment, "N", p.status)
     for p in tests.twist:
         yield Measured("twist", None, "twist", p.twist, "1/m", "moment", p.moment, "N", p.status)
     for p in tests.rolls:
-        yield Measured(
-            "free piece", p.direction, "load", 0.0, "N/m", "curvature", p.curvature, "1/m", p.status
-        )
+        yield Measured("free piece", p.direction, "load", 0.0, "N/m", "curvature", p.curvature, "1/m", p.status)
     for s in tests.bend:
         length = math.nan if s.bending_length is None else s.bending_length
         status = "none" if s.bending_length is None else "converged"
-        yield Measured(
-            "cantilever", s.direction, "slope", 41.5, "degrees", "bending length", length, "m", status
-        )
+        yield Measured("cantilever", s.direction, "slope", 41.5, "degrees", "bending length", length, "m", status)
 
 
 @dataclass(frozen=True)

@@ -93,9 +93,7 @@ class Body(ABC, Generic[State]):
         return self._step(state, duration, moving, iterations, end if until is None else until)
 
     @abstractmethod
-    def _step(
-        self, state: State, duration: float, inertia: bool, iterations: int | None, until: float
-    ) -> Step[State]:
+    def _step(self, state: State, duration: float, inertia: bool, iterations: int | None, until: float) -> Step[State]:
         """``step`` with all of its arguments settled."""
 
     def keeps(self, step: Step[State]) -> bool:

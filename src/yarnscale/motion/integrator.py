@@ -62,9 +62,7 @@ class Earlier:
     duration: float
 
 
-def remembered(
-    integrator: Integrator, positions: Array, velocities: Array, duration: float
-) -> Earlier | None:
+def remembered(integrator: Integrator, positions: Array, velocities: Array, duration: float) -> Earlier | None:
     """What the step after one of ``duration`` [s] needs of the state at its beginning."""
     return Earlier(positions, velocities, duration) if integrator == "bdf2" else None
 

@@ -130,9 +130,7 @@ class AnimatedMesh:
         if poses.ndim != 3 or poses.shape[2] != 3 or len(poses) == 0 or not np.isfinite(poses).all():
             raise InputError("animation poses", expected="finite, shape (k, n, 3)", found=poses.shape)
         if times.shape != (len(poses),) or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-            raise InputError(
-                "animation times", expected=f"{len(poses)} increasing numbers [s]", found=times.shape
-            )
+            raise InputError("animation times", expected=f"{len(poses)} increasing numbers [s]", found=times.shape)
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "poses", poses)
         object.__setattr__(self, "triangles", _triangles(self.triangles, poses.shape[1]))

@@ -32,9 +32,7 @@ class Motion:
             if len(value) != 3 or not np.isfinite(value).all():
                 raise InputError(f"motion {name}", expected=f"three finite numbers [{unit}]", found=value)
         if not (math.isfinite(self.duration) and self.duration >= 0 and math.isfinite(self.start)):
-            raise InputError(
-                "motion duration", expected="a finite start and zero or more seconds", found=self.duration
-            )
+            raise InputError("motion duration", expected="a finite start and zero or more seconds", found=self.duration)
 
     @property
     def end(self) -> float:

@@ -175,9 +175,7 @@ class MappedObjective:
     pull: that of an objective with the same parameters before this one, whose matrices had the same pattern.
     """
 
-    def __init__(
-        self, objective: Objective, affine: AffineParameters, *, pull: KeptPull | None = None
-    ) -> None:
+    def __init__(self, objective: Objective, affine: AffineParameters, *, pull: KeptPull | None = None) -> None:
         self._objective, self._affine = objective, affine
         self._pull = pull or KeptPull(affine)
 
@@ -252,11 +250,7 @@ def _expand(free, source, rotation, offset, full):
         s = 3 * source[m]
         for i in range(3):
             if turned:
-                moved = (
-                    rotation[m, i, 0] * free[s]
-                    + rotation[m, i, 1] * free[s + 1]
-                    + rotation[m, i, 2] * free[s + 2]
-                )
+                moved = rotation[m, i, 0] * free[s] + rotation[m, i, 1] * free[s + 1] + rotation[m, i, 2] * free[s + 2]
             else:
                 moved = free[s + i]
             full[3 * m + i] = moved + offset[m, i]

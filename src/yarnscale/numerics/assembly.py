@@ -67,9 +67,7 @@ class StencilSet:
         """Energy; adds the gradient to ``gradient``, of the full vector's length."""
         return self._run(self.energy.gradient, full, gradient, _NO_SLOTS, _NOT_TURNED, _NOTHING)
 
-    def hessian(
-        self, full: Array, gradient: Array, slots: NDArray[np.int32], rotation: Array, values: Array
-    ) -> float:
+    def hessian(self, full: Array, gradient: Array, slots: NDArray[np.int32], rotation: Array, values: Array) -> float:
         """Energy; adds gradient and Hessian entries.
 
         slots: from ``BlockPattern.slots``. rotation: (full nodes, 3, 3) of the copies, or (0, 3, 3) where all are the
@@ -77,9 +75,7 @@ class StencilSet:
         """
         return self._run(self.energy.hessian, full, gradient, slots, rotation, values)
 
-    def _run(
-        self, kernel: Kernel, full: Array, gradient: Array, slots: NDArray[np.int32], *matrix: Array
-    ) -> float:
+    def _run(self, kernel: Kernel, full: Array, gradient: Array, slots: NDArray[np.int32], *matrix: Array) -> float:
         if self.count == 0:
             return 0.0
         parts = self._index, self._parameters, self.count, self.vectors
@@ -175,9 +171,7 @@ def _turn_back(h, index, rotation, vectors, n, count):
                     for j in range(3):
                         if 3 * b + j <= row:
                             h[row * (row + 1) // 2 + 3 * b + j, e] = (
-                                turn_a[0, i] * half[0, j]
-                                + turn_a[1, i] * half[1, j]
-                                + turn_a[2, i] * half[2, j]
+                                turn_a[0, i] * half[0, j] + turn_a[1, i] * half[1, j] + turn_a[2, i] * half[2, j]
                             )
             for row in range(3 * vectors, n):
                 start = row * (row + 1) // 2 + 3 * b

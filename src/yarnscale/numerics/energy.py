@@ -103,9 +103,7 @@ class StencilEnergy:
 
     def _compile(self, kind: str, inputs: list[Symbol], outputs: list[Symbol]) -> Kernel:
         name = f"{self.name}_{kind}"
-        return compile_kernel(
-            ca.Function(name, inputs, [ca.densify(o) for o in outputs], {"cse": True}), name
-        )
+        return compile_kernel(ca.Function(name, inputs, [ca.densify(o) for o in outputs], {"cse": True}), name)
 
 
 def _named(column: Symbol, sizes: Mapping[str, int]) -> dict[str, Symbol]:

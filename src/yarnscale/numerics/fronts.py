@@ -52,9 +52,7 @@ class Fronts:
     room: int
 
     @classmethod
-    def of(
-        cls, size: int, starts: Integers, rows: Integers, stages: Integers | None, *, threads: int
-    ) -> Fronts:
+    def of(cls, size: int, starts: Integers, rows: Integers, stages: Integers | None, *, threads: int) -> Fronts:
         """Of the lower triangle of a symmetric pattern by columns; stages as those of the pattern."""
         columns = np.repeat(np.arange(size), np.diff(starts))
         node = _nodes(size, columns, rows)

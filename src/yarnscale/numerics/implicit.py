@@ -17,9 +17,7 @@ from yarnscale.numerics.linear_solver import Constraints, linear_solver
 class ConstrainedInverse:
     """K⁺ of a quadratic model at a minimum: one factorisation, then one refined solve per right-hand side."""
 
-    def __init__(
-        self, model: QuadraticModel, constraints: Constraints | None = None, *, shift: float = 1e-8
-    ) -> None:
+    def __init__(self, model: QuadraticModel, constraints: Constraints | None = None, *, shift: float = 1e-8) -> None:
         """shift: smallest regularisation; raised until the factorisation succeeds, and undone by refinement."""
         self._model, self._constraints = model, constraints
         self._solver = linear_solver(constraints)
@@ -53,7 +51,5 @@ class ConstrainedInverse:
         inverse = LinearOperator(shape, matvec=precondition, dtype=np.float64)  # type: ignore[call-arg]
         x, short = cg(matrix, right, rtol=tolerance, atol=0.0, maxiter=max_iterations, M=inverse)
         if short and np.linalg.norm(right - times(x)) > 1e3 * tolerance * np.linalg.norm(right):
-            raise ArithmeticError(
-                f"the solve stopped short of its tolerance after {max_iterations} iterations"
-            )
+            raise ArithmeticError(f"the solve stopped short of its tolerance after {max_iterations} iterations")
         return x

@@ -80,15 +80,11 @@ class Kernel:
         if len(arrays) != len(self.sizes):
             raise ValueError(f"kernel '{self.name}' takes {len(self.sizes)} arrays, found {len(arrays)}")
         if count % LANES or count > stride or count <= 0:
-            raise ValueError(
-                f"kernel '{self.name}': count {count} must be a multiple of {LANES} up to {stride}"
-            )
+            raise ValueError(f"kernel '{self.name}': count {count} must be a multiple of {LANES} up to {stride}")
         for k, (size, array) in enumerate(zip(self.sizes, arrays, strict=True)):
             columns = 1 if k in self.shared else stride
             if array.size != size * columns or not array.flags.c_contiguous or array.dtype != np.float64:
-                raise ValueError(
-                    f"kernel '{self.name}': expected float64 ({size}, {columns}), found {array.shape}"
-                )
+                raise ValueError(f"kernel '{self.name}': expected float64 ({size}, {columns}), found {array.shape}")
         table = (ctypes.c_void_p * len(arrays))(*(a.ctypes.data for a in arrays))
         self._call(count, stride, table)
 
@@ -103,9 +99,7 @@ def compile_kernel(function: ca.Function, name: str, *, shared: Collection[int] 
         _machine = _Machine()
     machine = _machine
     text = vector_ir(function, shared)
-    key = "\n".join(
-        [llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text]
-    )
+    key = "\n".join([llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text])
     address = machine.load(object_cache.fetch(key, lambda: machine.object_code(text)))
     sizes = [function.numel_in(k) for k in range(function.n_in())]
     sizes += [function.numel_out(k) for k in range(function.n_out())]

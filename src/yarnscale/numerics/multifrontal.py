@@ -36,9 +36,7 @@ def _call_fortran(typingctx, address, pointers):  # type: ignore[no-untyped-def]
         byte = ir.IntType(8).as_pointer()
         words = cgutils.unpack_tuple(builder, arguments[1], signature.args[1].count)
         kind = ir.FunctionType(ir.VoidType(), [byte] * len(words))
-        builder.call(
-            builder.inttoptr(arguments[0], kind.as_pointer()), [builder.inttoptr(w, byte) for w in words]
-        )
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), [builder.inttoptr(w, byte) for w in words])
         return context.get_dummy_value()
 
     return signature, generate
@@ -88,9 +86,7 @@ def factor_fronts(
         if many:
             update[:] = 0.0
         for c in by_parent[children[s] : children[s + 1]]:
-            _add_update(
-                updates[lowered[c] :], places[starts[c] : starts[c + 1]], width, below, columns, update
-            )
+            _add_update(updates[lowered[c] :], places[starts[c] : starts[c + 1]], width, below, columns, update)
         data = columns.ctypes.data
         width_at, below_at, rows_at = size.ctypes.data, size.ctypes.data + 4, size.ctypes.data + 8
         _call(dpotrf, (lower, width_at, data, rows_at, size.ctypes.data + 12))
@@ -100,9 +96,7 @@ def factor_fronts(
             continue
         plus, minus, beta = one.ctypes.data, one.ctypes.data + 8, one.ctypes.data + (0 if many else 16)
         under = data + 8 * width
-        _call(
-            dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at)
-        )
+        _call(dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at))
         _call(
             dsyrk,
             (lower, none, below_at, width_at, minus, under, rows_at, beta, update.ctypes.data, below_at),
@@ -162,9 +156,7 @@ def solve_fronts(first, starts, rows, begin, factor, x, letter, one, dtrsm, dgem
         if count == 1:
             _call(dtrsv, (lower, turned, none, width_at, data, rows_at, mine, step_at))
         else:
-            _call(
-                dtrsm, (lower, lower, turned, none, width_at, count_at, plus, data, rows_at, mine, length_at)
-            )
+            _call(dtrsm, (lower, lower, turned, none, width_at, count_at, plus, data, rows_at, mine, length_at))
         if forward and below:
             if count == 1:
                 _call(

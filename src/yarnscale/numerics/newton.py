@@ -194,9 +194,7 @@ class _Newton(Descent):
             if self.watch is not None:
                 self.watch(iteration, residual)
             if residual <= self.options.tolerance and self._feasible(x):
-                minimum, moved = (
-                    self._leave_saddle(x, value, model) if self.options.check_minimum else (True, None)
-                )
+                minimum, moved = self._leave_saddle(x, value, model) if self.options.check_minimum else (True, None)
                 if moved is None:
                     status = Status.CONVERGED if minimum else Status.STALLED
                     break
@@ -240,9 +238,7 @@ class _Newton(Descent):
 
     def _feasible(self, x: Array) -> bool:
         gap = self._gap(x)
-        return gap is None or float(np.abs(gap).max(initial=0.0)) <= 1e-9 * (
-            1.0 + float(np.abs(x).max(initial=0.0))
-        )
+        return gap is None or float(np.abs(gap).max(initial=0.0)) <= 1e-9 * (1.0 + float(np.abs(x).max(initial=0.0)))
 
     def _factorise(self, model: QuadraticModel) -> bool:
         """Factor with the least admissible shift not below the present one; False if none works."""

@@ -85,9 +85,7 @@ class GroupBasis:
             there = ~along & (group_sizes > column)
             index[there, column] = first[there, 1] + column
         present = own.ravel() > 0
-        return cls(
-            index, weight, own.ravel()[present].astype(np.int64), np.repeat(np.arange(count), 2)[present]
-        )
+        return cls(index, weight, own.ravel()[present].astype(np.int64), np.repeat(np.arange(count), 2)[present])
 
     def matrix(self, group_sizes: Integers) -> csr_array:
         """Z as a sparse matrix (n, r)."""

@@ -108,9 +108,7 @@ class _QuasiNewton(Descent):
         good = any(self.linear.factorise(model, shift) for shift in _SHIFTS)
         return (value, gradient) if good else None
 
-    def _advance(
-        self, x: Array, value: float, gradient: Array, residual: float
-    ) -> tuple[Array, float, Array] | None:
+    def _advance(self, x: Array, value: float, gradient: Array, residual: float) -> tuple[Array, float, Array] | None:
         """A point of lower energy with its energy and gradient, or None where even a new factor finds none."""
         outdated = self.age >= self.keep.iterations or residual > self.keep.while_below
         if self.age > 0 and outdated and self._renew(x) is None:

@@ -133,9 +133,7 @@ class _Writer:
         large = self.emit(f"fcmp ogt {_VECTOR} {m}, {_constant(2.0**0.5)}")
         m = self.emit(f"select {_MASK} {large}, {_VECTOR} {plain('fmul', m, _constant(0.5))}, {_VECTOR} {m}")
         power = self.emit(f"sitofp {words} {exponent} to {_VECTOR}")
-        offset = self.emit(
-            f"select {_MASK} {large}, {_VECTOR} {_constant(1022.0)}, {_VECTOR} {_constant(1023.0)}"
-        )
+        offset = self.emit(f"select {_MASK} {large}, {_VECTOR} {_constant(1022.0)}, {_VECTOR} {_constant(1023.0)}")
         power = plain("fsub", power, offset)
         f = plain("fsub", m, _constant(1.0))
         s = plain("fdiv", f, plain("fadd", f, _constant(2.0)))
@@ -155,22 +153,16 @@ class _Writer:
         finite = self.emit(f"fcmp olt {_VECTOR} {x}, {_constant(float('inf'))}")
         result = self.emit(f"select {_MASK} {finite}, {_VECTOR} {result}, {_VECTOR} {x}")
         negative = self.emit(f"fcmp olt {_VECTOR} {x}, zeroinitializer")
-        result = self.emit(
-            f"select {_MASK} {negative}, {_VECTOR} {_constant(float('nan'))}, {_VECTOR} {result}"
-        )
+        result = self.emit(f"select {_MASK} {negative}, {_VECTOR} {_constant(float('nan'))}, {_VECTOR} {result}")
         nothing = self.emit(f"fcmp oeq {_VECTOR} {x}, zeroinitializer")
-        return self.emit(
-            f"select {_MASK} {nothing}, {_VECTOR} {_constant(float('-inf'))}, {_VECTOR} {result}"
-        )
+        return self.emit(f"select {_MASK} {nothing}, {_VECTOR} {_constant(float('-inf'))}, {_VECTOR} {result}")
 
     def operation(self, code: int, a: str, b: str) -> str:
         """Emit one arithmetic instruction and return the name of its value."""
         if code in _BINARY:
             return self.emit(f"{_BINARY[code]} {_FAST} {_VECTOR} {a}, {b}")
         if code in _UNARY_INTRINSIC:
-            return self.emit(
-                f"call {_FAST} {_VECTOR} @llvm.{_UNARY_INTRINSIC[code]}.{_SUFFIX}({_VECTOR} {a})"
-            )
+            return self.emit(f"call {_FAST} {_VECTOR} @llvm.{_UNARY_INTRINSIC[code]}.{_SUFFIX}({_VECTOR} {a})")
         if code in _BINARY_INTRINSIC:
             name = f"@llvm.{_BINARY_INTRINSIC[code]}.{_SUFFIX}"
             return self.emit(f"call {_FAST} {_VECTOR} {name}({_VECTOR} {a}, {_VECTOR} {b})")
@@ -202,24 +194,17 @@ class _Writer:
         if code == ca.OP_IF_ELSE_ZERO:
             return self.emit(f"select {_MASK} {self.is_true(a)}, {_VECTOR} {b}, {_VECTOR} zeroinitializer")
         if code == ca.OP_SIGN:
-            size = self.emit(
-                f"call {_VECTOR} @llvm.copysign.{_SUFFIX}({_VECTOR} {_constant(1.0)}, {_VECTOR} {a})"
-            )
+            size = self.emit(f"call {_VECTOR} @llvm.copysign.{_SUFFIX}({_VECTOR} {_constant(1.0)}, {_VECTOR} {a})")
             return self.emit(f"select {_MASK} {self.is_true(a)}, {_VECTOR} {size}, {_VECTOR} zeroinitializer")
         raise NotImplementedError(f"CasADi operation {code} has no vector instruction yet")
 
 
 def _declarations() -> list[str]:
-    unary = [
-        f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR})" for o in sorted(set(_UNARY_INTRINSIC.values()))
-    ]
+    unary = [f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR})" for o in sorted(set(_UNARY_INTRINSIC.values()))]
     binary = [
-        f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR}, {_VECTOR})"
-        for o in sorted(set(_BINARY_INTRINSIC.values()))
+        f"declare {_VECTOR} @llvm.{o}.{_SUFFIX}({_VECTOR}, {_VECTOR})" for o in sorted(set(_BINARY_INTRINSIC.values()))
     ]
-    library = [
-        f"declare double @{name}({', '.join(['double'] * n)})" for name, n in sorted(_LIBRARY.values())
-    ]
+    library = [f"declare double @{name}({', '.join(['double'] * n)})" for name, n in sorted(_LIBRARY.values())]
     return unary + binary + library
 
 

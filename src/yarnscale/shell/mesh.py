@@ -237,9 +237,7 @@ def disk(radius: float, spacing: float, *, grain: float = 0.0) -> TriangleMesh:
         for sector in range(6):
             for k in range(ring):
                 outer = [start[ring] + (sector * ring + k + i) % (6 * ring) for i in (0, 1)]
-                inner = [
-                    start[ring - 1] + (sector * (ring - 1) + k + i) % max(6 * (ring - 1), 1) for i in (0, 1)
-                ]
+                inner = [start[ring - 1] + (sector * (ring - 1) + k + i) % max(6 * (ring - 1), 1) for i in (0, 1)]
                 triangles.append([inner[0], outer[0], outer[1]])
                 if k < ring - 1:
                     triangles.append([inner[0], outer[1], inner[1]])

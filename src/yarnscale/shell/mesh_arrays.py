@@ -36,14 +36,10 @@ def checked_material(material: ArrayLike, grain: float | Array) -> tuple[Array, 
         raise InputError("material coordinates", expected="shape (6 or more, 2)", found=points.shape)
     if not np.isfinite(points).all():
         row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise InputError(
-            "material coordinates", expected="finite numbers", found=f"{points[row]} at vertex {row}"
-        )
+        raise InputError("material coordinates", expected="finite numbers", found=f"{points[row]} at vertex {row}")
     angles = np.asarray(grain, dtype=np.float64)
     if angles.shape not in ((), (len(points),)) or not np.isfinite(angles).all():
-        raise InputError(
-            "grain", expected=f"a finite angle [rad] or {len(points)} of them", found=angles.shape
-        )
+        raise InputError("grain", expected=f"a finite angle [rad] or {len(points)} of them", found=angles.shape)
     return points, float(angles) if angles.ndim == 0 else angles
 
 

@@ -44,9 +44,7 @@ def rings_for(period: Array, radius: float) -> tuple[int, int]:
     return x, y
 
 
-def pattern_curves(
-    pattern: YarnPattern, place: Placement, *, rings: int | tuple[int, int] = 1
-) -> list[Curve]:
+def pattern_curves(pattern: YarnPattern, place: Placement, *, rings: int | tuple[int, int] = 1) -> list[Curve]:
     """``periodic_curves`` of a pattern: yarns as thick as they are, coloured by kind where there are several kinds."""
     curves = periodic_curves(pattern.edges, place, rings=rings)
     kinds, radii = pattern.yarn_material, pattern.yarn_radius
@@ -73,9 +71,7 @@ def periodic_curves(edges: Integers, place: Placement, *, rings: int | tuple[int
     chain, lengths, closed = chains(copies, following, steps, np.argsort(following))
     *tiles, vertices = np.unravel_index(chain, copies.shape)
     places = np.column_stack(tiles) - inner - margin
-    yarns = connected_components(
-        csr_matrix((np.ones(len(following)), following, np.arange(len(following) + 1)))
-    )[1]
+    yarns = connected_components(csr_matrix((np.ones(len(following)), following, np.arange(len(following) + 1))))[1]
     curves = []
     for end, length, ring in zip(np.cumsum(lengths), lengths, closed, strict=True):
         own = slice(end - length, end)

@@ -53,9 +53,7 @@ def yarn_cloth_picture(
     """
     positions = np.asarray(positions, dtype=float)
     if positions.shape != (curves.point_count, 3) or not np.isfinite(positions).all():
-        raise InputError(
-            "points of the yarns", expected=f"finite, ({curves.point_count}, 3)", found=positions.shape
-        )
+        raise InputError("points of the yarns", expected=f"finite, ({curves.point_count}, 3)", found=positions.shape)
     middle, reach = None, np.inf
     if about is not None and width is not None:
         middle, reach = np.asarray(about, dtype=float), 0.5 * width
@@ -80,9 +78,7 @@ def yarn_cloth_picture(
 def _add_solid(plotter: Any, solid: Solid) -> None:
     """Put a body into a picture."""
     mesh = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
-    plotter.add_mesh(
-        mesh, color=solid.colour, smooth_shading=True, split_sharp_edges=True, ambient=0.3, specular=0.1
-    )
+    plotter.add_mesh(mesh, color=solid.colour, smooth_shading=True, split_sharp_edges=True, ambient=0.3, specular=0.1)
 
 
 def _pieces(curves: CurveSet, positions: Array, middle: Array | None, reach: float) -> list[Curve]:

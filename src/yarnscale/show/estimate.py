@@ -39,9 +39,7 @@ _MEANINGS = {
 _YARN, _SHELL, _CLOTH, _MEASURED = theme.YARNS[1], theme.YARNS[0], theme.YARNS[2], theme.INK
 
 
-def write_estimate_report(
-    folder: Path, estimate: FabricEstimate, *, units: str = "N/m", pictures: bool = True
-) -> Path:
+def write_estimate_report(folder: Path, estimate: FabricEstimate, *, units: str = "N/m", pictures: bool = True) -> Path:
     """Write ``index.html`` and its pictures; the path of the page.
 
     units: of loads, "N/m", "N/5cm", "N" on the measured swatch or "cN/tex" by the mass of the fabric. pictures: whether
@@ -74,9 +72,7 @@ def write_estimate_report(
         ),
     ]
     if estimate.tests is not None:
-        sections.append(
-            replace(numbers_section(estimate.tests), title="Laboratory numbers of the estimated fabric")
-        )
+        sections.append(replace(numbers_section(estimate.tests), title="Laboratory numbers of the estimated fabric"))
     if pictures:
         sections.append(Section("Pictures of the fabric", _shape(estimate), (), _cells(folder, estimate)))
     error = estimate.error
@@ -111,9 +107,7 @@ def curves_plot(path: Path, estimate: FabricEstimate, *, units: str = "N/m") -> 
     tests = {test.direction: test for test in estimate.measurements.stretch}
     cloth = {}
     if estimate.cloth is not None:
-        triples = zip(
-            estimate.cloth.measured.curves, estimate.cloth.loads, estimate.cloth.contractions, strict=True
-        )
+        triples = zip(estimate.cloth.measured.curves, estimate.cloth.loads, estimate.cloth.contractions, strict=True)
         cloth = {curve.direction: (curve.stretch, loads, across) for curve, loads, across in triples}
     with written_figure(path, max(7.0, 4.2 * len(panels)), 6.0) as figure:
         grid = figure.subplots(2, len(panels), squeeze=False, sharex="col")
@@ -185,18 +179,14 @@ def _contraction_panel(
     measured = test.curve.up_to(POWER_LOAD)
     if measured.contraction is not None and measured.contraction_spread is not None:
         low, high = (measured.contraction + sign * measured.contraction_spread for sign in (-1, 1))
-        axes.fill_between(
-            100 * measured.stretch, 100 * low, 100 * high, color=theme.MUTED, alpha=0.35, linewidth=0
-        )
+        axes.fill_between(100 * measured.stretch, 100 * low, 100 * high, color=theme.MUTED, alpha=0.35, linewidth=0)
         axes.plot(100 * measured.stretch, 100 * measured.contraction, color=_MEASURED, linewidth=1.2)
         axes.plot(*_from_rest(target.stretch, 100 * target.contraction), color=_MEASURED, linestyle=":")
     if shell is not None:
         axes.plot(*_from_rest(shell.stretch, 100 * shell.contraction), color=_SHELL, linestyle="--")
     _yarn_line(axes, target, curve, curve.contraction, 100.0)
     axes.axvspan(0, 100 * target.comfort_stretch, color=theme.YARNS[3], alpha=0.10, linewidth=0)
-    axes.axvspan(
-        100 * target.comfort_stretch, 100 * target.stretch[-1], color=theme.YARNS[2], alpha=0.10, linewidth=0
-    )
+    axes.axvspan(100 * target.comfort_stretch, 100 * target.stretch[-1], color=theme.YARNS[2], alpha=0.10, linewidth=0)
     axes.set_xlabel("stretch [%]")
 
 
@@ -269,9 +259,7 @@ def _errors(estimate: FabricEstimate) -> Table:
         for name, errors, failed in estimate.error_rows()
     ]
     columns = ["errors", "stress, comfort range", "stress, full range", "contraction", "states not at rest"]
-    caption = (
-        "Mean errors of σ/(1 + s) and of the contraction over the largest measured value of the comfort range"
-    )
+    caption = "Mean errors of σ/(1 + s) and of the contraction over the largest measured value of the comfort range"
     return Table(columns, rows, caption)
 
 
@@ -297,9 +285,7 @@ def _words(estimate: FabricEstimate) -> list[str]:
     if (deviation := estimate.deviation) is not None:
         text.append(f"{deviation[0].upper()}{deviation[1:]}.")
     if fit.evaluation.failed:
-        text.append(
-            f"{fit.evaluation.failed} states are not at rest; they are left out of curves and errors."
-        )
+        text.append(f"{fit.evaluation.failed} states are not at rest; they are left out of curves and errors.")
     if estimate.biaxial is not None:
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in estimate.biaxial.items())
         text.append(f"Weft and warp pulled at once, mean error over the largest load: {shares}.")

@@ -28,9 +28,7 @@ def write_estimates_page(path: Path, summaries: Mapping[str, Mapping[str, Any]])
     rows: list[list[Cell]] = []
     for k, (name, found) in enumerate(summaries.items()):
         errors = [*yarns[k], shells[k, 0], cloths[k, 0]]
-        rows.append(
-            [name, *_percent(errors), found["failed_states"], found["solves"], round(found["cpu_seconds"])]
-        )
+        rows.append([name, *_percent(errors), found["failed_states"], found["solves"], round(found["cpu_seconds"])])
     if len(rows) > 1:
         mean = [*_means(yarns), _means(shells)[0], _means(cloths)[0]]
         rows.append(["mean", *_percent(mean), None, None, None])
@@ -48,9 +46,7 @@ def write_estimates_page(path: Path, summaries: Mapping[str, Mapping[str, Any]])
     sections = [
         Section(
             "Errors against the measurement",
-            [
-                "Mean errors over the largest measured value of the comfort range. Each folder has its own page."
-            ],
+            ["Mean errors over the largest measured value of the comfort range. Each folder has its own page."],
             [Table([*columns, "states not at rest", "equilibria", "processor seconds"], rows)],
             [Picture(picture, wide=True)],
         ),
@@ -62,16 +58,13 @@ def write_estimates_page(path: Path, summaries: Mapping[str, Mapping[str, Any]])
 
 def _column(summaries: Mapping[str, Mapping[str, Any]], part: str) -> Array:
     """Errors (n, 3) of a part of the summaries; NaN where there are none."""
-    return np.array(
-        [[found[part].get(name) for name in ERRORS] for found in summaries.values()], np.float64
-    ).reshape(-1, len(ERRORS))
+    return np.array([[found[part].get(name) for name in ERRORS] for found in summaries.values()], np.float64).reshape(
+        -1, len(ERRORS)
+    )
 
 
 def _means(errors: Array) -> list[float]:
-    return [
-        float(column[np.isfinite(column)].mean()) if np.isfinite(column).any() else np.nan
-        for column in errors.T
-    ]
+    return [float(column[np.isfinite(column)].mean()) if np.isfinite(column).any() else np.nan for column in errors.T]
 
 
 def _percent(shares: Sequence[float]) -> list[float | None]:

@@ -74,9 +74,7 @@ def write_gallery(
     folder = Path(folder)
     names = checked_names(library.names() if names is None else names)
     exhibits, sections = [], []
-    made = (map if executor is None else executor.map)(
-        partial(_exhibit, states=states, at_rest=at_rest), names
-    )
+    made = (map if executor is None else executor.map)(partial(_exhibit, states=states, at_rest=at_rest), names)
     for number, (name, exhibit) in enumerate(zip(names, made, strict=True), start=1):
         drawn, _, definition = _drawn(name)
         exhibits.append(exhibit)
@@ -116,9 +114,7 @@ def _drawn(source: str) -> tuple[YarnPattern, YarnMaterial, list[str]]:
     if structure.draft is None:
         rows = "Chart " + " / ".join(reversed(structure.chart))
     else:
-        rows = "Draft " + " / ".join(
-            "".join("x" if over else "." for over in row) for row in structure.draft[::-1]
-        )
+        rows = "Draft " + " / ".join("".join("x" if over else "." for over in row) for row in structure.draft[::-1])
     return drawn, YarnMaterial.preset(preset), [structure.definition, rows]
 
 
@@ -134,9 +130,7 @@ def _exhibit(name: str, *, states: Mapping[str, ShellStrain], at_rest: bool) -> 
     return Exhibit(pattern, material, clearance, found, rest)
 
 
-def _section(
-    stem: Path, drawn: YarnPattern, definition: list[str], exhibit: Exhibit, size: tuple[int, int]
-) -> Section:
+def _section(stem: Path, drawn: YarnPattern, definition: list[str], exhibit: Exhibit, size: tuple[int, int]) -> Section:
     """Numbers and pictures of one pattern: as drawn, then every state, seen from the right side."""
     shown: list[tuple[str, YarnPattern, Equilibrium | None]] = [("as drawn", drawn, None)]
     shown += [(caption, exhibit.pattern, state) for caption, state in exhibit.states.items()]

@@ -24,9 +24,7 @@ def write_page(folder: Path, found: Sequence[FabricTests], compared: Difference 
     _tension(folder / "tension.png", found)
     _others(folder / "bending.png", found)
     pictures = [
-        Picture(
-            folder / "tension.png", _legend(found, "Tension, free across, by direction of pull"), wide=True
-        ),
+        Picture(folder / "tension.png", _legend(found, "Tension, free across, by direction of pull"), wide=True),
         Picture(folder / "bending.png", _legend(found, "Bending, twist and shear"), wide=True),
     ]
     if any(tests.cycles for tests in found):
@@ -152,12 +150,9 @@ def numbers_section(tests: FabricTests) -> Section:
     tensile_names = ["direction [°]", "largest load [N/m]", "EMT [–]", "LT [–]", "WT [J/m²]", "RT [%]"]
     tensile_names += ["E5 [%]", "E20 [%]", "E100 [%]"]
     bend: list[list[Cell]] = [
-        [s.direction, _scaled(s.B, 1e6), _scaled(s.hysteresis, 1e3), _scaled(s.bending_length, 1e3)]
-        for s in tests.bend
+        [s.direction, _scaled(s.B, 1e6), _scaled(s.hysteresis, 1e3), _scaled(s.bending_length, 1e3)] for s in tests.bend
     ]
-    rolls: list[list[Cell]] = [
-        [r.direction, r.curvature, r.side, 1e3 * r.saved, r.status] for r in tests.rolls
-    ]
+    rolls: list[list[Cell]] = [[r.direction, r.curvature, r.side, 1e3 * r.saved, r.status] for r in tests.rolls]
     shear = tests.sheared
     tables = [
         Table(tensile_names, tensile, "Tension. EMT, LT, WT, RT as in KES up to the largest load; E as in FAST."),
@@ -177,14 +172,10 @@ def numbers_section(tests: FabricTests) -> Section:
     ]  # fmt: skip
     if tests.drape is not None:
         drape: list[list[Cell]] = [[100 * tests.drape.coefficient, tests.drape.folds, tests.drape.status]]
-        tables.append(
-            Table(["drape coefficient [%]", "folds", "status"], drape, "Cusick drape, 30 cm on 18 cm.")
-        )
+        tables.append(Table(["drape coefficient [%]", "folds", "status"], drape, "Cusick drape, 30 cm on 18 cm."))
     text = ["Yarns without friction return all work: hysteresis and resilience (2HG, 2HB, RT) are not known."]
     if tests.friction is not None:
-        text = [
-            f"Friction of yarns {tests.friction:g}; hysteresis and resilience are those of the first cycle."
-        ]
+        text = [f"Friction of yarns {tests.friction:g}; hysteresis and resilience are those of the first cycle."]
     return Section(f"{tests.subject} ({tests.kind})", text, tables)
 
 

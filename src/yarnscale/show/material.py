@@ -64,9 +64,7 @@ def draw_terms(material: SplineMaterial, samples: FabricStates, path: Path) -> N
                     image = axes.pcolormesh(u, v, values.T, norm=norm, cmap="coolwarm", shading="gouraud")
                 else:
                     image = axes.scatter(*places.T, c=values, s=9, norm=norm, cmap="coolwarm")
-                axes.set(
-                    title=name, xlabel=AXES[pair[0]], ylabel=AXES[pair[1]], xlim=u[[0, -1]], ylim=v[[0, -1]]
-                )
+                axes.set(title=name, xlabel=AXES[pair[0]], ylabel=AXES[pair[1]], xlim=u[[0, -1]], ylim=v[[0, -1]])
             figure.colorbar(image, ax=row, label="J/m²")
 
 
@@ -88,9 +86,7 @@ def _tension(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: fl
     along = states.stresses[:, place]
     across = np.abs(np.delete(states.stresses[:, :3], place, axis=1)).max(axis=1)
     pulled = (states.kinds == "tension") & (along > 0) & (across < _NEXT_TO_NOTHING * along)
-    loads = np.geomspace(
-        max(float(along[pulled].min(initial=0.01)), 1e-3), float(along[pulled].max(initial=1.0)), 40
-    )
+    loads = np.geomspace(max(float(along[pulled].min(initial=0.01)), 1e-3), float(along[pulled].max(initial=1.0)), 40)
     path = path_under(fabric, [Loads.tension(angle, float(load)) for load in loads], prescribed=FLAT)
     good = [k for k, state in enumerate(path) if state.converged]
     line = np.array([path[k].strain[place] for k in good]), loads[good]
@@ -102,9 +98,7 @@ def _tension(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: fl
 
 def _bending(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: float, place: int) -> None:
     curvature, others = states.strains[:, 3 + place], np.delete(states.strains[:, 3:], place, axis=1)
-    bent = (states.kinds == "bending") & (np.abs(others) < _NEXT_TO_NOTHING * np.abs(curvature)[:, None]).all(
-        axis=1
-    )
+    bent = (states.kinds == "bending") & (np.abs(others) < _NEXT_TO_NOTHING * np.abs(curvature)[:, None]).all(axis=1)
     line: list[tuple[float, float]] = []
     for side in (-1.0, 1.0):
         state: LoadedState | None = None

@@ -108,9 +108,7 @@ def write_stills(
 def playing_order(times: Array, *, fps: float, speed: float = 1.0) -> list[int]:
     """For every picture of a movie the frame nearest to its time; the first and the last frame are shown."""
     if not (np.isfinite(fps) and 0 < fps <= 1000 and np.isfinite(speed) and speed > 0):
-        raise InputError(
-            "fps and speed", expected="positive numbers, fps up to 1000", found=f"{fps}, {speed}"
-        )
+        raise InputError("fps and speed", expected="positive numbers, fps up to 1000", found=f"{fps}, {speed}")
     count = round((times[-1] - times[0]) * fps / speed) + 1
     moments = times[0] + np.arange(count) * speed / fps
     if len(times) == 1:
@@ -255,9 +253,7 @@ class Film:
         mesh.point_data["colour"] = tube_colours(sweep)
         add_tubes(self._plotter, mesh)
 
-    def _part(
-        self, triangles: Integers, shape: Callable[[Moment], tuple[Array, Array]], first: Moment
-    ) -> pv.PolyData:
+    def _part(self, triangles: Integers, shape: Callable[[Moment], tuple[Array, Array]], first: Moment) -> pv.PolyData:
         points, normals = shape(first)
         # Single precision, as the renderer has it: half the memory, and nothing to convert.
         points, normals = points.astype(np.float32), normals.astype(np.float32)

@@ -27,9 +27,7 @@ def stress_scatter(path: str | Path, groups: Mapping[str, tuple[Array, Array]], 
         axes = figure.subplots()
         colors = (theme.FIT, theme.SAMPLE)
         for color, (name, (norms, errors)) in zip(colors, groups.items(), strict=False):
-            axes.plot(
-                np.maximum(norms, 1e-5), np.maximum(errors, 1e-7), ".", color=color, markersize=3, label=name
-            )
+            axes.plot(np.maximum(norms, 1e-5), np.maximum(errors, 1e-7), ".", color=color, markersize=3, label=name)
         line = np.geomspace(1e-4, max(1.0, *(float(n.max(initial=0)) for n, _ in groups.values())), 100)
         for share in (0.01, 0.06):
             axes.plot(line, share * (line + floor), color=theme.INK, linewidth=0.8)

@@ -67,9 +67,7 @@ class RegistrationPage:
             current = self.session.current
             if name == "move":
                 place = _numbers(request, "place", 2)
-                self.session = self.session.changed(
-                    current.moved(_side(current, request), _index(request), place)
-                )
+                self.session = self.session.changed(current.moved(_side(current, request), _index(request), place))
             elif name == "period":
                 side = _side(current, request)
                 lattice = Lattice(*(_numbers(request, key, 2) for key in ("origin", "course", "wale")))

@@ -97,9 +97,7 @@ def _is_number(value: Cell) -> bool:
 def _check(table: Table) -> None:
     for row in table.rows:
         if len(row) != len(table.columns):
-            raise InputError(
-                "row of a table", where=table.caption or None, expected=len(table.columns), found=len(row)
-            )
+            raise InputError("row of a table", where=table.caption or None, expected=len(table.columns), found=len(row))
 
 
 def _source(path: Path) -> str:

@@ -67,9 +67,7 @@ def frames_picture(
         tiles = [film.pixels(k) for k in range(len(animation))]
     columns = min(columns, len(tiles))
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
-    write_png(
-        path, np.concatenate([np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)])
-    )
+    write_png(path, np.concatenate([np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]))
 
 
 def _cell(value: object) -> Cell:

@@ -74,8 +74,6 @@ def tube_colours(sweep: TubeSweep, solid: Flags | None = None) -> NDArray[np.uin
 
 def add_tubes(plotter: Any, mesh: pv.PolyData, radius: float | None = None) -> None:
     """Put tubes into a picture; radius [m]: darken the places where they meet, so that over and under can be told."""
-    plotter.add_mesh(
-        mesh, scalars="colour", rgb=True, interpolation="phong", ambient=0.32, diffuse=0.85, specular=0.12
-    )
+    plotter.add_mesh(mesh, scalars="colour", rgb=True, interpolation="phong", ambient=0.32, diffuse=0.85, specular=0.12)
     if radius is not None:
         plotter.enable_ssao(radius=4 * radius, bias=0.3 * radius, kernel_size=48, blur=True)

@@ -79,6 +79,4 @@ def _add_surface(plotter: Any, surface: Array) -> None:
     grid: Any = pv.StructuredGrid(*np.moveaxis(np.asarray(surface, dtype=float)[None], -1, 0))
     sheet = grid.extract_surface(algorithm="dataset_surface")
     plotter.add_mesh(sheet, color=theme.SURFACE, opacity=0.35, smooth_shading=True, specular=0.0)
-    plotter.add_mesh(
-        sheet.extract_all_edges(), color=theme.MUTED, opacity=0.5, line_width=1.5, lighting=False
-    )
+    plotter.add_mesh(sheet.extract_all_edges(), color=theme.MUTED, opacity=0.5, line_width=1.5, lighting=False)

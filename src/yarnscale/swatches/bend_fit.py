@@ -66,9 +66,7 @@ def fit_bending(
     """Bending stiffnesses from pear loops; ``membrane`` gives the other constants. Raises InputError without loops."""
     if not measurements.bend or measurements.area_density is None:
         raise InputError(f"measurements of '{measurements.name}'", expected="a bend test", found="none")
-    problem = _Loops(
-        measurements.bend, replace(membrane, density=measurements.area_density), states, segments
-    )
+    problem = _Loops(measurements.bend, replace(membrane, density=measurements.area_density), states, segments)
     starts = [problem.prior + shift for shift in _STARTS]
     start = min(starts, key=lambda unknowns: float(np.sum(problem.residuals(unknowns) ** 2)))
     found = least_squares(
@@ -93,15 +91,12 @@ def fit_bending(
 class _Loops:
     """Differences of ratios over their mean, over the root of their number, and a weak prior of isotropy."""
 
-    def __init__(
-        self, tests: tuple[BendTest, ...], membrane: DirectionalMaterial, states: int, segments: int
-    ) -> None:
+    def __init__(self, tests: tuple[BendTest, ...], membrane: DirectionalMaterial, states: int, segments: int) -> None:
         self.membrane = membrane
         chosen = [_spaced(test, states) for test in tests]
         self.distances, self.ratios = [c[0] for c in chosen], [c[1] for c in chosen]
         self.loops = [
-            PearLoop(test.direction, test.swatch_length, test.swatch_width, segments=segments)
-            for test in tests
+            PearLoop(test.direction, test.swatch_length, test.swatch_width, segments=segments) for test in tests
         ]
         length = float(np.mean([test.swatch_length for test in tests]))
         # The bending length of limp fabric is about a fifth of the swatch.
@@ -137,9 +132,7 @@ class _Loops:
         material = self.material(unknowns)
         weft, surplus, warp = self.reference * np.exp(unknowns)
         lean = (math.sqrt(weft) - math.sqrt(warp)) / 4
-        chain = np.array(
-            [[weft, 0, 0], [lean * math.sqrt(weft), surplus, -lean * math.sqrt(warp)], [0, 0, warp]]
-        )
+        chain = np.array([[weft, 0, 0], [lean * math.sqrt(weft), surplus, -lean * math.sqrt(warp)], [0, 0, warp]])
         rows = [
             np.nan_to_num(loop.derivatives(material, response, BENDING))
             for loop, response in zip(self.loops, self.respond(unknowns), strict=True)
@@ -152,9 +145,7 @@ class _Loops:
             # Far from the last point its loops are no good start.
             near = self._point is not None and np.abs(unknowns - self._point).max() < 1.0
             for k, (loop, distance) in enumerate(zip(self.loops, self.distances, strict=True)):
-                self._responses[k] = loop.respond(
-                    material, distance, near=self._responses[k] if near else None
-                )
+                self._responses[k] = loop.respond(material, distance, near=self._responses[k] if near else None)
             self._point = unknowns.copy()
         return [response for response in self._responses if response is not None]
 

@@ -60,9 +60,7 @@ def check_cloth(material: ShellMaterial, measurements: SwatchMeasurements) -> Cl
     """Simulate every measured swatch as cloth of a material."""
     measured, responses = swatch_data(measurements), []
     for test, curve in zip(measurements.stretch, measured.curves, strict=True):
-        swatch = StretchSwatch(
-            test.direction, test.swatch_length, test.swatch_width, gauge_width=test.gauge_width
-        )
+        swatch = StretchSwatch(test.direction, test.swatch_length, test.swatch_width, gauge_width=test.gauge_width)
         responses.append(swatch.respond(material, curve.stretch))
     return ClothCheck(material, measured, tuple(responses))
 
@@ -104,9 +102,7 @@ def homogenized_swatches(
     """
     largest = _BEYOND * max(float(test.curve.up_to(POWER_LOAD).load[-1]) for test in measurements.stretch)
     if largest > (most := doubling_load(cell)):
-        notify(
-            f"the yarn is twice as long at {most:.3g} N/m: cloth is sampled up to there, not to {largest:.3g} N/m"
-        )
+        notify(f"the yarn is twice as long at {most:.3g} N/m: cloth is sampled up to there, not to {largest:.3g} N/m")
     outcome = homogenize(
         cell, folder, solves=solves, limit=min(largest, most), workers=workers, dask=dask,
         resume=resume, progress=progress,

@@ -101,9 +101,7 @@ class Evaluations:
         for place, point in left.items():
             yield place, evaluate(self.objective, point, near)
 
-    def _by_workers(
-        self, points: Sequence[Array], near: Evaluation | None
-    ) -> Iterator[tuple[int, Evaluation]]:
+    def _by_workers(self, points: Sequence[Array], near: Evaluation | None) -> Iterator[tuple[int, Evaluation]]:
         """Evaluations by the executor's workers as they finish; no executor is left where workers died."""
         executor, running = self.executor, dict[Future[Evaluation], int]()
         if executor is None:

@@ -28,9 +28,7 @@ from yarnscale.shell.mesh import TriangleMesh
 
 TOLERANCE = 1e-8
 """Of the residual, relative to the forces that hold the shell."""
-EXACT_FIRST = ShiftRule(
-    start=0.0, lowest=1e-6, highest=1.0, growth=2.0, least=0.125, decay=0.2, lowest_is_zero=True
-)
+EXACT_FIRST = ShiftRule(start=0.0, lowest=1e-6, highest=1.0, growth=2.0, least=0.125, decay=0.2, lowest_is_zero=True)
 """From the exact Hessian (0) towards the positive model (1) only where it is needed: starts are near."""
 
 
@@ -146,9 +144,7 @@ class HeldShell:
             found.append(self.derivatives(material, positions, measured, constants) if converged else none)
         return np.array(found)
 
-    def _gradients_by(
-        self, material: DirectionalMaterial, linear: Linearisation, constants: Sequence[str]
-    ) -> Array:
+    def _gradients_by(self, material: DirectionalMaterial, linear: Linearisation, constants: Sequence[str]) -> Array:
         """Gradient of dE/d(constant), (constants, 3nv)."""
         elements = self.energy.elements
         forms = elements.forms(linear.positions)

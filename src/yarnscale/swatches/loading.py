@@ -132,9 +132,7 @@ def _unloading(force: Array, length: Array, top: int) -> Unloading | None:
     return Unloading(force[top::every], length[top::every], lost)
 
 
-def _branch(
-    force: Array, length: Array, largest_force: float, cycle: Cycle
-) -> tuple[int, int, int, list[str]]:
+def _branch(force: Array, length: Array, largest_force: float, cycle: Cycle) -> tuple[int, int, int, list[str]]:
     """First reading and end of the loading, end of the unloading that follows, and what is said of the rest."""
     edges = np.unique(np.linspace(0, len(force), min(len(force), _BLOCKS) + 1).astype(int))
     sizes = np.diff(edges)
@@ -160,9 +158,7 @@ def _branch(
     back = max(end, int(edges[backs[chosen] + 1]))
     remarks = []
     if len(found) > 1 and (np.diff(found, axis=1) > 1).sum() > 1:
-        remarks.append(
-            f"of {len(found)} loadings the {_ordinal(chosen)} is used ({cycle} one to the full force)"
-        )
+        remarks.append(f"of {len(found)} loadings the {_ordinal(chosen)} is used ({cycle} one to the full force)")
     elif high + 1 < len(force) and force[high + 1 :].min() < _REACHED * tops[chosen]:
         remarks.append(f"{edges[-1] - end} readings after the loading (unloading or break) are left out")
     return begin, end, back, remarks
@@ -199,12 +195,8 @@ def _binned(columns: list[Array], rising: Array, longer: Array) -> tuple[list[Ar
     """Averages of the columns in bins of equal progress, force first; few readings stay as they are."""
     if len(rising) <= _BINS:
         return columns, np.ones(len(rising))
-    progress = np.add(
-        *((values - values[0]) / max(values[-1] - values[0], 1e-300) for values in (rising, longer))
-    )
-    _, place, counts = np.unique(
-        (progress * (_BINS / 2.0001)).astype(int), return_inverse=True, return_counts=True
-    )
+    progress = np.add(*((values - values[0]) / max(values[-1] - values[0], 1e-300) for values in (rising, longer)))
+    _, place, counts = np.unique((progress * (_BINS / 2.0001)).astype(int), return_inverse=True, return_counts=True)
     return [np.bincount(place, column) / counts for column in columns], counts.astype(np.float64)
 
 

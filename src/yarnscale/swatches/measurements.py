@@ -86,9 +86,7 @@ class StretchRun:
             if (array < 0).any() or (name != "force" and (array == 0).any()):
                 raise InputError(f"{name} of {where}", expected="positive numbers", found=f"{array.min():g}")
             if len(array) != len(self.force):
-                raise InputError(
-                    f"{name} of {where}", expected=f"{len(self.force)} readings", found=len(array)
-                )
+                raise InputError(f"{name} of {where}", expected=f"{len(self.force)} readings", found=len(array))
         if len(self.force) < 3:
             raise InputError(f"readings of {where}", expected="3 or more", found=len(self.force))
         falls = np.flatnonzero(np.diff(self.force) < 0)
@@ -98,9 +96,7 @@ class StretchRun:
                 found=f"{self.force[falls[0] + 1]:g} N after {self.force[falls[0]]:g} N",
             )  # fmt: skip
         if not self.force[-1] > self.force[0]:
-            raise InputError(
-                f"force of {where}", expected="force that grows", found=f"{self.force[0]:g} N throughout"
-            )
+            raise InputError(f"force of {where}", expected="force that grows", found=f"{self.force[0]:g} N throughout")
 
     @cached_property
     def rest_length(self) -> float:
@@ -163,9 +159,7 @@ class StretchCurve:
             np.interp(grid, self.load, self.stretch),
             np.interp(grid, self.load, self.stretch_spread),
         )
-        return StretchCurve(
-            self.direction, grid, stretch, spread, cut(self.contraction), cut(self.contraction_spread)
-        )
+        return StretchCurve(self.direction, grid, stretch, spread, cut(self.contraction), cut(self.contraction_spread))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +175,7 @@ class StretchTest:
 
     def __post_init__(self) -> None:
         if not self.runs:
-            raise InputError(
-                f"stretch test along {self.direction.value}", expected="one or more runs", found="none"
-            )
+            raise InputError(f"stretch test along {self.direction.value}", expected="one or more runs", found="none")
         positive("swatch width", self.swatch_width, LENGTH)
 
     @property
@@ -276,9 +268,7 @@ class BiaxialTest:
     def up_to(self, load: float, states: int) -> BiaxialTest:
         """At most so many states, evenly spaced in their order, whose larger load is no larger [N/m]."""
         within = np.flatnonzero((self.load.max(axis=1) <= load) & (self.load.max(axis=1) > 0))
-        chosen = (
-            np.unique(within[np.linspace(0, len(within) - 1, states).astype(int)]) if len(within) else within
-        )
+        chosen = np.unique(within[np.linspace(0, len(within) - 1, states).astype(int)]) if len(within) else within
         return BiaxialTest(self.stretch[chosen], self.load[chosen])
 
 
@@ -355,14 +345,10 @@ class SwatchMeasurements:
         if self.area_density is not None:
             positive("area_density", self.area_density, "a positive number [kg/m²]")
         if self.bend and self.area_density is None:
-            raise InputError(
-                where, expected="area_density with bend tests: loops hang by their weight", found="none"
-            )
+            raise InputError(where, expected="area_density with bend tests: loops hang by their weight", found="none")
         total = sum(yarn.mass_share for yarn in self.yarns)
         if self.yarns and abs(total - 1) > 0.02:
-            raise InputError(
-                f"mass_share of the yarns of '{self.name}'", expected="a sum of 1", found=f"{total:g}"
-            )
+            raise InputError(f"mass_share of the yarns of '{self.name}'", expected="a sum of 1", found=f"{total:g}")
 
     @property
     def stiffest_yarn(self) -> float | None:

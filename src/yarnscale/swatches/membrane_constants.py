@@ -187,9 +187,7 @@ class StiffeningUnknowns:
     def material(self, unknowns: Array, *, density: float = 0.2) -> DirectionalMaterial:
         """The material without bending."""
         constants = (float(k) for k in self.constants(unknowns))
-        return StiffeningMaterial(
-            *constants, log_area=_LEAST_LOG_AREA * self.scales.reference, density=density
-        )
+        return StiffeningMaterial(*constants, log_area=_LEAST_LOG_AREA * self.scales.reference, density=density)
 
 
 Unknowns = OrthotropicUnknowns | StiffeningUnknowns

@@ -111,9 +111,7 @@ class YarnObjective:
         if self.weights.bending <= 0:
             return np.empty(0)
         directions = [bend.direction for bend in self.data.bending]
-        return (
-            bending_stiffness(rested.cell, directions) if rested.relaxed else np.full(len(directions), np.nan)
-        )
+        return bending_stiffness(rested.cell, directions) if rested.relaxed else np.full(len(directions), np.nan)
 
     def _bent(self, stiffness: Array) -> Array:
         """ln(k/k̂): k_b ranges over decades, and by ratios stiff yarns count no more than soft ones, (k,)."""
@@ -126,9 +124,7 @@ class YarnObjective:
 
     def _residuals(self, target: UniformCurve, curve: YarnCurve) -> Array:
         stress = curve.stress / (1.0 + target.stretch) - target.second_stress
-        residuals = self._scaled(target, stress[:, None], (curve.contraction - target.contraction)[:, None])[
-            :, 0
-        ]
+        residuals = self._scaled(target, stress[:, None], (curve.contraction - target.contraction)[:, None])[:, 0]
         good = np.tile(curve.converged, len(residuals) // len(curve.converged))
         failed = FAILED / np.sqrt(self._samples)
         return np.where(good, np.clip(np.nan_to_num(residuals), -failed, failed), failed)
@@ -178,8 +174,6 @@ def coarser(data: UniformData, samples: int) -> UniformData:
             return PchipInterpolator(np.append(0.0, old), np.append(0.0, values))(stretch)
 
         curves.append(
-            replace(
-                curve, stretch=stretch, stress=between(curve.stress), contraction=between(curve.contraction)
-            )
+            replace(curve, stretch=stretch, stress=between(curve.stress), contraction=between(curve.contraction))
         )
     return replace(data, curves=tuple(curves))

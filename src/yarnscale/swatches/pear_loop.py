@@ -109,9 +109,7 @@ class PearLoop:
         by_positions[:, 1:] = by_line[self._line] * self._share[:, None]
         return Measure(height / width, by_positions)
 
-    def derivatives(
-        self, material: DirectionalMaterial, response: LoopResponse, constants: Sequence[str]
-    ) -> Array:
+    def derivatives(self, material: DirectionalMaterial, response: LoopResponse, constants: Sequence[str]) -> Array:
         """d(ratio)/d(constants), shape (n, constants); NaN for loops that did not converge."""
         states = zip(response.positions, response.converged, strict=True)
         return self.shell.derivatives_of(material, states, lambda x: [self.measure(x)], constants)[:, 0]
@@ -168,9 +166,7 @@ def _loop(along: Array, distance: float) -> Array:
         return np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)])
 
     if not 0 < distance < 2 / math.pi:
-        raise InputError(
-            "distance of the clamps", expected="less than 2/π of the length", found=f"{distance:g} of it"
-        )
+        raise InputError("distance of the clamps", expected="less than 2/π of the length", found=f"{distance:g} of it")
     swell = brentq(lambda swell: path(swell)[-1, 0] - distance, 0.0, 1.5)
     points = path(swell)  # pyright: ignore[reportArgumentType]
     inside = np.clip(along, 0.0, 1.0)
@@ -191,7 +187,5 @@ def _peak(values: Array) -> tuple[float, Array]:
     turns = spline.derivative().roots(extrapolate=False)
     places = np.append(turns, np.argmax(values))
     place = float(places[np.argmax(spline(places))])
-    weights = CubicSpline(np.arange(count), np.eye(count))(
-        place
-    )  # the place is best: moving it changes nothing
+    weights = CubicSpline(np.arange(count), np.eye(count))(place)  # the place is best: moving it changes nothing
     return float(weights @ values), weights

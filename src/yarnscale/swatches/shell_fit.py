@@ -115,9 +115,7 @@ class ShellFit:
     @property
     def contraction_error(self) -> float | None:
         """Mean error of the contraction over its mean, all measured directions together; None without any."""
-        pairs = [
-            (c.contraction, c.measured_contraction) for c in self.curves if c.measured_contraction is not None
-        ]
+        pairs = [(c.contraction, c.measured_contraction) for c in self.curves if c.measured_contraction is not None]
         return mean_error(pairs) if pairs else None
 
 
@@ -238,9 +236,7 @@ class _Problem:
 
     def residuals(self, unknowns: Array) -> Array:
         parts = []
-        for target, response, swatch in zip(
-            self.targets, self._respond(unknowns), self.swatches, strict=True
-        ):
+        for target, response, swatch in zip(self.targets, self._respond(unknowns), self.swatches, strict=True):
             part = self._differences(target, response.force / swatch.width, response.contraction)
             states = np.tile(response.converged, len(part) // len(response.converged))
             parts.append(np.where(states, part, _FAILED))
@@ -256,14 +252,10 @@ class _Problem:
         """The best of several fits of uniform strips."""
         low, high = self.unknowns.bounds
         best = None
-        for draw in (
-            np.random.default_rng(0).normal(size=(_STARTS, len(low))) * np.arange(_STARTS)[:, None] / _STARTS
-        ):
+        for draw in np.random.default_rng(0).normal(size=(_STARTS, len(low))) * np.arange(_STARTS)[:, None] / _STARTS:
             start = self.unknowns.prior + draw * self.unknowns.draws
             found = least_squares(
-                lambda x: np.concatenate(
-                    [self._uniform(x, 1.0, 1.0)[0], self._biaxial(x)[0], self._prior(x)]
-                ),
+                lambda x: np.concatenate([self._uniform(x, 1.0, 1.0)[0], self._biaxial(x)[0], self._prior(x)]),
                 np.clip(start, low + 1e-3, high - 1e-3),
                 jac=lambda x: np.vstack(  # pyright: ignore
                     [self._uniform(x, 1.0, 1.0)[1], self._biaxial(x)[1], np.diag(self.prior_weights)]
@@ -310,9 +302,7 @@ class _Problem:
         load = biaxial(material, self.biaxial.stretch)
         slopes = biaxial_sensitivity(material, self.biaxial.stretch, self.unknowns.names)
         scale = 1.0 / np.sqrt(len(self.targets) * load.size) / self.mean_load
-        return scale * (load - self.biaxial.load).ravel(), scale * slopes.reshape(
-            -1, slopes.shape[-1]
-        ) @ chain
+        return scale * (load - self.biaxial.load).ravel(), scale * slopes.reshape(-1, slopes.shape[-1]) @ chain
 
     def curves(self, unknowns: Array) -> tuple[FittedCurve, ...]:
         responses = self._respond(unknowns)
@@ -340,9 +330,7 @@ class _Problem:
     def _sensitivity(self, unknowns: Array) -> Array:
         """d(differences)/d(unknowns)."""
         material, rows = self.unknowns.material(unknowns, density=self.density), []
-        for target, response, swatch in zip(
-            self.targets, self._respond(unknowns), self.swatches, strict=True
-        ):
+        for target, response, swatch in zip(self.targets, self._respond(unknowns), self.swatches, strict=True):
             derivatives = swatch.derivatives(material, response, self.unknowns.names)
             derivatives = np.nan_to_num(derivatives)
             scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))

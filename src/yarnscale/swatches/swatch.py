@@ -110,9 +110,7 @@ class StretchSwatch:
         nothing = np.zeros_like(positions)
         return Measure(force, nothing, pulled), Measure(contraction, -self._gauge / self.gauge_width)
 
-    def derivatives(
-        self, material: DirectionalMaterial, response: StretchResponse, constants: Sequence[str]
-    ) -> Array:
+    def derivatives(self, material: DirectionalMaterial, response: StretchResponse, constants: Sequence[str]) -> Array:
         """d(force [N], contraction)/d(constants), shape (n, 2, constants); NaN for states that did not converge."""
         states = zip(response.positions, response.converged, strict=True)
         return self.shell.derivatives_of(material, states, lambda x: self.measures(material, x), constants)

@@ -28,9 +28,7 @@ def uniaxial(material: ShellMaterial, angle: float, stretches: Array) -> tuple[A
         _, gradient, hessian = _derivatives(material, angle, along, across)
         curvature = hessian[:, 1, 1]
         # Where the energy is not convex, downhill by a tenth.
-        step = np.where(
-            curvature > 0, -gradient[:, 1] / np.maximum(curvature, 1e-300), -0.1 * np.sign(gradient[:, 1])
-        )
+        step = np.where(curvature > 0, -gradient[:, 1] / np.maximum(curvature, 1e-300), -0.1 * np.sign(gradient[:, 1]))
         step = np.clip(step, -0.2 * across, 0.2 * across)
         across = across + step
         if np.abs(step).max(initial=0.0) < 1e-13:
@@ -76,9 +74,7 @@ def _start(material: ShellMaterial, angle: float, along: Array) -> Array:
     return _ACROSS[np.argmin(energy.reshape(len(along), -1), axis=1)]
 
 
-def _derivatives(
-    material: ShellMaterial, angle: float, along: Array, across: Array
-) -> tuple[Array, Array, Array]:
+def _derivatives(material: ShellMaterial, angle: float, along: Array, across: Array) -> tuple[Array, Array, Array]:
     """ψ (n,) and its derivatives by the lengths along and across, (n, 2) and (n, 2, 2)."""
     c, s = math.cos(angle), math.sin(angle)
     # I = along² u uᵀ + across² v vᵀ, by the entries I11, I12, I22.
@@ -94,8 +90,6 @@ def _derivatives(
     basis = np.stack([of_along, of_across])
     slope = gradient[:3].T @ basis.T
     lengths = np.column_stack([along, across])
-    hessian = (
-        4 * np.einsum("ai,nij,bj->nab", basis, second, basis) * lengths[:, :, None] * lengths[:, None, :]
-    )
+    hessian = 4 * np.einsum("ai,nij,bj->nab", basis, second, basis) * lengths[:, :, None] * lengths[:, None, :]
     hessian[:, [0, 1], [0, 1]] += 2 * slope
     return energy, 2 * lengths * slope, hessian

@@ -99,8 +99,7 @@ class UniformErrors:
         """Numbers by name; None where no state is at rest."""
         numbers = {"comfort": self.comfort, "full": self.full, "compression": self.compression}
         values: dict[str, object] = {
-            name: value if value is not None and np.isfinite(value) else None
-            for name, value in numbers.items()
+            name: value if value is not None and np.isfinite(value) else None for name, value in numbers.items()
         }
         if self.directions:
             values["directions"] = {along.value: part.summary() for along, part in self.directions.items()}

@@ -218,8 +218,7 @@ class FabricEstimate:
             return 0.0
         own = {curve.direction: curve for curve in without_own_clamps(self.cloth).curves}
         return max(
-            float(np.abs(own[c.direction].stress / c.stress - 1.0)[c.comfort].max())
-            for c in self.measured.curves
+            float(np.abs(own[c.direction].stress / c.stress - 1.0)[c.comfort].max()) for c in self.measured.curves
         )
 
     @property
@@ -271,13 +270,9 @@ class FabricEstimate:
         if narrow := [t.direction.value for t in tests if t.curve.contraction is None]:
             found.append(f"contraction along {', '.join(narrow)}: no width was measured")
         if not self.bending:
-            found.append(
-                "bending: it was not measured, so it follows from the yarn that the tensile curves suggest"
-            )
+            found.append("bending: it was not measured, so it follows from the yarn that the tensile curves suggest")
         if self.measurements.area_density is None and self.measurements.yarn_count is None:
-            found.append(
-                "mass of the yarn: neither the fabric nor its yarn was weighed, so its density is assumed"
-            )
+            found.append("mass of the yarn: neither the fabric nor its yarn was weighed, so its density is assumed")
         if self.measurements.known.stitch_area is None and self.measurements.known.yarn_in_stitch is None:
             found.append("size of the stitches: neither stitch density nor loop length was measured")
         return tuple(found)
@@ -310,8 +305,7 @@ class FabricEstimate:
             if self.bending
             else None,
             "bending_rigidity": {
-                along.value: {"estimated": own, "measured": measured}
-                for along, (own, measured) in self.bending.items()
+                along.value: {"estimated": own, "measured": measured} for along, (own, measured) in self.bending.items()
             },
             "solves": fit.solves,
             "seconds": fit.seconds + self.shell.membrane.seconds,
@@ -359,9 +353,7 @@ def fit_fabric(
     check_bending(measurements, weights)
     shell = fit_shell(measurements.only(*fitted), model=shell_model)
     data = shell.uniform_data(follow=follow)
-    fit = fit_yarn(
-        model, data, options=options, weights=weights, executor=executor, store=store, progress=progress
-    )
+    fit = fit_yarn(model, data, options=options, weights=weights, executor=executor, store=store, progress=progress)
     measured = shell.uniform_data(follow="measured")
     held_out = None
     if holdout is not None:

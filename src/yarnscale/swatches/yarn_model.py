@@ -77,9 +77,7 @@ class YarnModel:
 
     def __post_init__(self) -> None:
         if self.pattern.yarn_radius is not None:
-            raise InputError(
-                f"pattern '{self.pattern.name}'", expected="yarns of one radius", found="several radii"
-            )
+            raise InputError(f"pattern '{self.pattern.name}'", expected="yarns of one radius", found="several radii")
         positive("stiffness k_s2 of the yarn", self.stiffness, "a positive force [N]")
 
     @property
@@ -140,9 +138,7 @@ class YarnModel:
             kernel="est2022", weights="simpson", outer_radius_ratio=outer / radius,
             inner_radius_ratio=INNER_RADIUS, inner_stiffness=INNER_STIFFNESS,
         )  # fmt: skip
-        base = YarnMaterial(
-            1.0, 1.0, 1.0, contact, self.density, name="estimated", contact=rule, stretch=stretch
-        )
+        base = YarnMaterial(1.0, 1.0, 1.0, contact, self.density, name="estimated", contact=rule, stretch=stretch)
         return base.with_stiffnesses(radius, stretch=soft, bending=bending, twist=TWIST_SHARE * bending)
 
     def cell(self, values: Array) -> PeriodicCell:
@@ -152,9 +148,7 @@ class YarnModel:
             aspect, shortening = (float(value) for value in values[5:7])
             pattern = reshaped(pattern, aspect)
             pattern = replace(pattern, rest_length=pattern.rest_length * (1.0 - shortening))
-        return PeriodicCell(pattern, self.material(values)).with_options(
-            tolerance=TOLERANCE, max_iterations=ITERATIONS
-        )
+        return PeriodicCell(pattern, self.material(values)).with_options(tolerance=TOLERANCE, max_iterations=ITERATIONS)
 
     def draw_in(self, values: Array) -> float | None:
         """How far the fabric draws in before its rest shape is estimated; None for drawings of known shape."""

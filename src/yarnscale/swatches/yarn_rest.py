@@ -180,9 +180,7 @@ def drawn_in(cell: PeriodicCell, share: float, stages: _Stages | None = None) ->
 
 def _set(pattern: YarnPattern, share: float) -> YarnPattern:
     """The pattern whose yarns have a share of their rest curvature and twist."""
-    return replace(
-        pattern, rest_curvature=share * pattern.rest_curvature, rest_twist=share * pattern.rest_twist
-    )
+    return replace(pattern, rest_curvature=share * pattern.rest_curvature, rest_twist=share * pattern.rest_twist)
 
 
 def _released(cell: PeriodicCell, stages: _Stages, matrix: Array | None = None) -> Release:

@@ -30,9 +30,7 @@ class ClosestApproach:
     tile: tuple[int, int] = (0, 0)
 
 
-def closest_approach(
-    pattern: YarnPattern, *, within: float | None = None, own: float | None = None
-) -> ClosestApproach:
+def closest_approach(pattern: YarnPattern, *, within: float | None = None, own: float | None = None) -> ClosestApproach:
     """The smallest distance between centre lines of segments that are not neighbours along a yarn.
 
     All periodic images within `within` [m] (default: four radii) are searched. Segments of one yarn are neighbours

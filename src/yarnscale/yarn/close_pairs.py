@@ -98,9 +98,7 @@ def _find(
     if moving:
         common /= max((ends >= 0).sum(), 1)
         for k in range(segments):
-            own = (
-                (pace[k, 0] - common[0]) ** 2 + (pace[k, 1] - common[1]) ** 2 + (pace[k, 2] - common[2]) ** 2
-            )
+            own = (pace[k, 0] - common[0]) ** 2 + (pace[k, 1] - common[1]) ** 2 + (pace[k, 2] - common[2]) ** 2
             size[k] += np.sqrt(own)
     low, high, longest = np.full(3, np.inf), np.full(3, -np.inf), 0.0
     for k in range(n):
@@ -151,9 +149,7 @@ def _find(
                     if ordered:
                         if g == i:
                             continue
-                    elif j < i or (
-                        j == i and (tiles[tile, 0] < 0 or (tiles[tile, 0] == 0 and tiles[tile, 1] <= 0))
-                    ):
+                    elif j < i or (j == i and (tiles[tile, 0] < 0 or (tiles[tile, 0] == 0 and tiles[tile, 1] <= 0))):
                         continue
                     if (
                         yarn[i] == yarn[j]

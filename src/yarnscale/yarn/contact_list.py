@@ -88,9 +88,7 @@ class ContactList:
         """List pairs anew."""
         self._last = None
 
-    def pairs_within(
-        self, positions: Array, reach: float, *, moves: Array | None = None
-    ) -> tuple[Integers, Integers]:
+    def pairs_within(self, positions: Array, reach: float, *, moves: Array | None = None) -> tuple[Integers, Integers]:
         """Close pairs; those that only meet because a strongly bent cell rolls through itself are left out.
 
         Copies are those of an endless periodic surface: more than half a turn apart, two of them are near in space only

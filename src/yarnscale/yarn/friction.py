@@ -28,9 +28,7 @@ def _rub(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
     slip = (1 - s) * v["a0"] + s * v["a1"] - (1 - t) * v["b0"] - t * v["b1"] - p["offset"]
     across = slip - p["normal"] * ca.dot(p["normal"], slip)
     square, limit = ca.dot(across, across), p["smooth"] ** 2
-    return p["grip"] * (
-        0.5 * ca.fmin(square, limit) / p["smooth"] + ca.sqrt(ca.fmax(square, limit)) - p["smooth"]
-    )
+    return p["grip"] * (0.5 * ca.fmin(square, limit) / p["smooth"] + ca.sqrt(ca.fmax(square, limit)) - p["smooth"])
 
 
 FRICTION = StencilEnergy(
@@ -64,9 +62,7 @@ class Rubbing:
     def of(cls, contacts: StencilSet, x: Array) -> Rubbing:
         """The pairs of contact stencils that press at a state."""
         if contacts.count == 0:
-            return cls(
-                np.empty((0, 12), np.int64), np.empty((0, 2)), np.empty((0, 3)), np.empty(0), np.empty(0)
-            )
+            return cls(np.empty((0, 12), np.int64), np.empty((0, 2)), np.empty((0, 3)), np.empty(0), np.empty(0))
         columns = run_columns(contacts.energy.gradient, x[contacts.variables], contacts.parameters)
         force = columns[1].reshape(-1, 4, 3)
         push = force[:, 0] + force[:, 1]
@@ -118,9 +114,7 @@ class YarnFriction:
         parameters = np.column_stack([pairs.place, offset, pairs.normal, grip, smooth])
         return StencilSet(FRICTION, pairs.variables, parameters, 4)
 
-    def slowed(
-        self, velocity: Array, yielding: Array, contacts: StencilSet, x: Array, duration: float
-    ) -> Array:
+    def slowed(self, velocity: Array, yielding: Array, contacts: StencilSet, x: Array, duration: float) -> Array:
         """Velocities (n, 3) after the friction of an explicit step [s] whose pressures are those at a state.
 
         yielding: (n,) one over the mass of every vertex, 0 for those that are led.

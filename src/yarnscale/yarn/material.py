@@ -135,13 +135,9 @@ class YarnMaterial:
         if not isinstance(self.name, str):
             raise InputError("name must be text", expected="a string", found=repr(self.name))
         if not isinstance(self.contact, ContactRule):
-            raise InputError(
-                "contact must be a contact rule", expected="ContactRule", found=repr(self.contact)
-            )
+            raise InputError("contact must be a contact rule", expected="ContactRule", found=repr(self.contact))
         if not isinstance(self.stretch, StretchRule):
-            raise InputError(
-                "stretch must be a stretch rule", expected="StretchRule", found=repr(self.stretch)
-            )
+            raise InputError("stretch must be a stretch rule", expected="StretchRule", found=repr(self.stretch))
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={getattr(self, name):.4g}" for name in NUMBERS)
@@ -184,20 +180,12 @@ class YarnMaterial:
         """
         section = math.pi * radius**2
         young = (
-            self.young_modulus
-            if stretch is None
-            else _number("stretch stiffness", stretch, positive=True) / section
+            self.young_modulus if stretch is None else _number("stretch stiffness", stretch, positive=True) / section
         )
         k_b = (
-            self.bending_stiffness(radius)
-            if bending is None
-            else _number("bending stiffness", bending, positive=False)
+            self.bending_stiffness(radius) if bending is None else _number("bending stiffness", bending, positive=False)
         )
-        k_t = (
-            self.twist_stiffness(radius)
-            if twist is None
-            else _number("twist stiffness", twist, positive=False)
-        )
+        k_t = self.twist_stiffness(radius) if twist is None else _number("twist stiffness", twist, positive=False)
         scale = 4.0 * k_b / (young * section * radius**2)
         if scale == 0.0:
             if k_t != 0.0:
@@ -210,9 +198,7 @@ class YarnMaterial:
     def preset(cls, name: str) -> YarnMaterial:
         """A named material, see `PRESETS`; InputError listing the names for any other."""
         if name not in PRESETS:
-            raise InputError(
-                "unknown material preset", expected=", ".join(PRESETS), found=misspelt(name, PRESETS)
-            )
+            raise InputError("unknown material preset", expected=", ".join(PRESETS), found=misspelt(name, PRESETS))
         return PRESETS[name]
 
 
@@ -228,9 +214,7 @@ def _number(field_name: str, value: object, *, positive: bool) -> float:
         try:
             value = float(value.item())  # type: ignore[attr-defined]
         except (AttributeError, TypeError, ValueError):
-            raise InputError(
-                f"{field_name} must be a number", expected="a number", found=repr(value)
-            ) from None
+            raise InputError(f"{field_name} must be a number", expected="a number", found=repr(value)) from None
     try:
         number = float(value)  # type: ignore[arg-type]
     except OverflowError:
@@ -254,9 +238,7 @@ def _integer(field_name: str, value: object, least: int, most: int) -> None:
         raise InputError(f"{field_name} is out of range", expected=f"{least} to {most}", found=value)
 
 
-def _published(
-    name: str, young: float, shear: float, scale: float, contact: float, density: float
-) -> YarnMaterial:
+def _published(name: str, young: float, shear: float, scale: float, contact: float, density: float) -> YarnMaterial:
     """One column of HYLC20 Table 1, with the contact convention of the published energies."""
     neighbours = 4 if name == "satin-small" else 3
     rule = ContactRule(neighbours=neighbours)

@@ -147,11 +147,7 @@ def _remainder(tile: Integers, first: Integers, second: Integers) -> tuple[int, 
 
 @numba.njit(**_JIT)
 def _triple(u, v, w):
-    return (
-        u[0] * (v[1] * w[2] - v[2] * w[1])
-        + u[1] * (v[2] * w[0] - v[0] * w[2])
-        + u[2] * (v[0] * w[1] - v[1] * w[0])
-    )
+    return u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) + u[2] * (v[0] * w[1] - v[1] * w[0])
 
 
 @numba.njit(**_JIT)
@@ -206,9 +202,7 @@ def pair_passages(before, after, ends, first, second):
             s, r = (uv * ww - uw * vw) / skew, (uw * uv - uu * vw) / skew
             if 0.0 <= s < 1.0 and 0.0 <= r < 1.0:
                 gap = s * u - v - r * w
-                if np.sum(gap * gap) > _MEETING * (
-                    uu + ww
-                ):  # side by side: coplanar all the time, but for round-off
+                if np.sum(gap * gap) > _MEETING * (uu + ww):  # side by side: coplanar all the time, but for round-off
                     continue
                 if found == out.shape[0]:
                     out = np.concatenate((out, np.empty((found, 6))))

@@ -81,9 +81,7 @@ class YarnPattern:
         vertices = np.asarray(self.vertices)
         n = vertices.shape[0] if vertices.ndim == 2 else 0
         if n == 0:
-            raise InputError(
-                "vertices must be a non-empty table", expected="shape (n, 3)", found=vertices.shape
-            )
+            raise InputError("vertices must be a non-empty table", expected="shape (n, 3)", found=vertices.shape)
         shapes = {
             "vertices": (n, 3),
             "twist": (n,),
@@ -119,8 +117,7 @@ class YarnPattern:
         if self.radius > LARGEST_RADIUS_OVER_PERIOD * self.period.min():
             raise InputError(
                 "radius is too large for the period",
-                expected=f"at most {LARGEST_RADIUS_OVER_PERIOD:g} times the smaller period "
-                f"{self.period.min():g} m",
+                expected=f"at most {LARGEST_RADIUS_OVER_PERIOD:g} times the smaller period {self.period.min():g} m",
                 found=f"{self.radius:g} m",
             )
         edge = self.edge_vectors()

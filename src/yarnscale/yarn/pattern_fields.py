@@ -56,9 +56,7 @@ def edge_array(value: object, n: int) -> np.ndarray:
         )
     incoming = np.bincount(edges[:, 1], minlength=n)
     if (bad := first_true(incoming != 1)) is not None:
-        raise InputError(
-            f"vertex {bad} must have one incoming edge", expected="1 edge", found=f"{incoming[bad]} edges"
-        )
+        raise InputError(f"vertex {bad} must have one incoming edge", expected="1 edge", found=f"{incoming[bad]} edges")
     if np.abs(edges[:, 2:]).max() > 10_000:
         raise InputError("edges reach too many tiles away", expected="|dx|, |dy| ≤ 10000")
     return edges
@@ -89,9 +87,7 @@ def radius_array(value: object, radius: float, yarns: int) -> np.ndarray | None:
     array = float_array("yarn_radius", value, (yarns,))
     check_length("yarn_radius", array)
     if abs(array.max() - radius) > 1e-9 * radius:
-        raise InputError(
-            "radius must be the largest of yarn_radius", expected=f"{array.max():g} m", found=radius
-        )
+        raise InputError("radius must be the largest of yarn_radius", expected=f"{array.max():g} m", found=radius)
     return None if (array == radius).all() else array
 
 

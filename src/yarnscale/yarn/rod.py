@@ -126,9 +126,7 @@ def _anchor_kernel() -> Kernel:
     end = _unit(edge)
     anchor = ca.vertcat(end, _transport(director, tangent, end))
     slope = ca.jacobian(anchor, ca.vertcat(edge, tangent, director))
-    function = ca.Function(
-        "anchor", [edge, tangent, director], [anchor, ca.vec(ca.densify(slope).T)], {"cse": True}
-    )
+    function = ca.Function("anchor", [edge, tangent, director], [anchor, ca.vec(ca.densify(slope).T)], {"cse": True})
     return compile_kernel(function, "anchor")
 
 

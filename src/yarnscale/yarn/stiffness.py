@@ -92,9 +92,7 @@ def materials_of(pattern: Yarns, material: Materials) -> tuple[YarnMaterial, ...
     given = tuple(material)
     for k, entry in enumerate(given):
         if not isinstance(entry, YarnMaterial):
-            raise WrongArgument(
-                f"material {k} is no yarn material", expected="YarnMaterial", found=repr(entry)
-            )
+            raise WrongArgument(f"material {k} is no yarn material", expected="YarnMaterial", found=repr(entry))
     asked = int(pattern.material_of_vertex.max()) + 1
     if len(given) != asked:
         raise InputError(
@@ -158,9 +156,7 @@ class PatternStiffness:
         soft = section * self._by_kind([m.stretch_stiffness(r) / force for m in self.materials])
         columns = [self.pattern.rest_length / r, soft]
         if self.stretch_energy is TWO_PHASE_STRETCH:
-            columns.append(
-                section * self._by_kind([m.stiff_stretch_stiffness(r) / force for m in self.materials])
-            )
+            columns.append(section * self._by_kind([m.stiff_stretch_stiffness(r) / force for m in self.materials]))
             two_phase = [m.stretch.law == "two_phase" for m in self.materials]
             knees = [m.stretch.knee if w else 0.0 for m, w in zip(self.materials, two_phase, strict=True)]
             columns.append(self._by_kind(knees))

@@ -159,9 +159,7 @@ def test_layers_that_fall_on_each_other_stay_apart() -> None:
     positions[:, 2] += 6e-3
     cloth = Cloth(mesh, SOFT, contact=ContactSettings(friction=0.1), obstacles=(Plane(),))
     solver = ClothSolver(cloth)
-    run = simulate(
-        solver, ClothState(positions, np.zeros_like(positions)), Schedule(0.2, 0.01, to_rest=False)
-    )
+    run = simulate(solver, ClothState(positions, np.zeros_like(positions)), Schedule(0.2, 0.01, to_rest=False))
     assert run.converged
     heights = run.state.positions[:, 2]
     upper, lower = mesh.panel[:, 0] > 0.015, mesh.panel[:, 0] < -0.015

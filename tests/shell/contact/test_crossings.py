@@ -26,9 +26,7 @@ FLOOR = (np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array(
 def two_sheets(height: float) -> TriangleMesh:
     """Two triangles in the plane z = 0, and one upright that reaches down to a height over the middle of the first."""
     panel = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1], [3, 0], [4, 0], [3, 1]])
-    space = np.array(
-        [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.2, 0.3, 1], [0.2, 0.4, 1], [0.2, 0.3, height]]
-    )
+    space = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.2, 0.3, 1], [0.2, 0.4, 1], [0.2, 0.3, height]])
     return TriangleMesh(panel, np.array([[0, 1, 2], [2, 1, 3], [4, 5, 6]]), assembled=space)
 
 
@@ -42,12 +40,8 @@ def test_a_crossing_of_the_cloth_with_itself_has_triangles_and_a_place() -> None
     assert "self_contact" in found.remedy and "weld" not in found.remedy
     apart = two_sheets(0.1)
     assert not contact.intersects(apart.assembled) and contact.crossings(apart.assembled) == []
-    with pytest.raises(
-        InputError, match=r"do not cross; found triangles 0 and 2 of the cloth at \(0.2, 0.3, 0\)"
-    ):
-        simulate(
-            ClothSolver(Cloth(mesh, JERSEY, contact=ContactSettings())), ClothState.flat(mesh), Schedule(0.1)
-        )
+    with pytest.raises(InputError, match=r"do not cross; found triangles 0 and 2 of the cloth at \(0.2, 0.3, 0\)"):
+        simulate(ClothSolver(Cloth(mesh, JERSEY, contact=ContactSettings())), ClothState.flat(mesh), Schedule(0.1))
 
 
 def test_borders_at_the_same_place_are_to_be_sewn() -> None:

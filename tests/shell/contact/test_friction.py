@@ -55,9 +55,7 @@ def moved(obstacle: Obstacle, friction: float, down: np.ndarray, duration: float
     """Displacement [m] and speed [m/s] along ``down`` of a sheet laid on an obstacle."""
     mesh = rectangle(0.04, 0.04, 0.01)
     settings = ContactSettings(thickness=2e-3, friction=friction, self_contact=False)
-    solver = ClothSolver(
-        Cloth(mesh, JERSEY, contact=settings, obstacles=(obstacle,)), SolverOptions(tolerance=1e-5)
-    )
+    solver = ClothSolver(Cloth(mesh, JERSEY, contact=settings, obstacles=(obstacle,)), SolverOptions(tolerance=1e-5))
     start = laid(solver, mesh, down)
     run = simulate(solver, start, Schedule(duration, 0.01, to_rest=False))
     assert run.converged
@@ -67,9 +65,7 @@ def moved(obstacle: Obstacle, friction: float, down: np.ndarray, duration: float
 
 @pytest.mark.parametrize("kind", ["plane", "mesh"])
 @pytest.mark.parametrize("angle", [math.atan(0.3) - 0.03, math.atan(0.3) + 0.1, 0.6])
-def test_a_sheet_on_a_slope_sticks_below_the_angle_of_friction_and_slides_above(
-    kind: str, angle: float
-) -> None:
+def test_a_sheet_on_a_slope_sticks_below_the_angle_of_friction_and_slides_above(kind: str, angle: float) -> None:
     friction, duration = 0.3, 0.2
     down = np.array([math.cos(angle), 0.0, -math.sin(angle)])
     way, _ = moved(floor(kind, down), friction, down, duration)
@@ -150,9 +146,7 @@ def test_sticking_creates_no_energy(integrator: Literal["euler", "bdf2"]) -> Non
     assert (np.array(kinetic[2:]) <= np.array(kinetic[:-2]) + 1e-9 * kinetic[0]).all()
     assert kinetic[-1] < 1e-8 * kinetic[0]
     way = float((state.positions - start.positions).mean(axis=0)[0])
-    late = (
-        0.5 * 0.2 * 0.005 if integrator == "euler" else 0.0
-    )  # implicit Euler takes the speed of the end of a step
+    late = 0.5 * 0.2 * 0.005 if integrator == "euler" else 0.0  # implicit Euler takes the speed of the end of a step
     assert way == pytest.approx(0.2**2 / (2 * 0.5 * GRAVITY) - late, rel=0.03)
 
 
@@ -162,9 +156,7 @@ def test_a_belt_takes_a_sheet_along(kind: str) -> None:
     speed, friction, along = 0.2, 0.3, np.array([1.0, 0.0, 0.0])
     if kind == "turning ball":
         radius = 20.0  # flat for the sheet
-        motion = Motion(
-            rotation=(0.0, speed / radius, 0.0), pivot=(0.0, 0.0, -radius), duration=1.0, ease=False
-        )
+        motion = Motion(rotation=(0.0, speed / radius, 0.0), pivot=(0.0, 0.0, -radius), duration=1.0, ease=False)
         belt: Obstacle = Sphere((0.0, 0.0, -radius), radius, motion)
     else:
         belt = floor(kind, along, Motion((speed, 0.0, 0.0), duration=1.0, ease=False))
@@ -196,17 +188,11 @@ def test_a_strip_pulled_round_a_drum_follows_the_rope_law(friction: float) -> No
     ends = []
     for name, sign, way in (("pulled", 1.0, -0.014), ("followed", -1.0, 0.006)):
         held = np.flatnonzero(sign * along > 0.5 * length - 0.0036)
-        ends.append(
-            Handle(name, held, positions[held], Motion((0.0, 0.0, way), duration=duration, ease=False))
-        )
+        ends.append(Handle(name, held, positions[held], Motion((0.0, 0.0, way), duration=duration, ease=False)))
     settings = ContactSettings(friction=friction, self_contact=False)
-    cloth = Cloth(
-        mesh, JERSEY, tuple(ends), (0.0, 0.0, 0.0), settings, (MeshObstacle(corners, faces),), damping=20.0
-    )
+    cloth = Cloth(mesh, JERSEY, tuple(ends), (0.0, 0.0, 0.0), settings, (MeshObstacle(corners, faces),), damping=20.0)
     solver = ClothSolver(cloth)
-    run = simulate(
-        solver, ClothState(positions, np.zeros_like(positions)), Schedule(duration, 0.02, to_rest=False)
-    )
+    run = simulate(solver, ClothState(positions, np.zeros_like(positions)), Schedule(duration, 0.02, to_rest=False))
     assert run.converged
     pulled, followed = (-solver.pull(end, run.state)[2] for end in ends)
     # The strip lies on the drum in chords of 6 mm, 0.3 radians each.

@@ -186,9 +186,7 @@ def test_three_layers_rest_on_each_other() -> None:
     count = one.vertex_count
     turned = [one.panel @ rotation_matrix(np.array([0.0, 0.0, 0.4 * k]))[:2, :2].T for k in range(3)]
     panel = np.concatenate([layer + np.array([0.2 * k, 0.0]) for k, layer in enumerate(turned)])
-    assembled = np.concatenate(
-        [np.column_stack([turned[k], np.full(count, 2e-3 * (k + 1))]) for k in range(3)]
-    )
+    assembled = np.concatenate([np.column_stack([turned[k], np.full(count, 2e-3 * (k + 1))]) for k in range(3)])
     triangles = np.concatenate([one.triangles + k * count for k in range(3)])
     mesh = TriangleMesh(panel, triangles, assembled=assembled)
     cloth = Cloth(mesh, SOFT, contact=ContactSettings(friction=0.2), obstacles=(Plane(),), damping=5.0)
@@ -239,8 +237,7 @@ def test_bodies_that_would_meet_in_the_cloth_give_way(kind: str) -> None:
     motions = [Motion((0.0, 0.0, way), 0.0, 0.05) for way in (-4e-3, 4e-3)]
     if kind == "balls":
         bodies: tuple[Obstacle, ...] = tuple(
-            Sphere((0.0, 0.0, side * 0.033), 0.03, motion)
-            for side, motion in zip((1, -1), motions, strict=True)
+            Sphere((0.0, 0.0, side * 0.033), 0.03, motion) for side, motion in zip((1, -1), motions, strict=True)
         )
     else:
         points, faces = box(0.02, -3e-3)

@@ -113,9 +113,7 @@ def test_the_positive_model_is_above_the_exact_hessian_and_touches_it(is_corner:
         flat = vectors[:count].reshape(count, 12)
         model = (flat.T * sizes[:count]) @ flat
         step = 1e-6
-        exact = np.stack(
-            [(slope(x.ravel() + e) - slope(x.ravel() - e)) / (2 * step) for e in step * np.eye(12)]
-        )
+        exact = np.stack([(slope(x.ravel() + e) - slope(x.ravel() - e)) / (2 * step) for e in step * np.eye(12)])
         scale = np.abs(np.linalg.eigvalsh(exact)).max()
         assert np.linalg.eigvalsh(model - exact)[0] > -1e-5 * scale
         normal = c[:, None] * (c @ x) / d

@@ -28,9 +28,7 @@ def test_what_slid_keeps_the_slip_of_full_friction_across_the_normal() -> None:
     kept = ended_with(between, np.array([[3e-3, 4e-3, 0.0], [0.0, 5e-6, 0.0]]), 1e-5)
     np.testing.assert_allclose(kept.amounts, [[0.6, 0.8, 0.0], [0.0, 0.5, 0.0]], atol=1e-15)
     sideways = np.tile([1.0, 0.0, 0.0], (2, 1))
-    np.testing.assert_allclose(
-        begun_with(kept, between, sideways, 1.0), [[0, 0.8, 0], [0, 0.5, 0]], atol=1e-15
-    )
+    np.testing.assert_allclose(begun_with(kept, between, sideways, 1.0), [[0, 0.8, 0], [0, 0.5, 0]], atol=1e-15)
 
 
 def test_without_slips_every_contact_begins_without() -> None:

@@ -40,10 +40,7 @@ def test_a_flat_sheet_falls_with_its_terminal_speed() -> None:
     """Weight per area = drag v²; on the way to it v = v∞ tanh(g t / v∞)."""
     terminal = math.sqrt(CLOTH.density * 9.81 / 10.0)
     assert fall(0.0, 0.4)[2] == pytest.approx(-terminal, rel=1e-3)
-    early = [
-        abs(fall(0.0, 0.04, time_step=h)[2]) - terminal * math.tanh(9.81 * 0.04 / terminal)
-        for h in (0.01, 0.005)
-    ]
+    early = [abs(fall(0.0, 0.04, time_step=h)[2]) - terminal * math.tanh(9.81 * 0.04 / terminal) for h in (0.01, 0.005)]
     # The product of the speeds before and after a step stands for their square: of second order while steps are equal.
     assert 3.6 < early[0] / early[1] < 4.4
 

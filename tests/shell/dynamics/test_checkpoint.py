@@ -63,9 +63,7 @@ def test_from_every_checkpoint_the_end_is_the_same(to_rest: bool) -> None:
         assert outcome.status is whole.status and outcome.steps == whole.steps
         assert rest == list(range(place.frames, len(frames)))
         np.testing.assert_allclose(outcome.state.positions, whole.state.positions, atol=1e-6)
-        np.testing.assert_allclose(
-            outcome.state.velocities, whole.state.velocities, atol=1e-4 * max(speed, 1)
-        )
+        np.testing.assert_allclose(outcome.state.velocities, whole.state.velocities, atol=1e-4 * max(speed, 1))
         assert outcome.state.time == whole.state.time
 
 

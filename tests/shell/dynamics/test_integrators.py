@@ -113,9 +113,7 @@ def test_halved_steps_keep_the_history() -> None:
     side = np.flatnonzero(mesh.panel[:, 0] > 0.03 - 1e-9)
     flat = ClothState.flat(mesh).positions
     bar = Handle("bar", side, flat[side], Motion((0.05, 0.02, 0.03), 0.0, 0.04))
-    options = SolverOptions(
-        tolerance=1e-6, acceptable=1e-6, iterations=6, integrator="bdf2", minimiser="newton"
-    )
+    options = SolverOptions(tolerance=1e-6, acceptable=1e-6, iterations=6, integrator="bdf2", minimiser="newton")
     solver = ClothSolver(Cloth(mesh, fabric(), (bar,)), options)
     state, shortened = ClothState.flat(mesh), False
     for _ in range(4):
@@ -149,9 +147,7 @@ def test_damping_by_stiffness_is_that_of_the_damped_oscillator() -> None:
     damped = frequency * math.sqrt(1 - ratio**2)
     velocities[:, 0] = amplitude * damped * np.sin(math.pi * along / (2 * length))
     count, period = 60, 2 * math.pi / damped
-    run = simulate(
-        solver, ClothState(flat, velocities), Schedule(1.25 * period, period / count, to_rest=False)
-    )
+    run = simulate(solver, ClothState(flat, velocities), Schedule(1.25 * period, period / count, to_rest=False))
     tip = along > length - 1e-9
     moved = (run.state.positions[tip, 0] - flat[tip, 0]).mean() / amplitude
     # After 1¼ periods sin ω_d t = 1 again; the rule's own phase error is 3 % of a radian.

@@ -43,9 +43,7 @@ def test_steps_from_small_deformations_converge(robustness: ModuleType, material
     assert factors.positive > 0 and factors.failed == 0
 
 
-def test_steps_from_extreme_states_end_with_a_clear_status(
-    robustness: ModuleType, material: ShellMaterial
-) -> None:
+def test_steps_from_extreme_states_end_with_a_clear_status(robustness: ModuleType, material: ShellMaterial) -> None:
     count = 2 * len(robustness.EXTREMES)
     found, factors = robustness.outcomes(material, robustness.states(robustness.EXTREMES, count))
     assert set(found) <= {status.value for status in Status} and sum(found.values()) == count

@@ -42,9 +42,7 @@ def body(kind: str) -> Obstacle:
     return AnimatedMesh(np.array([0.0, 0.1, 0.2]), np.stack([points, low, points]), faces)
 
 
-def scene(
-    obstacle: Obstacle, *, schedule: Schedule, force: float = FORCE, integrator: str = "euler"
-) -> Scene:
+def scene(obstacle: Obstacle, *, schedule: Schedule, force: float = FORCE, integrator: str = "euler") -> Scene:
     """Cloth held along two edges, without weight, and a body that presses on it."""
     mesh = rectangle(0.1, 0.1, 0.02)
     start = ClothState.flat(mesh)
@@ -59,9 +57,7 @@ def scene(
 
 def ran(given: Scene, folder: Path, resume: Run | None = None) -> tuple[SceneResult, list[Run]]:
     kept: list[Run] = []
-    frames = FrameFolder(
-        folder, given.cloth.mesh, obstacles=given.cloth.obstacles, keep=resume.frames if resume else 0
-    )
+    frames = FrameFolder(folder, given.cloth.mesh, obstacles=given.cloth.obstacles, keep=resume.frames if resume else 0)
     return run_scene(given, on_frame=frames.write, on_checkpoint=kept.append, resume=resume), kept
 
 
@@ -70,9 +66,7 @@ def ran(given: Scene, folder: Path, resume: Run | None = None) -> tuple[SceneRes
     [("sphere", "euler"), ("sphere", "bdf2"), ("mesh", "euler"), ("animated", "euler")],
 )
 def test_a_body_that_gives_way_is_where_it_is(kind: str, integrator: str, tmp_path: Path) -> None:
-    given = scene(
-        body(kind), schedule=Schedule(0.2, 0.01, to_rest=False, frame_interval=0.02), integrator=integrator
-    )
+    given = scene(body(kind), schedule=Schedule(0.2, 0.01, to_rest=False, frame_interval=0.02), integrator=integrator)
     result, kept = ran(given, tmp_path / "whole")
     assert result.converged and not result.succeeded and result.intersections == 0
     (found,) = result.unfulfilled

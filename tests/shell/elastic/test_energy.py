@@ -97,9 +97,7 @@ def test_rigid_motion_gives_no_force() -> None:
     rotation *= np.sign(np.linalg.det(rotation))
     first, second = energy.linearise(positions), energy.linearise(positions @ rotation.T + 1.0)
     assert second.value == pytest.approx(first.value, rel=1e-10)
-    np.testing.assert_allclose(
-        second.gradient, first.gradient @ rotation.T, atol=1e-9 * np.abs(first.gradient).max()
-    )
+    np.testing.assert_allclose(second.gradient, first.gradient @ rotation.T, atol=1e-9 * np.abs(first.gradient).max())
     np.testing.assert_allclose(first.gradient.sum(axis=0), 0, atol=1e-12)
     torque = np.cross(positions, first.gradient).sum(axis=0)
     np.testing.assert_allclose(torque, 0, atol=1e-13)

@@ -40,8 +40,6 @@ def test_half_of_the_cloth_that_is_pulled_holds_all_energy_outside():
 
 def test_a_material_without_samples_says_nothing():
     assert (
-        out_of_range(
-            ShellEnergy(TriangleMesh(POINTS, TRIANGLES), JERSEY), np.column_stack([POINTS, np.zeros(6)])
-        )
+        out_of_range(ShellEnergy(TriangleMesh(POINTS, TRIANGLES), JERSEY), np.column_stack([POINTS, np.zeros(6)]))
         is None
     )

@@ -80,9 +80,7 @@ def test_turning_the_cloth_over_changes_the_sign_of_curvature() -> None:
 def random_state(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Positions (18, 8) and geometry (18, 8) of crumpled stencils with all that geometry may hold."""
     rng = np.random.default_rng(seed)
-    flat = np.array(
-        [[0, 0, 0], [1, 0, 0], [0.5, 0.9, 0], [0.5, -0.9, 0], [1.5, 0.8, 0], [-0.5, 0.8, 0]], float
-    )
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0.5, 0.9, 0], [0.5, -0.9, 0], [1.5, 0.8, 0], [-0.5, 0.8, 0]], float)
     positions = (flat.ravel()[:, None] + 0.2 * rng.standard_normal((18, 8))).copy()
     geometry = np.zeros((GEOMETRY, 8))
     geometry[0:4] = np.array([1.0, 0, -0.5, 1.1])[:, None] + 0.1 * rng.standard_normal((4, 8))
@@ -152,9 +150,7 @@ def test_folds_are_followed_beyond_half_a_turn() -> None:
     angles, reached = np.linspace(0, 4.5, 30), []
     for angle in [*angles, *angles[::-1]]:
         positions = np.column_stack([points, np.zeros(6)])
-        positions[[2, 5]] = np.column_stack(
-            [0.01 * np.cos([angle] * 2), points[[2, 5], 1], 0.01 * np.sin([angle] * 2)]
-        )
+        positions[[2, 5]] = np.column_stack([0.01 * np.cos([angle] * 2), points[[2, 5], 1], 0.01 * np.sin([angle] * 2)])
         # Evaluated before the reference follows, as in a step of Newton.
         forms = columns(elements, elements.forms(positions))
         assert forms[3, 0] == pytest.approx(100 * angle, abs=1e-8)
@@ -164,9 +160,7 @@ def test_folds_are_followed_beyond_half_a_turn() -> None:
 
 def test_free_edges_see_a_curl_only_when_extrapolated() -> None:
     mesh = rectangle(0.1, 0.1, 0.005)
-    curled = cylinder(
-        mesh, 10.0, np.pi / 2
-    )  # about the x-axis: the rows at top and bottom are along the axis
+    curled = cylinder(mesh, 10.0, np.pi / 2)  # about the x-axis: the rows at top and bottom are along the axis
     bending = {}
     for treatment in ("zero", "extrapolate"):
         elements = shell_elements(mesh, free_edges=treatment)

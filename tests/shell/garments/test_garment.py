@@ -192,9 +192,7 @@ def test_the_body_moves_without_crossing_itself() -> None:
     hand = np.argmax(body.vertices[:, 0])
     unturned = body.pose(lowered=1.0)[hand]
     assert unturned[2] < -0.45 and unturned[0] < 0.55
-    np.testing.assert_allclose(
-        np.linalg.norm(lowered, axis=1), np.linalg.norm(body.pose(lowered=1.0), axis=1)
-    )
+    np.testing.assert_allclose(np.linalg.norm(lowered, axis=1), np.linalg.norm(body.pose(lowered=1.0), axis=1))
     torso = (np.abs(body.vertices[:, 0]) < 0.08) | (body.vertices[:, 2] < -0.16)
     np.testing.assert_allclose(body.pose(lowered=1.0)[torso], body.vertices[torso])
     with pytest.raises(InputError, match="spacing of the body"):

@@ -101,9 +101,7 @@ def tube(columns: int = 12, rows: int = 8, radius: float = 0.05) -> TriangleMesh
     for r in range(rows):
         for c in range(columns):
             a, b = r * (columns + 1) + c, (r + 1) * (columns + 1) + c
-            corners += (
-                [[a, a + 1, b], [a + 1, b + 1, b]] if r % 2 == 0 else [[a, a + 1, b + 1], [a, b + 1, b]]
-            )
+            corners += [[a, a + 1, b], [a + 1, b + 1, b]] if r % 2 == 0 else [[a, a + 1, b + 1], [a, b + 1, b]]
     corners = np.array(corners)
     angle = material[:, 0] / radius
     assembled = np.zeros((columns * (rows + 1), 3))

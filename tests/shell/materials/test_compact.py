@@ -55,9 +55,7 @@ def test_stress_and_moduli_are_derivatives():
         slope = (ours.energy_density(strains + move) - ours.energy_density(strains - move)) / (2 * step[k])
         np.testing.assert_allclose(ours.stress(strains)[:, k], slope, rtol=1e-7, atol=1e-8 / SCALE[k])
         bend = (ours.stress(strains + move) - ours.stress(strains - move)) / (2 * step[k])
-        np.testing.assert_allclose(
-            ours.moduli(strains)[:, k] * SCALE, bend * SCALE, rtol=1e-6, atol=1e-7 / SCALE[k]
-        )
+        np.testing.assert_allclose(ours.moduli(strains)[:, k] * SCALE, bend * SCALE, rtol=1e-6, atol=1e-7 / SCALE[k])
 
 
 def test_only_fabrics_that_are_their_mirror_image_are_symmetric():
@@ -91,9 +89,7 @@ def test_second_derivatives_are_continuous():
 def test_outside_counts_from_the_nearest_sample():
     samples = np.array([[0.0] * 6, [0.5, 0, 0, 0, 0, 0], [0.0, 0.2, 0, 0, 50.0, 0]])
     ours = replace(material(), samples=samples, spacing=0.5)
-    asked = np.array(
-        [[0.1, 0, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0, -0.2, 0, 0, -50.0, 0], [0, 0, 0, 200, 0, 0]]
-    )
+    asked = np.array([[0.1, 0, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0, -0.2, 0, 0, -50.0, 0], [0, 0, 0, 200, 0, 0]])
     np.testing.assert_allclose(ours.outside(asked), [0.0, 1.0, 0.0, 3.0], atol=1e-12)
     assert replace(ours, mirrored=False).outside(asked[2]) > 0
 

@@ -81,9 +81,7 @@ def test_stress_and_moduli_are_derivatives(name):
     pairs = strain + np.concatenate([np.diag(step), -np.diag(step)])
     energy, stress = material.energy_density(pairs), material.stress(pairs)
     found, scale = material.stress(strain), 1 / step
-    np.testing.assert_allclose(
-        found, (energy[:6] - energy[6:]) / (2 * step), rtol=1e-5, atol=1e-12 * scale.max()
-    )
+    np.testing.assert_allclose(found, (energy[:6] - energy[6:]) / (2 * step), rtol=1e-5, atol=1e-12 * scale.max())
     moduli = (stress[:6] - stress[6:]) / (2 * step[:, None])
     size = np.sqrt(np.outer(np.abs(np.diag(moduli)), np.abs(np.diag(moduli)))) + 1e-6
     # Where the terms go on straight, diagonal moduli vanish, and what is left is round-off of the differences.
@@ -160,9 +158,7 @@ def test_shapes_follow_the_strains():
     assert material.moduli(np.zeros((0, 6))).shape == (0, 6, 6)
 
 
-@pytest.mark.parametrize(
-    "bad", [[0.0] * 5, [-1.0, 0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0, 0], [np.nan] + [0.0] * 5]
-)
+@pytest.mark.parametrize("bad", [[0.0] * 5, [-1.0, 0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0, 0], [np.nan] + [0.0] * 5])
 def test_impossible_strains_are_refused(bad):
     with pytest.raises(InputError, match="strains"):
         smooth_material().energy_density(bad)

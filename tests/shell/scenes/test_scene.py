@@ -59,10 +59,7 @@ def test_stretch_opens_the_gap_by_the_amount(direction) -> None:
     assert result.converged
     first, second = scene.cloth.handles
     axis = 0 if direction == "course" else 1
-    travel = (
-        result.state.positions[second.vertices, axis].mean()
-        - result.state.positions[first.vertices, axis].mean()
-    )
+    travel = result.state.positions[second.vertices, axis].mean() - result.state.positions[first.vertices, axis].mean()
     rest = second.rest[:, axis].mean() - first.rest[:, axis].mean()
     assert travel - rest == pytest.approx(0.1 * BAR_GAP, rel=1e-4)
     summary = result.summary()
@@ -114,9 +111,7 @@ def test_drape_covers_the_ball_and_hangs() -> None:
         ("stock1.json", "wale", 0.035, 1.388, 0.889),
     ],
 )
-def test_published_stretch_shapes(
-    shared: Path, material: str, direction, travel: float, along: float, across: float
-):
+def test_published_stretch_shapes(shared: Path, material: str, direction, travel: float, along: float, across: float):
     """Centre of the published sheets of HYLC20, pulled as they were, within 2 %: README of the reference data."""
     path = shared / "reference" / material
     result = run_scene(stretch(read_material(path), direction=direction, travel=travel))
@@ -146,9 +141,7 @@ def test_scene_file_of_statics_ends_as_its_motion_does(scene_file: Path) -> None
     """Equilibria while the bar moves: the last one is where the motion comes to rest."""
     upwards = SCENE.replace("[0.0, 0.01, 0.0]", "[0.0, 0.0, 0.01]")
     exact = "tolerance = 1e-7\nrest_tolerance = 1e-5\nlongest_step = 10"
-    scene_file.write_text(
-        upwards.replace("time_step = 0.02", 'minimiser = "newton"\nto_rest = true\n' + exact)
-    )
+    scene_file.write_text(upwards.replace("time_step = 0.02", 'minimiser = "newton"\nto_rest = true\n' + exact))
     scene = read_scene(scene_file)
     assert scene.options.minimiser == "newton"
     moved = run_scene(scene)
@@ -282,9 +275,7 @@ position = [0, 0, -3]
         ("vertex = [0.0, 0.0]", "vertex = [0.0, 0.0]\n[contact]\nself_contact = 1", "expected true or false"),
     ],
 )
-def test_bad_scene_files_are_told_with_file_and_field(
-    scene_file: Path, old: str, new: str, message: str
-) -> None:
+def test_bad_scene_files_are_told_with_file_and_field(scene_file: Path, old: str, new: str, message: str) -> None:
     assert old in SCENE
     scene_file.write_text(SCENE.replace(old, new))
     with pytest.raises(InputError, match=message) as caught:
@@ -337,9 +328,7 @@ def test_frames_need_a_folder_that_can_be_written(tmp_path: Path) -> None:
 def test_a_smaller_stretch_test_is_the_same_test_where_weight_and_bending_do_not_count() -> None:
     stiff = replace(CLOTH, stretch_weft=6e4, stretch_coupling=1e4, stretch_warp=9e4, shear=2e4, area=2e3)
     large, small = (
-        run_scene(
-            stretch(stiff, amount=0.1, size=size, spacing=size / 15, air_drag=0.0, self_contact=False)
-        ).measures
+        run_scene(stretch(stiff, amount=0.1, size=size, spacing=size / 15, air_drag=0.0, self_contact=False)).measures
         for size in (0.3, 0.15)
     )
     for name in ("lambda_along", "lambda_across"):

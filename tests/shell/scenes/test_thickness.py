@@ -26,9 +26,7 @@ SHEET = OrthotropicMaterial(40.0, 5.0, 40.0, 15.0, 1.0, 1.0, bend_weft=1e-6, ben
         (-1.0, 0.01, UNKNOWN_THICKNESS),
     ],
 )
-def test_thickness_is_that_of_the_fabric_or_what_the_mesh_allows(
-    told: object, spacing: float, expected: float
-) -> None:
+def test_thickness_is_that_of_the_fabric_or_what_the_mesh_allows(told: object, spacing: float, expected: float) -> None:
     material = replace(SHEET, provenance={} if told is None else {"thickness": told})
     thickness = cloth_thickness(material, rectangle(0.06, 0.06, spacing))
     # Lattices fit the sheet with edges near the spacing.
@@ -40,9 +38,7 @@ def test_layers_of_a_garment_do_not_start_within_each_others_thickness(gap: floa
     one = rectangle(0.06, 0.06, 0.01)
     panel = np.concatenate([one.panel, one.panel + np.array([0.1, 0.0])])
     space = np.concatenate([one.assembled, one.assembled + np.array([0.0, 0.0, gap])])
-    mesh = TriangleMesh(
-        panel, np.concatenate([one.triangles, one.triangles + one.vertex_count]), assembled=space
-    )
+    mesh = TriangleMesh(panel, np.concatenate([one.triangles, one.triangles + one.vertex_count]), assembled=space)
     assert garment_thickness(SHEET, mesh, ClothState.flat(mesh)) == pytest.approx(expected)
 
 

@@ -55,9 +55,7 @@ class Surfaces:
         )
 
 
-def near_pairs(
-    surfaces: Surfaces, lowest: Array, highest: Array, *, within_cloth: bool
-) -> tuple[Integers, Integers]:
+def near_pairs(surfaces: Surfaces, lowest: Array, highest: Array, *, within_cloth: bool) -> tuple[Integers, Integers]:
     """Pairs whose boxes overlap, in a fixed order, without those that share a vertex or belong to obstacles only.
 
     lowest, highest: corners of the boxes of the vertices, (nv, 3) [m]. Returns vertices and triangles (n, 2), and edges
@@ -67,18 +65,14 @@ def near_pairs(
     edges, triangles = boxes[s.edges].min(axis=1), boxes[s.triangles].min(axis=1)
 
     def pairs_of(near: Integers) -> tuple[Integers, Integers]:
-        return _pairs_of(
-            near, s.triangles, s.edges, s.sides, s.own_corners, s.own_sides, boxes, edges, triangles
-        )
+        return _pairs_of(near, s.triangles, s.edges, s.sides, s.own_corners, s.own_sides, boxes, edges, triangles)
 
     found = on_overlaps(triangles, s.cloth, pairs_of, within_cloth=within_cloth)
     nothing = [np.zeros((0, 2), np.int64)]
     return np.concatenate(nothing + [a for a, _ in found]), np.concatenate(nothing + [b for _, b in found])
 
 
-def on_overlaps(
-    boxes: Array, cloth: int, act: Callable[[Integers], Found], *, within_cloth: bool
-) -> list[Found]:
+def on_overlaps(boxes: Array, cloth: int, act: Callable[[Integers], Found], *, within_cloth: bool) -> list[Found]:
     """What ``act`` makes of pairs of triangles (n, 2) whose boxes overlap, the cloth's first, part by part on threads.
 
     boxes: lowest and then negated highest corners (m, 6), of which the first ``cloth`` are the cloth's.
@@ -93,9 +87,7 @@ def on_overlaps(
 
     def run(job: tuple[_Tree, bool, int, int]) -> Found:
         asked, same, begin, end = job
-        return act(
-            _overlapping(boxes, asking.order, asked.order, asked.boxes, asked.leaves, same, begin, end)
-        )
+        return act(_overlapping(boxes, asking.order, asked.order, asked.boxes, asked.leaves, same, begin, end))
 
     return run_parts(run, jobs)
 
@@ -169,9 +161,7 @@ def _overlapping(boxes, order, other_order, other_boxes, other_leaves, same, beg
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _pairs_of(
-    near, triangles, edges, sides, own_corners, own_sides, vertex_boxes, edge_boxes, triangle_boxes
-):
+def _pairs_of(near, triangles, edges, sides, own_corners, own_sides, vertex_boxes, edge_boxes, triangle_boxes):
     """Overlapping vertices and triangles, and edges and edges, that pairs of triangles (n, 2) represent."""
     corners, met = np.empty((1024, 2), np.int64), np.empty((1024, 2), np.int64)
     corner_count = met_count = 0

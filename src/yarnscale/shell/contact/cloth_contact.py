@@ -39,9 +39,7 @@ class ClothContact:
     Positions are those of the cloth followed by ``guests`` rows, the points of moving obstacles (``places``).
     """
 
-    def __init__(
-        self, mesh: TriangleMesh, settings: ContactSettings, obstacles: Sequence[Obstacle] = ()
-    ) -> None:
+    def __init__(self, mesh: TriangleMesh, settings: ContactSettings, obstacles: Sequence[Obstacle] = ()) -> None:
         self.count, self.settings = mesh.vertex_count, settings
         self._moving = tuple(o for o in obstacles if o.moves)
         sizes = [len(obstacle.points(0.0)) if obstacle.moves else 0 for obstacle in obstacles]
@@ -85,9 +83,7 @@ class ClothContact:
         if self.settings.friction == 0.0 or not self.parts:
             return None
         found = [part.slips(positions) for part in self.parts]
-        return Slips(
-            *(np.concatenate(arrays) for arrays in zip(*((s.between, s.amounts) for s in found), strict=True))
-        )
+        return Slips(*(np.concatenate(arrays) for arrays in zip(*((s.between, s.amounts) for s in found), strict=True)))
 
     def value(self, positions: Array) -> float:
         """Energy [J], inf at zero distance."""

@@ -81,9 +81,7 @@ def surface_crossings(
     return found
 
 
-def shape_crossing(
-    obstacle: int, name: str, kind: str, distances: Array, places: Array, count: int
-) -> Crossing:
+def shape_crossing(obstacle: int, name: str, kind: str, distances: Array, places: Array, count: int) -> Crossing:
     """Crossing of the cloth with a sphere or plane.
 
     kind: what of the cloth is inside, "triangle" or "vertex"; distances: of those, up to zero [m]; places: their
@@ -119,9 +117,7 @@ def crossing_triangles(
     """
     corners = positions[triangles]
     boxes = np.concatenate([corners.min(axis=1), -corners.max(axis=1)], axis=1)
-    found = on_overlaps(
-        boxes, cloth, lambda near: _crossing(positions, triangles, near), within_cloth=within_cloth
-    )
+    found = on_overlaps(boxes, cloth, lambda near: _crossing(positions, triangles, near), within_cloth=within_cloth)
     pairs, places = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     pairs = np.where((pairs < cloth).all(axis=1, keepdims=True), np.sort(pairs, axis=1), pairs)
     order = np.lexsort(pairs.T[::-1])

@@ -143,9 +143,7 @@ class PairContact:
         if self._grip is not None:
             grip = self._grip
             sliding, potential, rate, _ = grip.slip(everything)
-            pair_loops.add_pulls(
-                grip.vertices, grip.coefficients, (grip.limits * rate)[:, None] * sliding, forces
-            )
+            pair_loops.add_pulls(grip.vertices, grip.coefficients, (grip.limits * rate)[:, None] * sliding, forces)
             value += float(grip.limits @ potential)
         gradient += forces[: self.rows]
         return value
@@ -178,9 +176,7 @@ class PairContact:
         vertices = np.where(pairs < self.rows, pairs, SKIPPED)
         return BlockPattern.of(np.ones(self.rows, np.int64), [vertices]), vertices
 
-    def _add_repulsion(
-        self, close: Close, everything: Array, slots: NDArray[np.int32], blocks: Array
-    ) -> None:
+    def _add_repulsion(self, close: Close, everything: Array, slots: NDArray[np.int32], blocks: Array) -> None:
         energy, slope, bend = barrier(close.distances, self.settings.thickness)
         fade, turning, turned = (close.weights * factor for factor in close.fade)
         pair_hessian.add_repulsion(

@@ -186,8 +186,7 @@ def add_friction(pairs, coefficients, normals, sliding, across, along, slots, bl
         for row in range(3):
             for column in range(3):
                 stiffness[row, column] = (
-                    more * sliding[n, row] * sliding[n, column]
-                    - across[n] * normals[n, row] * normals[n, column]
+                    more * sliding[n, row] * sliding[n, column] - across[n] * normals[n, row] * normals[n, column]
                 )
             stiffness[row, row] += across[n]
         place = 0

@@ -85,9 +85,7 @@ class PairSearch:
         self.surfaces = Surfaces.of(triangles, cloth)
         self.settings, self.slack = settings, settings.thickness
         corners = rest[triangles]
-        thirds = (
-            np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 6
-        )
+        thirds = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 6
         self.vertex_areas = np.bincount(triangles.ravel(), np.repeat(thirds, 3), len(rest))
         edges = self.surfaces.edges
         self.edge_areas = np.bincount(self.surfaces.sides.ravel(), np.repeat(thirds, 3), len(edges))
@@ -170,9 +168,7 @@ class PairSearch:
         self.searches += 1
         surfaces, lowest, highest = self.surfaces, np.minimum(start, end), np.maximum(start, end)
         reach = 0.5 * self.settings.thickness + self.slack
-        corners, met = near_pairs(
-            surfaces, lowest - reach, highest + reach, within_cloth=self.settings.self_contact
-        )
+        corners, met = near_pairs(surfaces, lowest - reach, highest + reach, within_cloth=self.settings.self_contact)
         of_corners = np.column_stack([corners[:, 0], surfaces.triangles[corners[:, 1]]])
         vertices = np.concatenate([of_corners, surfaces.edges[met].reshape(-1, 4)])
 

@@ -30,9 +30,7 @@ class _ShapeSearch:
         vertices = np.column_stack([np.full(len(figures), point), figures])
         radius = shape.radius if isinstance(shape, Sphere) else 0.0
         anywhere, none = np.full((1, 3), math.inf), np.zeros(len(figures))
-        self.pairs = Pairs(
-            -anywhere, anywhere, vertices[:, :2], vertices, len(figures), np.zeros((1, 3)), none, radius
-        )
+        self.pairs = Pairs(-anywhere, anywhere, vertices[:, :2], vertices, len(figures), np.zeros((1, 3)), none, radius)
 
     def along(self, start: Array, end: Array) -> Pairs:
         return self.pairs
@@ -93,9 +91,7 @@ class ShapeContact(PairContact):
         along = apart - turned
         return along - np.einsum("ni,ni->n", along, close.normals)[:, None] * close.normals
 
-    def _add_repulsion(
-        self, close: Close, everything: Array, slots: NDArray[np.int32], blocks: Array
-    ) -> None:
+    def _add_repulsion(self, close: Close, everything: Array, slots: NDArray[np.int32], blocks: Array) -> None:
         if isinstance(self.shape, Sphere):
             return super()._add_repulsion(close, everything, slots, blocks)
         # Heights above a plane are linear in positions: b'' n nᵀ, as friction along n has it.

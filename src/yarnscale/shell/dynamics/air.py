@@ -25,9 +25,7 @@ def drag_entries(
     x = positions[mesh.triangles]
     sixth = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 6.0
     corners = mesh.triangles.ravel()
-    areas = np.column_stack(
-        [np.bincount(corners, np.repeat(sixth[:, k], 3), mesh.vertex_count) for k in range(3)]
-    )
+    areas = np.column_stack([np.bincount(corners, np.repeat(sixth[:, k], 3), mesh.vertex_count) for k in range(3)])
     size = np.maximum(np.linalg.norm(areas, axis=1), 1e-300)
     normals = areas / size[:, None]
     blocks = normals[:, :, None] * normals[:, None, :]

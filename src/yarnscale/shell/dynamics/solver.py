@@ -114,9 +114,7 @@ class ClothSolver(Body[ClothState]):
         self.contact.start_step(begin, min(duration, 1.0), state.time, until, state.slips)
         static = math.isinf(duration)
         integrator = self.options.integrator
-        rule = step_rule(
-            integrator, state.positions, state.velocities, state.before, duration, inertia=inertia
-        )
+        rule = step_rule(integrator, state.positions, state.velocities, state.before, duration, inertia=inertia)
         weight, centre = rule.inertia(self.cloth.damping)
         masses = Springs(np.repeat(weight * self.masses, 3), centre.ravel())
         held = self._attachments(until)
@@ -218,9 +216,7 @@ class ClothSolver(Body[ClothState]):
                 return first
             if done >= limit:
                 return replace(first, status=Status.ITERATION_LIMIT)
-        options = NewtonOptions(
-            tolerance, max_iterations=limit - done, shift=self.options.shift, check_minimum=static
-        )
+        options = NewtonOptions(tolerance, max_iterations=limit - done, shift=self.options.shift, check_minimum=static)
         last = minimise(objective, start, options, **hooks)
         return replace(last, iterations=done + last.iterations)
 

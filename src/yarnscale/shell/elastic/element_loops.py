@@ -40,9 +40,7 @@ def forms_of_blocks(
 
 
 @numba.njit(**FAST)
-def gradient_of_blocks(
-    jacobian: NDArray, stress: NDArray, areas: NDArray, stencils: NDArray, out: NDArray
-) -> None:
+def gradient_of_blocks(jacobian: NDArray, stress: NDArray, areas: NDArray, stencils: NDArray, out: NDArray) -> None:
     """Add Σ area·Jᵀ·stress to ``out`` (nv, 3); stress (nb, 6, B), areas (nb, B)."""
     lanes = stencils.shape[1]
     element = np.empty((18, lanes))

@@ -104,9 +104,7 @@ def _own(mesh: TriangleMesh, which: Integers, share: float) -> _Rows:
 def _extrapolated(mesh: TriangleMesh, rows: _Rows) -> _Rows:
     """Replace triangles at free edges by elements on the stencils of their complete neighbours."""
     complete = mesh.has_neighbour.sum(axis=1) == 3
-    owner = {
-        (int(t[k]), int(t[(k + 1) % 3])): (row, k) for row, t in enumerate(mesh.corners) for k in range(3)
-    }
+    owner = {(int(t[k]), int(t[(k + 1) % 3])): (row, k) for row, t in enumerate(mesh.corners) for k in range(3)}
     kept, borrowed = np.ones(len(mesh.triangles), bool), []
     for row in np.flatnonzero(~complete):
         corners = mesh.corners[row]

@@ -124,9 +124,7 @@ class ShellEnergy:
         run_parts(part, self._parts)
         return self._densities
 
-    def linearise(
-        self, positions: Array, into: Linearisation | None = None, *, moduli: bool = True
-    ) -> Linearisation:
+    def linearise(self, positions: Array, into: Linearisation | None = None, *, moduli: bool = True) -> Linearisation:
         """Energy, gradient and data of the Hessians, if wanted; ``into`` is overwritten to reuse its memory."""
         elements = self.elements
         result = into if into is not None else Linearisation(self)
@@ -289,7 +287,5 @@ class ShellModel:
         values[: len(elastic)] += elastic
         if self._softness:
             diagonal = self.pattern.diagonal
-            values[diagonal] += self._softness * float(
-                np.abs(elastic[diagonal[diagonal < len(elastic)]]).max()
-            )
+            values[diagonal] += self._softness * float(np.abs(elastic[diagonal[diagonal < len(elastic)]]).max())
         return values

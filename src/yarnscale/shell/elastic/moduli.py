@@ -132,9 +132,7 @@ def _largest_coupling(matrices: NDArray, count: int) -> float:
 
 
 @numba.njit(**FAST)
-def _rotate(
-    matrices: NDArray, vectors: NDArray, p: int, q: int, cosines: NDArray, sines: NDArray, count: int
-) -> None:
+def _rotate(matrices: NDArray, vectors: NDArray, p: int, q: int, cosines: NDArray, sines: NDArray, count: int) -> None:
     """One Jacobi rotation that zeroes entry (p, q) of every matrix."""
     for n in range(count):
         coupling, gap = matrices[p, q, n], matrices[q, q, n] - matrices[p, p, n]

@@ -46,6 +46,4 @@ def out_of_range(energy: ShellEnergy, positions: Array) -> OutOfRange | None:
     density = energy.densities(positions).ravel()[there] - material.constant
     stored = density * areas[there]
     far = outside > 0.0
-    return OutOfRange(
-        float(np.mean(far)), float(stored[far].sum() / max(stored.sum(), 1e-300)), float(outside.max())
-    )
+    return OutOfRange(float(np.mean(far)), float(stored[far].sum() / max(stored.sum(), 1e-300)), float(outside.max()))

@@ -24,9 +24,7 @@ def turned_edges(triangles: Integers, corners: Integers, material: Array) -> tup
         return triangles, corners, 0
     triangles, corners = triangles.copy(), corners.copy()
     rows = {
-        (int(vertices[k]), int(vertices[(k + 1) % 3])): row
-        for row, vertices in enumerate(triangles)
-        for k in range(3)
+        (int(vertices[k]), int(vertices[(k + 1) % 3])): row for row, vertices in enumerate(triangles) for k in range(3)
     }
     around = {int(v): np.flatnonzero((triangles == v).any(axis=1)) for v in threes}
     turned = 0

@@ -56,9 +56,7 @@ def sew(name: str, panels: Sequence[Panel], seams: Sequence[Seam], positions: Ma
 
     def chain(side: tuple[str, str]) -> Integers:
         if side[0] not in by_name:
-            raise InputError(
-                f"panel '{side[0]}' of a seam", expected=" or ".join(by_name), found="no such panel"
-            )
+            raise InputError(f"panel '{side[0]}' of a seam", expected=" or ".join(by_name), found="no such panel")
         number = by_name[side[0]]
         return panels[number].edge(side[1]) + starts[number]
 

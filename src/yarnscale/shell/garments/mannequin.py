@@ -187,9 +187,7 @@ def _surface(spacing: float) -> tuple[Array, Integers]:
     used, numbers = np.unique(quad, return_inverse=True)
     points = total.reshape(-1, 3)[used] / count.ravel()[used, None]
     a, b, c, d = numbers.reshape(-1, 4).T
-    shorter = (
-        np.linalg.norm(points[a] - points[c], axis=1) <= np.linalg.norm(points[b] - points[d], axis=1)
-    )[:, None]
+    shorter = (np.linalg.norm(points[a] - points[c], axis=1) <= np.linalg.norm(points[b] - points[d], axis=1))[:, None]
     one = np.where(shorter, np.column_stack([a, b, c]), np.column_stack([a, b, d]))
     two = np.where(shorter, np.column_stack([a, c, d]), np.column_stack([b, c, d]))
     return points, np.concatenate([one, two]).astype(np.int64)

@@ -134,9 +134,7 @@ def _lattice(boundary: Array, spacing: float) -> Array:
     columns, rows = np.maximum(1, np.round((high - low) / spacing / [1.0, math.sqrt(3) / 2])).astype(int)
     step = (high - low) / [columns, rows]
     i, j = np.meshgrid(np.arange(columns + 1), np.arange(rows + 1))
-    points = np.column_stack(
-        [low[0] + (i.ravel() + 0.5 * (j.ravel() % 2)) * step[0], low[1] + j.ravel() * step[1]]
-    )
+    points = np.column_stack([low[0] + (i.ravel() + 0.5 * (j.ravel() % 2)) * step[0], low[1] + j.ravel() * step[1]])
     following = np.roll(boundary, -1, axis=0)
     fine = np.concatenate([boundary + s * (following - boundary) for s in np.arange(8) / 8])
     away = KDTree(fine).query(points)[0]

@@ -39,9 +39,7 @@ def triangulated(coordinates: Array, starts: Integers) -> tuple[Integers, Intege
         elif size == 4:
             local = _quadrilaterals(coordinates[corners], chosen)
         else:
-            local = np.stack(
-                [_ears(coordinates[row], int(face)) for row, face in zip(corners, chosen, strict=True)]
-            )
+            local = np.stack([_ears(coordinates[row], int(face)) for row, face in zip(corners, chosen, strict=True)])
         parts.append(starts[chosen][:, None, None] + local)
         faces.append(np.repeat(chosen, size - 2))
     order = np.argsort(np.concatenate(faces), kind="stable")
@@ -102,9 +100,7 @@ def _quadrilaterals(points: Array, faces: Integers) -> Integers:
     flat = np.abs(turning[:, 0, 0]) <= FLAT * size**2
     if (flat | crosses).any():
         first = int(np.argmax(flat | crosses))
-        raise PolygonError(
-            int(faces[first]), expected=_WHOLE, found="no area" if flat[first] else "4 corners"
-        )
+        raise PolygonError(int(faces[first]), expected=_WHOLE, found="no area" if flat[first] else "4 corners")
     worst = np.where(signed > 0, flatness(both), -1.0).min(axis=2)
     return _DIAGONALS[np.where(worst[:, 0] > FLAT, 0, np.argmax(worst, axis=1))]
 

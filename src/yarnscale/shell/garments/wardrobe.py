@@ -58,9 +58,7 @@ SEAMS = ("side", "shoulder", "armhole", "under")
 """Kinds of seams of a shirt; "under" closes a sleeve."""
 
 
-def shirt(
-    name: str, cut: ShirtCut, spacing: float, *, rest_angles: Mapping[str, float] | None = None
-) -> Garment:
+def shirt(name: str, cut: ShirtCut, spacing: float, *, rest_angles: Mapping[str, float] | None = None) -> Garment:
     """Front, back and two sleeves of a cut, sewn and lying flat.
 
     rest_angles: folds of the seams at rest [rad] by their kind, one of ``SEAMS``; default: flat. Raises InputError.
@@ -82,9 +80,7 @@ def shirt(
         cut_panel("back", _body_outline(cut, cut.back_neck), spacing, segments=body),
     ]
     arm = {"first cap": rows, "second cap": rows, "first under": under, "second under": under, "cuff": cuff}
-    panels += [
-        cut_panel(f"{s} sleeve", _sleeve_outline(cut), spacing, segments=arm) for s in ("right", "left")
-    ]
+    panels += [cut_panel(f"{s} sleeve", _sleeve_outline(cut), spacing, segments=arm) for s in ("right", "left")]
     positions = {panel.name: _flat_places(cut, panel) for panel in panels}
     return sew(name, panels, _shirt_seams(angles), positions)
 

@@ -53,9 +53,7 @@ class Polygons:
     def border(self) -> Integers:
         """Corners whose edge to the next corner belongs to no other polygon, (nb,)."""
         ends = np.sort(np.stack([self.vertices, self.vertices[self.following]]), axis=0)
-        _, which, count = np.unique(
-            ends[0] * len(self.positions) + ends[1], return_inverse=True, return_counts=True
-        )
+        _, which, count = np.unique(ends[0] * len(self.positions) + ends[1], return_inverse=True, return_counts=True)
         return np.flatnonzero(count[which] == 1)
 
     def pieces(self) -> Integers:
@@ -146,9 +144,7 @@ def _merged(cloth: Polygons, vertices: Integers, reach: Array) -> Polygons:
     group = joined(pairs, len(cloth.positions))
     names = np.full(int(group.max()) + 1, np.iinfo(np.int64).max)
     np.minimum.at(names, group, cloth.names)
-    return replace(
-        cloth, positions=_means(cloth.positions, group), vertices=group[cloth.vertices], names=names
-    )
+    return replace(cloth, positions=_means(cloth.positions, group), vertices=group[cloth.vertices], names=names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +192,7 @@ def _with_hanging(cloth: Polygons, hanging: _Hanging) -> Polygons:
         place = a + share * (b - a)
         limit = NEAR * min(share, 1 - share) * np.linalg.norm(b - a)
         # Where the fabric goes on, its own point; across a seam, a new one.
-        own = [
-            point for point in nearby[int(vertex)] if np.linalg.norm(cloth.material[point] - place) <= limit
-        ]
+        own = [point for point in nearby[int(vertex)] if np.linalg.norm(cloth.material[point] - place) <= limit]
         points.append(own[0] if own else len(material))
         if not own:
             material.append(place)

@@ -164,9 +164,7 @@ def checked_strains(strains: ArrayLike) -> Array:
     if not np.all(np.isfinite(array)):
         raise InputError("strains", expected="finite numbers", found="NaN or infinity")
     if np.any(array[..., [0, 2]] <= -1.0) or np.any(np.abs(array[..., 1]) >= 1.0):
-        raise InputError(
-            "strains", expected="s_x and s_y above -1 and |s_a| < 1", found="a state without area"
-        )
+        raise InputError("strains", expected="s_x and s_y above -1 and |s_a| < 1", found="a state without area")
     return array
 
 

@@ -157,9 +157,7 @@ class OrthotropicMaterial(DirectionalMaterial):
             raise InputError("stretch_coupling", expected=f"at most {limit:g}", found=self.stretch_coupling)
 
     def __repr__(self) -> str:
-        stretch = ", ".join(
-            f"{name}={getattr(self, name):.4g}" for name in ("stretch_weft", "stretch_warp", "shear")
-        )
+        stretch = ", ".join(f"{name}={getattr(self, name):.4g}" for name in ("stretch_weft", "stretch_warp", "shear"))
         return f"OrthotropicMaterial({stretch}, bend_weft={self.bend_weft:.4g}, density={self.density:.4g})"
 
     @staticmethod

@@ -87,9 +87,7 @@ class SplineMaterial(ShellMaterial):
             raise InputError("density", expected="a positive number", found=self.density)
 
     def __repr__(self) -> str:
-        box = ", ".join(
-            f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in zip(AXES, self.range, strict=True)
-        )
+        box = ", ".join(f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in zip(AXES, self.range, strict=True))
         return f"SplineMaterial({len(self.planes)} planes; {box}; {self.density:.3g} kg/m²)"
 
     def parameters(self, forms: Array) -> Array:

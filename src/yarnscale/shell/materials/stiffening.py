@@ -67,9 +67,7 @@ class StiffeningMaterial(DirectionalMaterial):
     @staticmethod
     def membrane_energy(forms: ca.SX, constants: ca.SX) -> ca.SX:
         """The module's energy."""
-        k_x, k_y, e_x, e_y, b_x, b_y, n_x, n_y, m_x, m_y, coupling, shear, b_s, log_area = ca.vertsplit(
-            constants
-        )
+        k_x, k_y, e_x, e_y, b_x, b_y, n_x, n_y, m_x, m_y, coupling, shear, b_s, log_area = ca.vertsplit(constants)
         energy, across = 0, 0
         for form, k, e, b, n, m in ((forms[0], k_x, e_x, b_x, n_x, m_x), (forms[2], k_y, e_y, b_y, n_y, m_y)):
             s = ca.sqrt(ca.fmax(form, 1e-100)) - 1

@@ -141,9 +141,7 @@ class BicubicSpline:
     def table(self) -> Array:
         """Coefficients by interval of u, interval of v, power of u, power of v: (n + 1, m + 1, 4, 4)."""
         data = np.block([[self.values, self.slopes_v], [self.slopes_u, self.twists]])
-        return np.einsum(
-            "iap,pq,jbq->ijab", _node_map(self.knots_u), data, _node_map(self.knots_v), optimize=True
-        )
+        return np.einsum("iap,pq,jbq->ijab", _node_map(self.knots_u), data, _node_map(self.knots_v), optimize=True)
 
     def __call__(self, u: ArrayLike, v: ArrayLike, derivative: tuple[int, int] = (0, 0)) -> Array:
         """Value, or derivative of the given orders, at points (u, v) that broadcast."""
@@ -156,9 +154,7 @@ class BicubicSpline:
     def refined_table(self, knots_u: Array, knots_v: Array) -> Array:
         """The table on supersets of both knot vectors: the same function."""
         i, j = _inside(knots_u, self.knots_u), _inside(knots_v, self.knots_v)
-        moved = shift(
-            self.table[np.ix_(i, j)], (origins(knots_u) - origins(self.knots_u)[i])[:, None, None], axis=2
-        )
+        moved = shift(self.table[np.ix_(i, j)], (origins(knots_u) - origins(self.knots_u)[i])[:, None, None], axis=2)
         return shift(moved, (origins(knots_v) - origins(self.knots_v)[j])[None, :, None], axis=3)
 
 

@@ -62,17 +62,13 @@ def check_cloth(cloth: Cloth) -> Iterator[str]:
     """Sentences about unlikely mass, thickness and loads; InputError for impossible ones."""
     density = cloth.material.density
     if density > _LARGEST_DENSITY:
-        raise InputError(
-            "density of the material", expected=f"at most {_LARGEST_DENSITY:g} kg/m²", found=density
-        )
+        raise InputError("density of the material", expected=f"at most {_LARGEST_DENSITY:g} kg/m²", found=density)
     if not _COMMON_DENSITY[0] <= density <= _COMMON_DENSITY[1]:
         yield f"the density of the material is unusual: {density:g} kg/m² ({1e3 * density:g} g/m²)"
     yield from _thickness(cloth)
     pull = float(np.linalg.norm(cloth.gravity)) / GRAVITY
     if pull > _MOST_GRAVITIES:
-        raise InputError(
-            "gravity", expected=f"at most {_MOST_GRAVITIES:g} times 9.81 m/s²", found=cloth.gravity
-        )
+        raise InputError("gravity", expected=f"at most {_MOST_GRAVITIES:g} times 9.81 m/s²", found=cloth.gravity)
     if pull > _MANY_GRAVITIES:
         yield f"gravity is {pull:.3g} times that of the earth"
     weight = density * GRAVITY * pull

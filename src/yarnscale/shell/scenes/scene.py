@@ -224,9 +224,7 @@ def drape(
     start = ClothState.flat(mesh, height=radius + settings.thickness)
     cloth = Cloth(mesh, material, contact=settings, obstacles=(ball,), damping=2.0)
 
-    schedule = Schedule(
-        duration, time_step, to_rest=to_rest, frame_interval=frame_interval, rough_iterations=20
-    )
+    schedule = Schedule(duration, time_step, to_rest=to_rest, frame_interval=frame_interval, rough_iterations=20)
     return Scene("drape", cloth, start, schedule, measure=measure_sheet)
 
 

@@ -42,16 +42,12 @@ class YarnCurves:
     def of(cls, pattern: YarnPattern) -> YarnCurves:
         """The yarns of a pattern."""
         yarn_radius = (
-            np.full(len(pattern.yarns), pattern.radius)
-            if pattern.yarn_radius is None
-            else pattern.yarn_radius
+            np.full(len(pattern.yarns), pattern.radius) if pattern.yarn_radius is None else pattern.yarn_radius
         )
         walked = pattern.vertices.copy()
         walked[:, :2] += pattern.tile_along_yarn * pattern.period
         shifts = [(int(a), int(b)) for a, b in pattern.yarn_shift]
-        lines = [
-            PeriodicCurve(walked[chain], shift) for chain, shift in zip(pattern.yarns, shifts, strict=True)
-        ]
+        lines = [PeriodicCurve(walked[chain], shift) for chain, shift in zip(pattern.yarns, shifts, strict=True)]
         return cls.through(lines, pattern.period, np.asarray(yarn_radius))
 
     @classmethod
@@ -62,8 +58,7 @@ class YarnCurves:
             for line, radius in zip(lines, radii, strict=True)
         ]
         controls = [
-            _dense(line, period).resampled(count, period).points
-            for line, count in zip(lines, counts, strict=True)
+            _dense(line, period).resampled(count, period).points for line, count in zip(lines, counts, strict=True)
         ]
         shifts = tuple(line.shift for line in lines)
         return cls(np.concatenate(controls), tuple(counts), shifts, period, radii)
@@ -79,8 +74,7 @@ class YarnCurves:
         parts = []
         for at in (1, SAMPLES):
             ways = [
-                (np.arange(at * count) / (at * count))[:, None]
-                * np.array([*(np.array(shift) * self.period), 0.0])
+                (np.arange(at * count) / (at * count))[:, None] * np.array([*(np.array(shift) * self.period), 0.0])
                 for count, shift in zip(self.counts, self.shifts, strict=True)
             ]
             parts.append(np.concatenate(ways))
@@ -170,9 +164,7 @@ class Touching:
     wanted: Array
 
     @classmethod
-    def of(
-        cls, nodes: Array, ends: Integers, first: Integers, copy: Integers, count: int, radii: Array
-    ) -> Touching:
+    def of(cls, nodes: Array, ends: Integers, first: Integers, copy: Integers, count: int, radii: Array) -> Touching:
         """The pairs of segments that begin at these nodes."""
         samples, weights = np.empty((len(first), 4), np.int64), np.empty((len(first), 4))
         direction, gap = np.empty((len(first), 3)), np.empty(len(first))

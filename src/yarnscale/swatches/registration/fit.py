@@ -63,9 +63,7 @@ class View:
 
     def features(self, curves: YarnCurves, blur: float) -> Array:
         """Features of what is seen (rows · columns, FEATURES + 1)."""
-        return (
-            self.relief(curves).features(curves.radius, self.pixel(curves), blur).reshape(self.cell.size, -1)
-        )
+        return self.relief(curves).features(curves.radius, self.pixel(curves), blur).reshape(self.cell.size, -1)
 
     def lit(self, curves: YarnCurves, light: Array, blur: float) -> Array:
         """Brightness of what is seen (rows · columns,)."""
@@ -87,9 +85,7 @@ def shape_of_cell(period: Array, radius: float, finest: float = FINEST) -> tuple
 def phased(view: View, curves: YarnCurves, blur: float) -> tuple[View, float]:
     """The view at the phase that explains its brightness best, and the share of it explained (R²)."""
     rows, columns = view.cell.shape
-    features = (
-        replace(view, phase=np.zeros(2)).features(curves, blur).reshape(rows, columns, -1)[..., :FEATURES]
-    )
+    features = replace(view, phase=np.zeros(2)).features(curves, blur).reshape(rows, columns, -1)[..., :FEATURES]
     features = features - features.mean(axis=(0, 1))
     target = view.brightness(curves, blur).reshape(rows, columns)
     target = target - target.mean()

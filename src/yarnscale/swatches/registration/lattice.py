@@ -84,19 +84,13 @@ def folded(flat: Array, lattice: Lattice, shape: tuple[int, int], *, most: int =
     height, width = flat.shape
     corners = lattice.periods(np.array([(0, 0), (width, 0), (0, height), (width, height)], dtype=float))
     first, last = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
-    tiles = np.stack(np.meshgrid(*(np.arange(a, b) for a, b in zip(first, last, strict=True))), -1).reshape(
-        -1, 2
-    )
+    tiles = np.stack(np.meshgrid(*(np.arange(a, b) for a, b in zip(first, last, strict=True))), -1).reshape(-1, 2)
     square = lattice.pixels(tiles[:, None] + np.array([(0, 0), (1, 0), (0, 1), (1, 1)]))
     inside = ((square >= 0) & (square <= np.array([width, height]) - 1)).all(axis=(1, 2))
     tiles = tiles[inside]
     if len(tiles) == 0:
-        found = (
-            f"{np.abs(lattice.course[0]):.0f} × {np.abs(lattice.wale[1]):.0f} of {width} × {height} pixels"
-        )
-        raise InputError(
-            "picture holds no whole period", expected="two periods or more each way", found=found
-        )
+        found = f"{np.abs(lattice.course[0]):.0f} × {np.abs(lattice.wale[1]):.0f} of {width} × {height} pixels"
+        raise InputError("picture holds no whole period", expected="two periods or more each way", found=found)
     middle = lattice.periods(0.5 * np.array([width, height], dtype=float))
     nearest = np.argsort(np.abs(tiles + 0.5 - middle).sum(axis=1), kind="stable")[:most]
     total = np.zeros(shape)
@@ -116,9 +110,7 @@ def _autocorrelation(flat: Array) -> Array:
     overlap = correlated(np.ones_like(flat))
     found = np.fft.fftshift(correlated(flat - flat.mean()) / np.maximum(overlap, 1.0))
     middle, half = np.array(found.shape) // 2, np.array(flat.shape) // 2
-    found = found[
-        middle[0] - half[0] : middle[0] + half[0] + 1, middle[1] - half[1] : middle[1] + half[1] + 1
-    ]
+    found = found[middle[0] - half[0] : middle[0] + half[0] + 1, middle[1] - half[1] : middle[1] + half[1] + 1]
     # The noise of the camera correlates with itself only at no lag at all.
     found = ndimage.gaussian_filter(found, 1.0)
     return found / max(float(found.max()), 1e-300)
@@ -158,9 +150,7 @@ def _refined(repetition: Array, lag: Array) -> Array:
             break
         part = repetition[low[1] : high[1], low[0] : high[0]]
         peak = np.array(np.unravel_index(np.argmax(part), part.shape))[::-1] + low
-        if (
-            np.abs(peak - middle - multiple * lag) > 0.8 * window
-        ).any() or part.max() < 0.5 * LEAST_REPETITION:
+        if (np.abs(peak - middle - multiple * lag) > 0.8 * window).any() or part.max() < 0.5 * LEAST_REPETITION:
             break
         sums += multiple * (peak + _vertex(repetition, peak) - middle)
         weights += multiple * multiple

@@ -68,9 +68,7 @@ class Registration:
         crest = sign * curves.samples[:, 2] + curves.sample_radii
         return np.abs(relief.height[at[:, 1], at[:, 0]] - crest) < _VISIBLE * curves.sample_radii
 
-    def fitted(
-        self, pictures: Mapping[str, Array], *, progress: Callable[[str], object] | None = None
-    ) -> Registration:
+    def fitted(self, pictures: Mapping[str, Array], *, progress: Callable[[str], object] | None = None) -> Registration:
         """The curves moved onto evened pictures (``start.flattened``), points set by hand staying where they are.
 
         progress: called at every step with a text.

@@ -32,9 +32,7 @@ class Relief:
     segment: NDArray[np.int64]
 
     @classmethod
-    def of(
-        cls, start: Array, end: Array, radius: Array, period: Array, shape: tuple[int, int], side: float
-    ) -> Relief:
+    def of(cls, start: Array, end: Array, radius: Array, period: Array, shape: tuple[int, int], side: float) -> Relief:
         """The relief of segments (m, 3) to (m, 3) of radii (m,), repeated with the period (2,); all in one unit."""
         height, normal = np.full(shape, -np.inf), np.zeros((*shape, 3))
         segment = np.full(shape, -1)

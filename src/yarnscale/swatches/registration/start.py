@@ -51,9 +51,7 @@ class Repeat:
 
 def _share(entries: list) -> float:
     count = len(entries)
-    shortest = next(
-        n for n in range(1, count + 1) if count % n == 0 and entries == entries[:n] * (count // n)
-    )
+    shortest = next(n for n in range(1, count + 1) if count % n == 0 and entries == entries[:n] * (count // n))
     return shortest / count
 
 
@@ -121,9 +119,7 @@ def drawn(structure: Structure, period: Array, radius: float, *, name: str) -> t
 
     Raises InputError where no drawing fits.
     """
-    kept = {
-        key: structure.sizes[key] for key in ("yarns", "weft_yarns", "warp_yarns") if key in structure.sizes
-    }
+    kept = {key: structure.sizes[key] for key in ("yarns", "weft_yarns", "warp_yarns") if key in structure.sizes}
     own = float(structure.sizes.get("radius", 1e-3))
     thick = {letter: value / own for letter, value in structure.sizes.get("yarn_radius", {}).items()}
     fault = InputError("structure cannot be drawn")
@@ -133,9 +129,7 @@ def drawn(structure: Structure, period: Array, radius: float, *, name: str) -> t
         if thick:
             sizes["yarn_radius"] = {letter: value * thin for letter, value in thick.items()}
         try:
-            pattern = structure.maker(
-                structure.chart if structure.draft is None else structure.draft, **sizes
-            )
+            pattern = structure.maker(structure.chart if structure.draft is None else structure.draft, **sizes)
         except InputError as error:
             fault = error
             continue
