@@ -14,6 +14,7 @@ html_title = f"yarnscale {version}"
 html_theme = "furo"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 exclude_patterns = ["charts/*"]
+suppress_warnings = ["misc.highlighting_failure"]  # csv has no colours
 myst_heading_anchors = 3
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
