@@ -50,4 +50,4 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", as_plain_text)
 
 
-(Path(__file__).parent / "reference" / "docstrings.rst").write_text(docstrings(), encoding="utf-8")
+(Path(__file__).parent / "docstrings.rst").write_text(docstrings(), encoding="utf-8")

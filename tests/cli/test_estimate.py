@@ -146,7 +146,7 @@ def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
             "error": errors, "stages": {"shell": errors}, "cloth_error": None, "failed_states": 0, "solves": 7,
             "cpu_seconds": 1.0, "parameters": {"k_s1": 0.5}, "fabric": {"tex": 20.0},
         }  # fmt: skip
-        (options.out / "evaluations").mkdir(parents=True)
+        (options.out / "evaluations").mkdir(parents=True, exist_ok=True)
         (options.out / "estimate.json").write_text(json.dumps(summary))
         return SimpleNamespace(summary=lambda: summary)
 
@@ -161,10 +161,16 @@ def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
 
     # What is finished is not estimated again; a broken file is found before anything begins.
     assert run("estimate", fabrics, "--out", out, "--resume").status == 0 and len(begun) == 2
+    # What is asked in another way, or measured anew, is.
+    assert run("estimate", fabrics, "--out", out, "--resume", "--directions", "weft").status == 0 and len(begun) == 4
+    curves = fabrics / "B" / "curves.csv"
+    curves.write_text("\n".join(curves.read_text().splitlines()[:-1]) + "\n")
+    assert run("estimate", fabrics, "--out", out, "--resume", "--directions", "weft").status == 0
+    assert begun[4:] == [(out / "B", True, "own")]
     assert "output exists" in run("estimate", fabrics, "--out", out).err
     (fabrics / "C.toml").write_text('stretch = "curves.csv"\n')
     refusal = run("estimate", fabrics, "--out", tmp_path / "other")
-    assert refusal.status == 2 and "C.toml: --pattern" in refusal.err and len(begun) == 2
+    assert refusal.status == 2 and "C.toml: --pattern" in refusal.err and len(begun) == 5
     assert not (tmp_path / "other").exists()
 
 

@@ -69,6 +69,7 @@ def test_a_cell_with_friction_is_tested_in_cycles(tmp_path, capsys):
     assert [p["load"] for p in cycle["unloading"]] == [5.0, 1.0, 0.0]
     assert 0 < cycle["work_returned"] < cycle["work"]
     assert content["summary"]["tension"][0]["RT"] == pytest.approx(100 * cycle["work_returned"] / cycle["work"])
+    assert content["summary"]["shear"]["G"] > 0
     assert content["summary"]["shear"]["2HG"] > 0 and content["summary"]["shear"]["2HG5"] > 0
     assert all(bent["2HB"] > 0 for bent in content["summary"]["bending"])
     assert content["biaxial"] == [] and (out / "cycles.png").exists()

@@ -93,7 +93,7 @@ def test_command_writes_parameters_certificate_and_table(tmp_path, capsys):
         assert row["error_percent"] == pytest.approx(
             100 * (row["newton"] - row["material"]) / max(row["material"], 0.05 * max(r["material"] for r in pulled))
         )
-    rows = list(csv.DictReader((tmp_path / "newton.csv").open(encoding="utf-8")))
+    rows = list(csv.DictReader((tmp_path / "newton.tests.csv").open(encoding="utf-8")))
     assert {"tension", "bending", "twist", "free piece", "cantilever"} <= {r["test"] for r in rows}
     assert all(r["value unit"] for r in rows)
 

@@ -61,6 +61,9 @@ def test_shear_numbers():
     assert pytest.approx(0.3) == summary.G
     assert summary.fast_G == pytest.approx(123 / (100 * 0.02 * 4.903325))
     assert summary.hysteresis is None
+    # Cycles measure one side, then the other.
+    both = points + [ShearPoint(-p.angle, p.tension, -p.force, 0.0, 0.0, "converged") for p in points]
+    assert pytest.approx(0.3) == shear_summary(both, bias).G
 
 
 @pytest.mark.parametrize("waves", [4, 7])

@@ -191,7 +191,7 @@ def test_pear_loops_fix_the_bending_that_forces_leave_open():
         found.append(model.values(end)[2] / model.values(truth)[2])
         shifts.append(ParameterSpread.of(model.names, jacobian(evaluations, truth)).shift[2])
     assert abs(found[0] - 1.0) > 0.2 and abs(found[1] - 1.0) < 0.05, found
-    assert shifts[0] > 0.1 and shifts[1] < 0.02, shifts
+    assert shifts[0] > 0.1 and shifts[1] < 0.1 * shifts[0], shifts
 
 
 def test_refuses_a_weight_of_bending_without_loops():

@@ -15,10 +15,11 @@ from yarnscale.cli.console import ProgressLine, plain_json, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
-from yarnscale.files.estimate_folder import EstimateFolder, check_resumable
+from yarnscale.files.estimate_folder import EVALUATING, EstimateFolder, check_resumable
 from yarnscale.files.estimate_run import EVALUATIONS, fabric_model
 from yarnscale.files.estimate_run import estimate as estimate_yarn
 from yarnscale.files.fields import read_json
+from yarnscale.files.fingerprint import code_fingerprint, fingerprint
 from yarnscale.files.material_json import write_material
 from yarnscale.files.material_toml import write_material as write_yarn
 from yarnscale.files.measurements import fabric_files, read_measurements
@@ -40,6 +41,10 @@ from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT, YarnModel
 HOMOGENIZED = "homogenized"
 """Folder of the homogenized yarn within that of the report."""
 ESTIMATE = "estimate.json"
+ASKED = f"{EVALUATIONS}/asked.json"
+"""Fingerprint of what a finished estimate was asked for."""
+_NO_MATTER = ("measurements", "out", "overwrite", "resume", "json", "workers", "dask", "run", "command")
+"""Options that change no result."""
 YARN = "yarn.toml"
 """The estimated yarn material."""
 OTHER_CLAMPS = 0.05
@@ -82,8 +87,10 @@ def _every(options: argparse.Namespace) -> int:
         runs.append((name, own, _prepared(own)))
     summaries: dict[str, dict[str, Any]] = {}
     for name, own, prepared in runs:
-        if (done := _done(own)) is None:
+        asked = _asked(own, *prepared)
+        if (done := _done(own, asked)) is None:
             done = _estimated(own, *prepared).summary()
+            write_text(own.out / ASKED, f'"{asked}"')
         summaries[name] = done
         write_estimates_page(page, summaries)
     lines = [
@@ -95,13 +102,18 @@ def _every(options: argparse.Namespace) -> int:
     return max(int(done["failed_states"] > 0) for done in summaries.values())
 
 
-def _done(options: argparse.Namespace) -> dict[str, Any] | None:
-    """What an earlier run found that is resumed, if it came to its end."""
-    path = options.out / ESTIMATE
-    if not options.resume or not path.is_file():
+def _asked(options: argparse.Namespace, measurements: SwatchMeasurements, model: YarnModel) -> str:
+    """What decides an estimate: curves, model, options and code."""
+    chosen = {name: repr(value) for name, value in vars(options).items() if name not in _NO_MATTER}
+    return fingerprint(measurements, model, chosen) + code_fingerprint(*EVALUATING, "homogenize", "shell")
+
+
+def _done(options: argparse.Namespace, asked: str) -> dict[str, Any] | None:
+    """What an earlier run of the same came to its end with, where it is resumed."""
+    path, mark = options.out / ESTIMATE, options.out / ASKED
+    if not (options.resume and path.is_file() and mark.is_file()):
         return None
-    found = read_json(path)
-    return found if options.homogenize is None or found.get("cloth_error") is not None else None
+    return read_json(path) if mark.read_text(encoding="utf-8") == f'"{asked}"' else None
 
 
 def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnModel]:

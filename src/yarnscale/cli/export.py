@@ -47,7 +47,7 @@ def _newton(options: argparse.Namespace, material: ShellMaterial) -> list[str]:
     from yarnscale.files.newton_cloth import errors_by_test, write_newton_cloth, write_tests_table
     from yarnscale.laboratory.style3d import MISSING, RANGE, fit_style3d
 
-    table = options.out.with_suffix(".csv")
+    table = options.out.with_suffix(".tests.csv")
     writable_file(table, ".csv")
     fit = fit_style3d(material, options.loads or RANGE)
     write_tests_table(table, fit.tests)

@@ -57,13 +57,13 @@ class Cycle:
         """Share of the work that comes back."""
         return self.work_returned / self.work
 
-    def hysteresis(self, way: float) -> float | None:
-        """Width of the loop at a way from zero: force on loading less that on unloading, mean of both sides."""
+    def hysteresis(self, place: float) -> float | None:
+        """Width of the loop at an angle or curvature: force on loading less that on unloading, mean of both sides."""
         widths = []
         for side, ways in zip((1.0, -1.0), self.sides, strict=True):
             legs = [sorted((side * x, side * y) for x, y in leg) for leg in ways]
-            if all(leg and leg[-1][0] >= way * (1 - 1e-9) for leg in legs):
-                up, down = (float(np.interp(way, *np.array(leg).T)) for leg in legs)
+            if all(leg and leg[-1][0] >= place * (1 - 1e-9) for leg in legs):
+                up, down = (float(np.interp(place, *np.array(leg).T)) for leg in legs)
                 widths.append(up - down)
         return float(np.mean(widths)) if widths and self.status == "converged" else None
 
@@ -92,9 +92,10 @@ class Cycle:
 class CycledTest:
     """A test to be cycled.
 
-    sides: values from zero outwards, load, angle or curvature. point: what is measured at a value. read: (way, force)
-    of a point. solver: how a value is reached. pre_tension: loads along course and wale before the test [N/m]. unit: of
-    the way, where work is force times that.
+    sides: values from zero outwards, load, angle or curvature. point: what is measured at a value. read: of a point,
+    its displacement (stretch, angle or curvature) and force. solver: how a value is reached. held: strains prescribed
+    before the test begins. pre_tension: loads along course and wale by then [N/m]. unit: of the displacement, so that
+    force times displacement times unit is work per area.
     """
 
     name: str
@@ -103,16 +104,17 @@ class CycledTest:
     solver: Callable[[float], Solve]
     point: Callable[[float, LoadedState], Any]
     read: Callable[[Any], Pair]
+    held: Prescribed
     pre_tension: float = 0.0
     unit: float = 1.0
 
     def run(self, cell: PeriodicCell, friction: YarnFriction, cycles: int) -> tuple[list[Any], list[Cycle]]:
         """Points of the first way from zero, and the cycles."""
-        rest = equilibrium_under(CellFabric(cell), Loads(), prescribed=FLAT)
+        rest = equilibrium_under(CellFabric(cell), Loads(), prescribed=self.held)
         here = CellHistory.begin(cell, friction, rest.response.state) if rest.converged else None
         if here is not None and self.pre_tension:
             pulls = np.linspace(0.0, self.pre_tension, _PRE_TENSION_STEPS + 1)[1:].tolist()
-            found = list(followed(here, 0.0, pulls, lambda pull: loaded(tests.both_ways(pull, pull), FLAT)))
+            found = list(followed(here, 0.0, pulls, lambda pull: loaded(tests.both_ways(pull, pull), self.held)))
             here = found[-1] if len(found) == len(pulls) else None
         first: list[Any] = []
         done: list[Cycle] = []
@@ -211,14 +213,14 @@ def cycled_tests(
         yield CycledTest(
             "tension", direction, (tuple(loads),), lambda load, angle=angle: loaded(Loads.tension(angle, load), held),
             lambda load, state, direction=direction: tests.tension_point(direction, load, state),
-            lambda point: (point.stretch, point.load),
+            lambda point: (point.stretch, point.load), held,
         )  # fmt: skip
     angles, pull = tests.SHEAR_ANGLES, tests.SHEAR_TENSION
     pulls = tests.both_ways(pull, pull)
     yield CycledTest(
         "shear", 0.0, (angles, tuple(-a for a in angles)), lambda angle: loaded(pulls, tests.sheared(angle)),
         lambda angle, state: tests.shear_point(angle, pull, state), lambda point: (point.angle, point.force),
-        pull, math.radians(1.0),
+        tests.sheared(0.0), pull, math.radians(1.0),
     )  # fmt: skip
     values = tests.default_curvatures(CellFabric(cell)) if curvatures is None else curvatures
     sides = tuple(tuple(sorted((v for v in values if side * v > 0), key=abs)) for side in (1.0, -1.0))
@@ -228,5 +230,5 @@ def cycled_tests(
             "bending", direction, tuple(side for side in sides if side),
             lambda value, angle=angle: loaded(Loads(), Prescribed.bent(angle, value)),
             lambda value, state, direction=direction: tests.bending_point(direction, value, state),
-            lambda point: (point.curvature, point.moment),
+            lambda point: (point.curvature, point.moment), FLAT,
         )  # fmt: skip

@@ -58,6 +58,10 @@ class Programme:
         tests.checked_loads(self.loads)
         if not self.directions or not np.isfinite(self.directions).all():
             raise InputError("directions", expected="finite angles [degrees]", found=self.directions)
+        if self.curvature not in ("flat", "free"):
+            raise InputError("curvature", expected="flat or free", found=self.curvature)
+        if self.curvatures is not None and not np.isfinite(self.curvatures).all():
+            raise InputError("curvatures", expected="finite numbers [1/m]", found=self.curvatures)
         if self.cycles < 1:
             raise InputError("cycles", expected="one or more", found=self.cycles)
 

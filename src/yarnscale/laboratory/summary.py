@@ -111,7 +111,7 @@ def shear_summary(
     points: Sequence[ShearPoint], bias: Sequence[TensionPoint], cycle: Cycle | None = None
 ) -> ShearSummary:
     """Shear numbers; points, cycle: under the tension of KES. bias: tension along 45°, for the rigidity of FAST."""
-    good = [p for p in points if p.status == "converged"]
+    good = sorted((p for p in points if p.status == "converged"), key=lambda p: p.angle)
     low, high = KES_ANGLES
     first, second = (_interpolated(a, [p.angle for p in good], [p.force for p in good]) for a in (low, high))
     stiffness = None if first is None or second is None else (second - first) / (high - low)
