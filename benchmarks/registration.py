@@ -100,7 +100,10 @@ def _true_lines(pattern: YarnPattern) -> list[PeriodicCurve]:
     walked = pattern.vertices.copy()
     walked[:, :2] += pattern.tile_along_yarn * pattern.period
     shifts = [(int(a), int(b)) for a, b in pattern.yarn_shift]
-    return [PeriodicCurve(walked[chain], shift) for chain, shift in zip(pattern.yarns, shifts, strict=True)]
+    return [
+        PeriodicCurve(walked[chain], shift).smooth(pattern.period)
+        for chain, shift in zip(pattern.yarns, shifts, strict=True)
+    ]
 
 
 def curves_of_tension(pattern: YarnPattern, material: ys.YarnMaterial) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from yarnscale.swatches.registration.lattice import Lattice, even, lattice_of
 from yarnscale.swatches.registration.registration import SIDES, Registration, registered
 from yarnscale.swatches.registration.start import Repeat, drawn, flattened
 from yarnscale.swatches.registration.traced_fit import onto_lines
+from yarnscale.yarn.frames import curve_length
 
 PIXEL = 1.0 / 6.0
 """Of the pictures here [r]."""
@@ -99,7 +100,12 @@ def test_a_pattern_leaves_with_yarns_apart(stockinette) -> None:
     drawing = library.build("stockinette")
     pattern = found.pattern(drawing)
     assert pattern.name == "stockinette" and pattern.period == pytest.approx(found.curves.period)
-    assert np.allclose(pattern.rest_length, np.linalg.norm(pattern.edge_vectors(), axis=1))
+    edges = pattern.edge_vectors()
+    assert np.allclose(pattern.rest_length, curve_length(edges, pattern.previous_vertex, pattern.next_vertex))
+    # The smooth yarns of the pattern are the curves again, as long and at the same places.
+    again = YarnCurves.of(pattern)
+    lengths = [line.length(curves.period) for curves in (found.curves, again) for line in curves.lines()]
+    assert lengths[1] == pytest.approx(lengths[0], rel=2e-3) and _away(found.curves, again) < 0.03
 
 
 def test_pictures_that_do_not_repeat_and_scales_that_differ(lit_picture: Picture) -> None:

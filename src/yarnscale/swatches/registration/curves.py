@@ -14,14 +14,12 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.yarn.close_pairs import close_pairs, nearest_places
 from yarnscale.yarn.pattern import YarnPattern
-from yarnscale.yarn.strands import Strands
+from yarnscale.yarn.strands import Neighbours, Strands
 
 CONTROL_SPACING = 2.2
 """Length of yarn for one control point [r]."""
 SAMPLES = 5
 """Samples of the centre line for each control point."""
-NEIGHBOUR_ARC = 3.5
-"""Length of yarn between two points that may touch [r]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +45,20 @@ class YarnCurves:
         walked = pattern.vertices.copy()
         walked[:, :2] += pattern.tile_along_yarn * pattern.period
         shifts = [(int(a), int(b)) for a, b in pattern.yarn_shift]
-        lines = [PeriodicCurve(walked[chain], shift) for chain, shift in zip(pattern.yarns, shifts, strict=True)]
+        lines = [
+            PeriodicCurve(walked[chain], shift).smooth(pattern.period)
+            for chain, shift in zip(pattern.yarns, shifts, strict=True)
+        ]
         return cls.through(lines, pattern.period, np.asarray(yarn_radius))
 
     @classmethod
     def through(cls, lines: Sequence[PeriodicCurve], period: Array, radii: Array) -> YarnCurves:
-        """Splines along given lines [m]."""
+        """Splines along given (densely sampled) lines [m]."""
         counts = [
             max(4, round(line.length(period) / (CONTROL_SPACING * radius)))
             for line, radius in zip(lines, radii, strict=True)
         ]
-        controls = [
-            _dense(line, period).resampled(count, period).points for line, count in zip(lines, counts, strict=True)
-        ]
+        controls = [line.resampled(count, period).points for line, count in zip(lines, counts, strict=True)]
         shifts = tuple(line.shift for line in lines)
         return cls(np.concatenate(controls), tuple(counts), shifts, period, radii)
 
@@ -110,16 +109,6 @@ class YarnCurves:
         """The curves through other control points."""
         return replace(self, controls=controls)
 
-    def scaled(self, course: float, wale: float, thickness: float) -> YarnCurves:
-        """The curves stretched in the plane, with their depth and radii times ``thickness``."""
-        factor = np.array([course, wale, thickness])
-        return replace(
-            self,
-            controls=self.controls * factor,
-            period=self.period * factor[:2],
-            radii=self.radii * thickness,
-        )
-
     def lines(self) -> list[PeriodicCurve]:
         """The samples of each yarn."""
         ends = np.cumsum([SAMPLES * count for count in self.counts])
@@ -135,7 +124,7 @@ class YarnCurves:
         for line, radius in zip(self.lines(), self.radii, strict=True):
             dense = _dense(PeriodicCurve(line.points - level, line.shift), self.period)
             count = max(3, round(dense.length(self.period) / (edge * radius)))
-            curves.append(dense.resampled(count, self.period))
+            curves.append(dense.vertices(count, self.period))
         alike = bool(np.ptp(self.radii) == 0.0)
         return pattern_from_curves(
             curves, self.period, self.radius, name=name, rest_shape=rest_shape, yarn_material=yarn_material,
@@ -148,8 +137,8 @@ class YarnCurves:
         reach = 2.3 * self.radius
         strands = Strands.around(pattern, reach + float(pattern.rest_length.max()))
         nodes = strands.copies(pattern.vertices, pattern.period)
-        arc = max(3, int(np.ceil(NEIGHBOUR_ARC * self.radius / float(pattern.rest_length.mean()))))
-        first, copy = close_pairs(strands, nodes, reach, neighbours=arc)
+        neighbours = Neighbours.by_length(strands, pattern.rest_length, 2.0 * self.sample_radii)
+        first, copy = close_pairs(strands, nodes, reach, neighbours=neighbours)
         return Touching.of(nodes, strands.ends, first, copy, len(pattern.vertices), self.sample_radii)
 
 
