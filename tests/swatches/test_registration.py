@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from yarnscale.swatches.registration.lattice import Lattice, even, lattice_of
 from yarnscale.swatches.registration.registration import SIDES, Registration, registered
 from yarnscale.swatches.registration.start import Repeat, drawn, flattened
 from yarnscale.swatches.registration.traced_fit import onto_lines
+from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.frames import curve_length
 
 PIXEL = 1.0 / 6.0
@@ -91,6 +93,16 @@ def test_points_set_by_hand_stay_and_periods_carry_the_yarns(stockinette) -> Non
     assert np.abs(shift).max() < 1.0
     wider = found.with_lattice("front", Lattice(lattice.origin, 1.1 * found.lattices["front"].course, lattice.wale))
     assert wider.curves.period[0] == pytest.approx(1.05 * found.curves.period[0], rel=1e-3)
+    assert found.explained and found.apart and again.explained and again.apart
+    assert not moved.explained and not moved.apart and not wider.explained and not wider.apart
+    for course, wale, fault in (
+        (-lattice.course, lattice.wale, "mirrored"),
+        (lattice.course, 20 * lattice.course + 0.1 * lattice.wale, "nearly one direction"),
+        (0.1 * lattice.course, lattice.wale, "to 4800 pixels each way"),
+        (lattice.course, 1e4 * lattice.wale, "to 4800 pixels each way"),
+    ):
+        with pytest.raises(InputError, match=fault):
+            found.with_lattice("back", Lattice(lattice.origin, course, wale))
     with pytest.raises(InputError, match="control point"):
         found.moved("front", 1000, place)
 
@@ -106,6 +118,16 @@ def test_a_pattern_leaves_with_yarns_apart(stockinette) -> None:
     again = YarnCurves.of(pattern)
     lengths = [line.length(curves.period) for curves in (found.curves, again) for line in curves.lines()]
     assert lengths[1] == pytest.approx(lengths[0], rel=2e-3) and _away(found.curves, again) < 0.03
+
+
+def test_first_guesses_and_periods_set_by_hand_leave_with_yarns_apart(stockinette) -> None:
+    _, _, guess, found = stockinette
+    drawing = library.build("stockinette")
+    lattice = found.lattices["front"]
+    narrower = found.with_lattice("front", Lattice(lattice.origin, 0.85 * lattice.course, 0.85 * lattice.wale))
+    assert closest_approach(guess.pattern(drawing)).distance > 1.9 * guess.curves.radius
+    kept = closest_approach(replace(narrower, apart=True).pattern(drawing)).distance
+    assert kept + 0.02 * narrower.curves.radius < closest_approach(narrower.pattern(drawing)).distance
 
 
 def test_pictures_that_do_not_repeat_and_scales_that_differ(lit_picture: Picture) -> None:

@@ -89,6 +89,7 @@ def _plain(state: Registration) -> dict[str, Any]:
     return {
         "period": state.curves.period.tolist(), "controls": state.curves.controls.tolist(), "lattices": lattices,
         "pins": sorted(state.pins), "explained": dict(state.explained),
+        "apart": state.apart,
     }  # fmt: skip
 
 
@@ -104,4 +105,6 @@ def _state(document: Fields, entry: Fields) -> Registration:
     shares = entry.fields("explained")
     explained = {side: shares.number(side) for side in shares.content}
     pins = frozenset(entry.integers("pins").tolist())
-    return Registration(curves, lattices, document.number("pixel", positive=True), pins, explained)
+    return Registration(
+        curves, lattices, document.number("pixel", positive=True), pins, explained, entry.flag_or("apart", False)
+    )

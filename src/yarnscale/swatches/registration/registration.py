@@ -14,11 +14,15 @@ from yarnscale.drawing.stitch_size import EDGE_LENGTH
 from yarnscale.errors import InputError
 from yarnscale.swatches.registration import fit, start
 from yarnscale.swatches.registration.curves import YarnCurves
-from yarnscale.swatches.registration.lattice import Lattice, folded
+from yarnscale.swatches.registration.lattice import FEWEST_PIXELS, Lattice, folded
 from yarnscale.swatches.registration.relief import BACK, FRONT, Relief
 from yarnscale.yarn.clearance import check_clearance
 from yarnscale.yarn.pattern import YarnPattern
 
+LARGEST_PERIOD = 4800
+"""Longest period that is set by hand [pixels]."""
+FLATTEST = 0.3
+"""Least sine of the angle between course and wale that are set by hand."""
 SIDES = {"front": FRONT, "back": BACK}
 _VISIBLE = 0.35
 """Depth below the crest at which a sample still counts as seen [r]."""
@@ -29,7 +33,8 @@ class Registration:
     """Yarns over two photographs.
 
     curves: of one period [m]. lattices: of each side's photograph, where the curves lie in it. pixel: its size [m].
-    pins: control points set by hand, by number. explained: share of each picture's brightness (R²), empty before a fit.
+    pins: control points set by hand, by number. explained: share of each picture's brightness (R²), empty after changes
+    by hand. apart: whether a fit has kept yarns from running through each other since the last such change.
     """
 
     curves: YarnCurves
@@ -37,6 +42,7 @@ class Registration:
     pixel: float
     pins: frozenset[int] = field(default_factory=frozenset)
     explained: Mapping[str, float] = field(default_factory=dict)
+    apart: bool = False
 
     def moved(self, side: str, point: int, place: Array) -> Registration:
         """A control point set by hand to a pixel (2,) of a side's photograph, or to one of its copies there."""
@@ -46,17 +52,27 @@ class Registration:
         controls = self.curves.controls.copy()
         away = target - controls[point, :2]
         controls[point, :2] += away - np.rint(away / self.curves.period) * self.curves.period
-        return replace(self, curves=self.curves.moved(controls), pins=self.pins | {point})
+        return replace(self, curves=self.curves.moved(controls), pins=self.pins | {point}, explained={}, apart=False)
 
     def with_lattice(self, side: str, lattice: Lattice) -> Registration:
-        """The period of one photograph set by hand; the fabric's is the mean of both."""
-        if not np.isfinite(lattice.matrix).all() or abs(np.linalg.det(lattice.matrix)) < 1.0:
-            raise InputError(f"period of the {side}", expected="two directions in the picture", found="none")
+        """The period of one photograph set by hand; the fabric's is the mean of both.
+
+        Raises InputError for periods that are mirrored, nearly flat, or of sizes that no fabric in a picture has.
+        """
+        what, sizes = f"period of the {side}", np.linalg.norm(lattice.matrix, axis=0)
+        least, most = max(FEWEST_PIXELS, 2.0 * self.curves.radius / self.pixel), LARGEST_PERIOD
+        if not (np.isfinite(lattice.origin).all() and (sizes >= least).all() and (sizes <= most).all()):
+            found = f"{sizes[0]:.3g} × {sizes[1]:.3g}"
+            raise InputError(what, expected=f"{least:.3g} to {most} pixels each way", found=found)
+        area = np.linalg.det(lattice.matrix) * np.sign(np.linalg.det(self.lattices[side].matrix))
+        if area < FLATTEST * sizes.prod():
+            expected = "course and wale across each other, not mirrored"
+            raise InputError(what, expected=expected, found="mirrored" if area < 0.0 else "nearly one direction")
         known = {**self.lattices, side: lattice}
         period = self.pixel * start.mean_period(known)
         stretch = period / self.curves.period
         curves = replace(self.curves, controls=self.curves.controls * [*stretch, 1.0], period=period)
-        return replace(self, lattices=known, curves=curves)
+        return replace(self, lattices=known, curves=curves, explained={}, apart=False)
 
     def seen(self, side: str) -> NDArray[np.bool_]:
         """Which samples of the curves a side shows (m,)."""
@@ -80,9 +96,9 @@ class Registration:
         ]
         pins = {point: curves.controls[point, :2] for point in self.pins}
         found = fit.fitted(curves, views, pins=pins, progress=progress)
-        return self.taken(found, list(pictures))
+        return self.taken(found, list(pictures), apart=True)
 
-    def taken(self, found: fit.Fitted, sides: list[str]) -> Registration:
+    def taken(self, found: fit.Fitted, sides: list[str], *, apart: bool) -> Registration:
         """The outcome of a fit, its phases moved into the lattices."""
         lattices = dict(self.lattices)
         for side, view in zip(sides, found.views, strict=True):
@@ -93,6 +109,7 @@ class Registration:
             curves=found.curves,
             lattices=lattices,
             explained=dict(zip(sides, found.explained, strict=True)),
+            apart=apart,
         )
 
     def pattern(self, drawing: YarnPattern) -> YarnPattern:
@@ -100,8 +117,7 @@ class Registration:
 
         Raises InputError where yarns run through each other.
         """
-        # A fit leaves yarns apart; points moved since may not.
-        curves = fit.apart(self.curves) if self.pins else self.curves
+        curves = self.curves if self.apart else fit.apart(self.curves)
         pattern = curves.pattern(
             name=drawing.name, edge=EDGE_LENGTH, yarn_material=drawing.yarn_material, rest_shape="current"
         )
@@ -138,4 +154,4 @@ def registered(
         view, share = fit.phased(view, curves, blur)
         views.append(view)
         explained.append(share)
-    return drawing, guess.taken(fit.Fitted(curves, tuple(views), tuple(explained)), list(pictures))
+    return drawing, guess.taken(fit.Fitted(curves, tuple(views), tuple(explained)), list(pictures), apart=False)

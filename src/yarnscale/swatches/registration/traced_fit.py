@@ -56,7 +56,7 @@ def onto_lines(drawn: YarnCurves, lines: Mapping[str, Sequence[Array]]) -> Regis
             places[side] = places[side] + common
             targets = state.curves.controls[seen, :2] + away - common
             pins |= {int(point): targets[k] for k, point in enumerate(seen) if near[k]}
-        state = replace(state, curves=fit.fitted(drawn, (), pins=pins, pinned=weight, blurs=(0.0,)).curves)
+        state = replace(state, curves=fit.fitted(drawn, (), pins=pins, pinned=weight, blurs=(0.0,)).curves, apart=True)
     return state
 
 
