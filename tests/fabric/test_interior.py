@@ -21,7 +21,8 @@ SOFT = YarnMaterial.preset("hylc2020-stockinette")
 
 
 def _as_cell(strain: ShellStrain) -> tuple[FabricEnergy, np.ndarray, float]:
-    cell = PeriodicCell(PATTERN, SOFT)
+    # A cell that holds its yarn back pulls at it where it is sheared, which changes the stress across courses by 5e-5.
+    cell = PeriodicCell(PATTERN, SOFT, sliding=True)
     state = cell.relax(strain)
     sheet = YarnSheet.of(PATTERN, 8, 9)
     # Frames go the way of the cell's: first with the macroscopic state, then with the fluctuation.
@@ -38,8 +39,7 @@ def test_a_sheet_in_a_cells_state_has_its_strain_stress_and_energy(strain: Shell
     np.testing.assert_allclose(found.strain.vector, strain.vector, atol=1e-9)
     assert found.energy == pytest.approx(density, rel=1e-9)
     assert found.yarn == pytest.approx(1.0, rel=1e-9)
-    # Shear stress adds to the pull across a sheared stitch.
-    np.testing.assert_allclose(found.stress, stress, rtol=1e-6 if strain.s_a == 0 else 5e-3)
+    np.testing.assert_allclose(found.stress, stress, rtol=1e-6)
     # Wherever its tiles are counted from.
     moved = FabricEnergy(replace(energy.sheet, tile=energy.sheet.tile + np.array([7, -20])), SOFT)
     again = interior(PATTERN, moved, moved.start(), share=0.5)

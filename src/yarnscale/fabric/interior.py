@@ -72,7 +72,10 @@ def interior(pattern: YarnPattern, energy: FabricEnergy, x: Array, *, share: flo
     strain = ShellStrain.from_forms(gradient @ gradient.T, second @ normal)
     plane = np.stack([unit.mean(axis=0)[0], np.cross(normal, unit.mean(axis=0)[0])], axis=1)
     slid = _slid(sheet, positions @ plane, head, share, len(chain)) / float(pattern.rest_length.sum())
-    pull = np.einsum("nai,nij,naj->na", unit, _between(virials, first, last), unit).mean(axis=0)
+    # Across courses and wales, which where these are sheared is not along the others.
+    cosine = (unit[:, 0] * unit[:, 1]).sum(axis=1)[:, None, None]
+    across = (unit - cosine * unit[:, ::-1]) / (1.0 - cosine**2)
+    pull = np.einsum("nai,nij,naj->na", unit, _between(virials, first, last), across).mean(axis=0)
     return Interior(
         strain,
         pull / pattern.area / (1.0 + np.array([strain.s_x, strain.s_y])),
