@@ -214,7 +214,10 @@ def _course(pattern: YarnPattern, place: int, count: int) -> tuple[Array, Array]
     chain = pattern.yarns[place]
     points = pattern.vertices[chain].copy()
     points[:, :2] += pattern.tile_along_yarn[chain] * pattern.period
-    knots = PeriodicCurve(points, (1, 0)).resampled(count, pattern.period).points
+    line = PeriodicCurve(points, (1, 0))
+    if not pattern.polyline:
+        line = line.smooth(pattern.period)
+    knots = line.resampled(count, pattern.period).points
     lean = np.arange(count)[:, None] / count * np.array([pattern.period[0], 0.0, 0.0])
     # A spline reproduces straight lines, so only the periodic part of the course needs a solve.
     return knots, control_of_periodic(knots - lean)
