@@ -273,13 +273,14 @@ def test_singly_curved_cells_have_the_energy_of_the_closed_form(plain: PeriodicC
 
 def test_moduli_of_a_dome(plain: PeriodicCell) -> None:
     strain = ShellStrain(0.05, 0.0, 0.02, 40.0, 0.0, 30.0)
-    # Differences of stresses, whose error is of first order in the residual, ask for a tight one.
-    cell = plain.with_options(tolerance=1e-11)
+    # Differences of stresses, whose error is of first order in the residual, ask for a tight one. Contact sets in
+    # between 2e-6 and 6e-6 of strain away, where moduli jump: within, differences agree to 6e-7, beyond to 2e-3.
+    cell = plain.with_options(tolerance=1e-12)
     state = cell.relax(strain)
     moduli = cell.moduli(state)
     np.testing.assert_array_equal(moduli, moduli.T)
     scale = np.sqrt(np.abs(np.diag(moduli)))
-    steps = np.array([2e-5] * 3 + [2e-2] * 3)
+    steps = np.array([2e-6] * 3 + [2e-3] * 3)
     for k, step in enumerate(steps):
         sides = [
             cell.relax(ShellStrain.from_vector(strain.vector + sign * step * np.eye(6)[k]), start=state).stress

@@ -103,12 +103,18 @@ def test_impulses_keep_momentum_stop_slip_and_are_bounded_by_the_pressure(crossi
     lost = float((mass[21:] @ (velocity - slower)[21:])[0])
     across = np.sqrt(1.0 - pairs.normal[:, 0] ** 2)
     assert lost == pytest.approx(0.3 * step * float(pairs.pressure @ across), rel=1e-4)
-    # With a grip that holds, no place slips on the other any more, and the kinetic energy is less.
-    stuck = YarnFriction(1e3).slowed(velocity, 1.0 / mass, contacts, x, 1e-2)
-    slip = np.einsum("kj,kji->ki", pairs.weights, stuck[pairs.nodes])
-    slip -= np.einsum("ki,ki->k", slip, pairs.normal)[:, None] * pairs.normal
-    assert np.abs(slip).max() < 0.05 * 50.0
-    assert mass @ (stuck**2).sum(axis=1) < mass @ (velocity**2).sum(axis=1)
+    # With a grip that holds, no place slips on the other any more, and the kinetic energy is less. Twelve pairs share
+    # four edges: the ten rounds of a step leave 6 % of the slip, eighty 0.3 %.
+    slips, energies = [], [float(mass @ (velocity**2).sum(axis=1))]
+    for _ in range(8):
+        velocity = YarnFriction(1e3).slowed(velocity, 1.0 / mass, contacts, x, 1e-2)
+        slip = np.einsum("kj,kji->ki", pairs.weights, velocity[pairs.nodes])
+        slip -= np.einsum("ki,ki->k", slip, pairs.normal)[:, None] * pairs.normal
+        slips.append(np.abs(slip).max() / 50.0)
+        energies.append(float(mass @ (velocity**2).sum(axis=1)))
+    assert slips[0] < 0.07 and slips[-1] < 0.005
+    assert (np.diff(energies) < 0).all()
+    np.testing.assert_allclose(mass @ velocity, momentum, atol=1e-12 * np.abs(momentum).max())
 
 
 def test_friction_takes_energy_at_steps_as_long_as_without_it(crossing: Crossing) -> None:
