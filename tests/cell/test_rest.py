@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
+from yarnscale.cell.release import DIFFERENCE
 from yarnscale.cell.rest import (
     RestStatus,
     estimated_rest,
@@ -20,6 +21,7 @@ from yarnscale.cell.rest import (
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
+from yarnscale.numerics.newton import Status
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")
@@ -210,3 +212,51 @@ def test_a_published_pattern_settles_too(shared):
     assert before.largest > 0.01  # as published it is not at rest in this sense
     assert shape.converged and shape.stress.largest < 0.01
     assert np.abs(shape.pattern.period / pattern.period - 1.0).max() < 0.05
+
+
+def failing(monkeypatch, fails):
+    """Make equilibria without one where ``fails(strain, start)``; strains of steps count from their start."""
+    relax = PeriodicCell.relax
+
+    def relaxed(self, strain=None, *, start=None, **options):
+        state = relax(self, strain, start=start, **options)
+        return replace(state, status=Status.STALLED) if fails(state.strain, start) else state
+
+    monkeypatch.setattr(PeriodicCell, "relax", relaxed)
+
+
+def test_a_step_without_equilibrium_is_halved(monkeypatch):
+    cell = PeriodicCell(library.build("stockinette"), WOOL)
+    usual = shrunk_to_rest(cell, shortening=0.06)
+    refused = []
+
+    def far(strain, start):
+        if start is None or not np.array_equal(strain.vector[[1, 3, 4, 5]], np.zeros(4)):
+            return False
+        step = np.abs((strain.vector - start.strain.vector)[[0, 2]]).max()
+        refused.append(0.015 < step < 0.0499)
+        return refused[-1]
+
+    failing(monkeypatch, far)
+    found = shrunk_to_rest(cell, shortening=0.06)
+    assert any(refused) and found.converged
+    np.testing.assert_allclose(found.pattern.period, usual.pattern.period, rtol=1e-3)
+
+
+@pytest.mark.parametrize("steps", [False, True], ids=["all", "differences pass"])
+def test_settling_keeps_what_it_reached_where_no_further_step_has_an_equilibrium(monkeypatch, steps):
+    cell = PeriodicCell(library.build("stockinette"), WOOL)
+    rounds = []
+
+    def late(strain, start):
+        if len(rounds) < 2 or start is None:
+            return False
+        step = np.abs((strain.vector - start.strain.vector)[[0, 2]]).max()
+        return not steps or step > 1.01 * DIFFERENCE
+
+    failing(monkeypatch, late)
+    found = shrunk_to_rest(cell, shortening=0.06, progress=rounds.append)
+    assert found.status is RestStatus.NOT_RELAXED
+    assert len(found.history) < 12
+    np.testing.assert_allclose(found.pattern.period / cell.pattern.period, found.history[-1].stretch, rtol=1e-12)
+    assert found.history[-1].stretch != (1.0, 1.0)

@@ -19,6 +19,8 @@ DIFFERENCE = 1e-4
 """Change of a period by which stress is differentiated, relative."""
 SOFTEST = 1e-4
 """Smallest stiffness over the largest that a step counts with: softer directions are bounded by its length."""
+HALVINGS = 5
+"""How often a step that finds no equilibrium is halved."""
 RESTING = 1e-4
 """A last step of the periods below this leaves a cell at rest."""
 
@@ -27,9 +29,10 @@ RESTING = 1e-4
 class Release:
     """Outcome of ``released``.
 
-    cell: drawn at the equilibrium, where that is usable. change: of its periods, relative (2,). state: the equilibrium,
-    its strain counted from the periods before. matrix: of its stress by the change of the periods (2, 2) [J/m²], None
-    where it is to be taken anew. solves: equilibria that it took. converged: whether the periods are at zero stress.
+    cell: drawn at the equilibrium, where that is usable. change: of its periods, relative (2,). state: the last usable
+    equilibrium, else the first one, its strain counted from the periods before. matrix: of its stress by the change of
+    the periods (2, 2) [J/m²], None where it is to be taken anew. solves: equilibria that it took. converged: whether
+    the periods are at zero stress.
     """
 
     cell: PeriodicCell
@@ -58,7 +61,7 @@ def released(
     """
     change = np.zeros(2) if start is None else start.strain.vector[[0, 2]]
     state, solves = cell.relax(flat_strain(change), start=start), 1
-    stress, step, limit = state.stress[[0, 2]], np.full(2, np.inf), LARGEST_STEP
+    stress, longest, limit, reach = state.stress[[0, 2]], np.inf, LARGEST_STEP, LARGEST_STEP
     for _ in range(max_steps):
         if observe is not None:
             observe(state)
@@ -66,12 +69,22 @@ def released(
             break
         if matrix is None:
             matrix, solves = _differences(cell, change, state), solves + 2
+        if matrix is None:
+            longest = np.inf
+            break
         step = _downhill(matrix, stress)
         longest = float(np.abs(step).max())
         if longest < tolerance:
             break
         step *= min(1.0, limit / longest)
-        further, solves = cell.relax(flat_strain(change + step), start=state), solves + 1
+        longest = min(longest, limit)
+        further, step, tries = _further(cell, change, step * min(1.0, reach / longest), state)
+        solves += tries
+        if further is None:
+            longest = np.inf
+            break
+        # Beyond a step that failed, the next ones feel their way.
+        reach = min(LARGEST_STEP, 2.0 * float(np.abs(step).max())) if tries > 1 else min(LARGEST_STEP, 2.0 * reach)
         there = further.stress[[0, 2]]
         gain = float(np.linalg.norm(there) / np.linalg.norm(stress))
         if gain > 0.8 and there @ step > 0:
@@ -81,15 +94,29 @@ def released(
         slope = there - stress - matrix @ step
         matrix = matrix + np.outer(slope, step) / (step @ step) if gain < 0.5 else None
         change, state, stress = change + step, further, there
-    converged = state.usable and bool(np.abs(step).max() < RESTING)
+    converged = state.usable and longest < RESTING
     if state.usable:
         cell = replace(cell, pattern=rebased(cell.pattern, state))
     return Release(cell, change, state, matrix, solves, converged)
 
 
-def _differences(cell: PeriodicCell, change: Array, state: Equilibrium) -> Array:
-    """Derivatives of the stress along both periods by them (2, 2), from a state near."""
+def _further(
+    cell: PeriodicCell, change: Array, step: Array, state: Equilibrium
+) -> tuple[Equilibrium | None, Array, int]:
+    """A usable equilibrium a step or, where that fails, a part of it away, None where all fail; the step; solves."""
+    for tries in range(1, HALVINGS + 2):
+        further = cell.relax(flat_strain(change + step), start=state)
+        if further.usable:
+            return further, step, tries
+        step = 0.5 * step
+    return None, step, tries
+
+
+def _differences(cell: PeriodicCell, change: Array, state: Equilibrium) -> Array | None:
+    """Derivatives of the stress along both periods by them (2, 2), from a state near; None where a side fails."""
     sides = [cell.relax(flat_strain(change + side), start=state) for side in DIFFERENCE * np.eye(2)]
+    if not all(side.usable for side in sides):
+        return None
     return np.column_stack([(side.stress - state.stress)[[0, 2]] / DIFFERENCE for side in sides])
 
 

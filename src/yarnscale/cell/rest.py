@@ -121,7 +121,7 @@ def shrunk_to_rest(
             observe=partial(note_round, history, drawn, cell.pattern, progress=progress),
         )  # fmt: skip
         cell, matrix = found.cell, found.matrix
-        if not found.state.usable:
+        if not found.state.usable or (not found.converged and len(history) < max_rounds):
             status = RestStatus.NOT_RELAXED
         # Redrawn, the constraint that holds yarns in place follows their new tangents: a little stress comes back.
         elif found.converged and np.abs(found.change).max() < SMALLEST_STEP:
