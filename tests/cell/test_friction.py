@@ -10,6 +10,7 @@ import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.friction import CellHistory, path_with_friction
+from yarnscale.cell.grip import Grip
 from yarnscale.cell.supercell import supercell, tiled
 from yarnscale.drawing import library
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
@@ -177,3 +178,13 @@ def test_a_yarn_dragged_over_another_slides_at_its_share_of_the_pressure() -> No
     ]
     # Pressure moves from pair to pair as the yarn goes on, and springs of pairs that it leaves lose their energy.
     assert loss == pytest.approx(np.mean(expected), rel=0.02)
+
+
+def test_springs_are_found_by_their_pair_among_any_number_of_vertices() -> None:
+    pairs = np.array([[0, 1 << 16, 0, 0], [1, 0, 0, 0], [70_000, 3, -1, 2], [3, 70_000, 1, -2], [1, 0, -1, 0]])
+    springs, numbers = np.arange(15.0).reshape(5, 3), np.ones(5)
+    grip = Grip(pairs, np.zeros((5, 2)), springs, springs, numbers, numbers, springs)
+    wanted = np.concatenate([pairs[::-1], [[1, 1, 0, 0], [0, 0, 0, 0]]])
+    np.testing.assert_array_equal(grip._found(wanted), np.concatenate([springs[::-1], np.zeros((2, 3))]))
+    assert grip._found(np.empty((0, 4), np.int64)).shape == (0, 3)
+    np.testing.assert_array_equal(Grip.none()._found(pairs), np.zeros((5, 3)))

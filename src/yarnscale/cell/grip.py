@@ -11,9 +11,6 @@ from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.yarn.friction import FRICTION
 from yarnscale.yarn.strands import Strands
 
-_TILES = 1 << 12
-"""Tiles along each axis that keys tell apart."""
-
 
 @dataclass(frozen=True, eq=False)
 class Grip:
@@ -91,9 +88,11 @@ class Grip:
 
     def _found(self, pairs: Integers) -> Array:
         """Springs of other pairs (m, 4), zero where a pair is not among these."""
-        keys, wanted = _keys(self.pairs), _keys(pairs)
-        order, springs = np.argsort(keys), np.zeros((len(pairs), 3))
-        if len(keys):
+        springs = np.zeros((len(pairs), 3))
+        if len(self.pairs) and len(pairs):
+            keys = _keys(np.concatenate([self.pairs, pairs]))
+            keys, wanted = keys[: len(self.pairs)], keys[len(self.pairs) :]
+            order = np.argsort(keys)
             own = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
             known = keys[own] == wanted
             springs[known] = self.spring[own[known]]
@@ -120,5 +119,7 @@ def _held(springs: Array, longest: Array) -> Array:
 
 
 def _keys(pairs: Integers) -> Integers:
-    tile = (pairs[:, 2] + _TILES // 2) * _TILES + pairs[:, 3] + _TILES // 2
-    return (pairs[:, 0] << 40) + (pairs[:, 1] << 24) + tile
+    """One number for each of some pairs (k, 4), the same for the same pair; ValueError beyond 64 bits."""
+    lowest = pairs.min(axis=0)
+    spans = tuple((pairs.max(axis=0) - lowest + 1).tolist())
+    return np.ravel_multi_index(tuple((pairs - lowest).T), spans)
