@@ -117,3 +117,15 @@ def test_multiply_is_the_symmetric_product() -> None:
     rng = np.random.default_rng(0)
     for x in (rng.normal(size=15), rng.normal(size=(15, 4))):
         np.testing.assert_allclose(pattern.multiply(values, x), matrix @ x, rtol=1e-12, atol=1e-12)
+
+
+def test_nodes_are_unknowns_of_like_neighbours_however_many_there_are() -> None:
+    """A row of many entries beside one that lacks a single one; the diagonal is part of the pattern."""
+    n = 6000
+    dense = [(row, 0) for row in range(n)] + [(row, 1) for row in range(1, n) if row != n - 1]
+    lower = np.array(dense + [(row, row) for row in range(2, n)])
+    node = fronts._nodes(n, lower[:, 1], lower[:, 0])
+    assert node[0] != node[1] and node[-1] == len(np.unique(node)) - 1 == n - 1
+    i, j = np.tril_indices(12)
+    same = i // 3 - j // 3 <= 1
+    assert fronts._nodes(12, j[same], i[same]).tolist() == np.repeat([0, 1, 2, 3], 3).tolist()

@@ -92,9 +92,12 @@ def _inverse(order: Integers) -> Integers:
 
 def _nodes(size: int, columns: Integers, rows: Integers) -> Integers:
     """Node of each unknown: those in succession that meet the same unknowns are one."""
-    weight = np.random.default_rng(0).random(size)
-    met = np.bincount(columns, weight[rows], size) + np.bincount(rows, weight[columns], size) - weight
-    return np.cumsum(np.abs(np.diff(met, prepend=met[:1])) > 1e-9, dtype=np.int64)
+    # Sums of whole numbers are the same in any order, also where they wrap around.
+    weight = np.random.default_rng(0).integers(1 << 64, size=size, dtype=np.uint64)
+    met = -weight
+    np.add.at(met, columns, weight[rows])
+    np.add.at(met, rows, weight[columns])
+    return np.cumsum(np.diff(met, prepend=met[:1]) != 0, dtype=np.int64)
 
 
 def _graph(node: Integers, columns: Integers, rows: Integers) -> csc_array:
