@@ -11,6 +11,7 @@ from yarnscale.homogenize.compact_fit import (
     StressErrors,
     fit_compact_material,
 )
+from yarnscale.homogenize.compact_problem import STAGES, Problem
 from yarnscale.homogenize.spring_jacobian import Directional, sizes_of, springs_of, unknowns_of
 from yarnscale.kinematics import strain_units
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNetwork
@@ -154,3 +155,22 @@ def test_options_out_of_range_are_refused(option):
 def test_unusable_arrays_are_refused(arguments, word):
     with pytest.raises(InputError, match=word):
         fit_compact_material(*arguments, density=0.2, radius=RADIUS)
+
+
+def test_a_stage_that_ends_in_failed_steps_leaves_the_next_ones_theirs(monkeypatch):
+    """Each stage starts with little damping; the record of the fit says how many steps each took."""
+    descend, seen = Problem._descend, []
+
+    def failing_first(self, unknowns, weights, damping, steps):
+        seen.append((float(weights[0, 0]), damping))
+        if weights[0, 0] == seen[0][0]:
+            return unknowns, 0, 0.0
+        return descend(self, unknowns, weights, damping, steps)
+
+    monkeypatch.setattr(Problem, "_descend", failing_first)
+    found = fitted(known())
+    done = found.provenance["fit"]["iterations"]
+    assert len(done) == len(STAGES) + 1 and done[0] == 0 and done[-2] > 0
+    first = {weight: damping for weight, damping in reversed(seen)}
+    assert max(damping for weight, damping in seen if weight == seen[0][0]) > 1e-2
+    assert all(damping <= 1e-2 for damping in first.values())

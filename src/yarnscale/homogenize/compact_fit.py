@@ -63,15 +63,17 @@ def fit_compact_material(
     held[data.rest] = False
     train, test = Problem(data.chosen(~held), mirrored, options), data.chosen(held)
     start = start_of(train, rng)
-    unknowns = train.search(start, options.iterations)
+    unknowns, done = train.search(start, options.iterations)
     unseen = train.errors(unknowns, test)
     everything = Problem(data, mirrored, options)
-    springs, constant = everything.network(everything.search(unknowns, _LAST, STAGES[-1:]))
+    final, last = everything.search(unknowns, _LAST, STAGES[-1:])
+    springs, constant = everything.network(final)
     springs = _filled(springs, options.springs)
     samples, spacing = _representative(data.x, mirrored)
     record = {
         "states": len(data.energies),
         "options": asdict(options),
+        "iterations": [*done, *last],
         "held_back": unseen._asdict(),
         "start": train.errors(start, test)._asdict(),
     }

@@ -36,7 +36,8 @@ _LEAST_ALLOWED, _LEAST_USUAL = 0.1, 0.02
 FEWEST_STATES = 10
 _HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 100, 2.0
 _SINGLE: Any = np.float32
-_LARGEST_DAMPING = 1e4
+_DAMPING, _LARGEST_DAMPING = 1e-2, 1e4
+"""Of the first step of a stage at most, and that at which a stage ends."""
 STAGES = (0.3, 0.1), (0.08, 0.1), (0.02, 0.15), (FIT_FLOOR, 0.65)
 """Floors of the search [N/m], and their shares of its iterations."""
 _KEPT, _BACKTRACKS, _PLATEAU = 25, 8, 2e-4
@@ -208,23 +209,30 @@ class Problem:
         weights = np.concatenate([1.0 / (added + floor)[None], 1.0 / slopes, modulus])
         return weights * self.importance / options.tolerance
 
-    def search(self, unknowns: Array, iterations: int, stages: Sequence[tuple[float, float]] = STAGES) -> Array:
-        """Descent by Gauss–Newton matrices that are kept for many steps; stages: floors with shares of iterations.
+    def search(
+        self, unknowns: Array, iterations: int, stages: Sequence[tuple[float, float]] = STAGES
+    ) -> tuple[Array, list[int]]:
+        """Descent by Gauss–Newton matrices that are kept for many steps; how many steps each stage took.
 
         A matrix costs ten times a gradient, and changes of the gradient correct it (L-BFGS). Floors fall from stage to
         stage: soft states bend valleys that the stiff ones have to find first.
+
+        stages: floors with shares of iterations.
         """
-        damping = 1e-2
-        for floor, share in stages:
+        damping, done = _DAMPING, [0] * len(stages)
+        for stage, (floor, share) in enumerate(stages):
+            # Where one stage could go no further, the next may.
+            damping = min(damping, _DAMPING)
             weights, left = self.weights(floor, at_rest=_AT_REST), round(share * iterations)
             while left > 0 and damping < _LARGEST_DAMPING:
                 unknowns, taken, fraction = self._descend(unknowns, weights, damping, min(left, _KEPT))
                 left -= max(1, taken)
+                done[stage] += taken
                 if fraction < 0.4:
                     damping *= 4.0 if fraction > 0 else 16.0
                 elif fraction == 1.0:
                     damping = max(damping / 4.0, 1e-6)
-        return unknowns
+        return unknowns, done
 
     def _descend(self, unknowns: Array, weights: Array, damping: float, steps: int) -> tuple[Array, int, float]:
         """Steps on one factor of the normal matrix, how many, and what fraction of the first was taken."""
