@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,13 @@ import yarnscale as ys
 from yarnscale.cli import main
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import write_material
+from yarnscale.files.newton_cloth import errors_by_test
 from yarnscale.homogeneous.fabrics import MaterialFabric
 from yarnscale.kinematics import GRAVITY
+from yarnscale.laboratory import style3d
 from yarnscale.laboratory.homogeneous_tests import tension
 from yarnscale.laboratory.style3d import Style3DCloth, bending_on_grid, fit_style3d
+from yarnscale.laboratory.table import Deviation, Measured
 
 ROOT = Path(__file__).resolve().parents[2]
 WOVEN = ys.OrthotropicMaterial(
@@ -141,3 +145,37 @@ def test_newtons_own_strip_stretches_and_bends_as_its_certificate_says(fit):
     assert stretch == pytest.approx(own.stretch, rel=0.12)
     length = (2 * 1e-5 / (0.2 * GRAVITY)) ** (1 / 3)
     assert strips.bending_length(fit.cloth, length) == pytest.approx(length, rel=0.08)
+
+
+def bent(monkeypatch, change):
+    """Change all tests of bending along 45°."""
+    tested = style3d.run_tests
+
+    def run(material, **options):
+        tests = tested(material, **options)
+        return replace(tests, bending=[change(p) if p.direction == 45 else p for p in tests.bending])
+
+    monkeypatch.setattr(style3d, "run_tests", run)
+
+
+def test_a_rigidity_that_is_not_known_is_refused(monkeypatch):
+    bent(monkeypatch, lambda p: replace(p, moment=np.nan, status="stalled"))
+    with pytest.raises(InputError, match="bent along 45°"):
+        fit_style3d(WOVEN)
+
+
+def test_a_negative_rigidity_is_said_to_be_lost(monkeypatch, fit):
+    bent(monkeypatch, lambda p: replace(p, moment=-2e-6 * p.curvature))
+    (lost,) = set(fit_style3d(WOVEN).lost) - set(fit.lost)
+    assert lost.startswith("negative rigidity of bending along 45° (-2e-06 N·m)")
+
+
+def test_numbers_without_equilibrium_are_counted():
+    row = Measured("tension", 45.0, "load", 1.0, "N/m", "stretch", 0.1, "-", "converged")
+    ones = [Deviation(row, 0.11, 10.0), Deviation(row, 0.13, -30.0), Deviation(row, np.nan, np.nan)]
+    (name,) = found = errors_by_test(ones)
+    assert name == "tension along 45°, stretch"
+    assert str(found[name]) == "20 %, 30 %, 1 of 3 without equilibrium"
+    assert str(errors_by_test(ones[:2])[name]) == "20 %, 30 %"
+    assert str(errors_by_test(ones[2:])[name]) == "1 of 1 without equilibrium"
+    assert not errors_by_test([Deviation(row, 0.0, np.nan)])

@@ -45,7 +45,7 @@ def export(options: argparse.Namespace) -> int:
 def _newton(options: argparse.Namespace, material: ShellMaterial) -> list[str]:
     """Write Newton's cloth and, beside it, the table of the material's tests; what that cloth cannot do."""
     from yarnscale.files.newton_cloth import errors_by_test, write_newton_cloth, write_tests_table
-    from yarnscale.laboratory.style3d import MISSING, RANGE, fit_style3d
+    from yarnscale.laboratory.style3d import RANGE, fit_style3d
 
     table = options.out.with_suffix(".tests.csv")
     writable_file(table, ".csv")
@@ -54,11 +54,11 @@ def _newton(options: argparse.Namespace, material: ShellMaterial) -> list[str]:
     write_newton_cloth(options.out, fit, str(options.material))
     say(f"{table}: all tests of the material, for other engines")
     say(f"errors of Newton's cloth, median and largest, from {fit.loads[0]:g} to {fit.loads[1]:g} N/m:")
-    for name, (median, largest) in errors_by_test(fit.deviations).items():
-        say(f"  {name}: {median:.3g} %, {largest:.3g} %")
-    for loss in MISSING:
+    for name, errors in errors_by_test(fit.deviations).items():
+        say(f"  {name}: {errors}")
+    for loss in fit.lost:
         say(f"yarnscale: note: not in Newton's cloth: {loss}")
-    return list(MISSING)
+    return list(fit.lost)
 
 
 def _hylc(options: argparse.Namespace, material: object) -> str:

@@ -8,10 +8,11 @@ import math
 import statistics
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from yarnscale.files.atomic import write_json, write_text
 from yarnscale.laboratory.programme import FabricTests
-from yarnscale.laboratory.style3d import MISSING, Style3DFit
+from yarnscale.laboratory.style3d import Style3DFit
 from yarnscale.laboratory.table import Deviation, Measured, measured
 
 NEWTON = "1.8"
@@ -50,7 +51,7 @@ def write_newton_cloth(path: str | Path, fit: Style3DFit, subject: str) -> dict[
         },
         "use": "arguments of newton.solvers.style3d.add_cloth_mesh, the last two as wp.vec3(*numbers)",
         "loads": {"unit": "N/m", "range": fit.loads},
-        "not_represented": MISSING,
+        "not_represented": fit.lost,
         "certificate": [_deviation(one) for one in fit.deviations],
     }  # fmt: skip
     write_json(path, content)
@@ -67,12 +68,36 @@ def _deviation(one: Deviation) -> dict[str, object]:
     }  # fmt: skip
 
 
-def errors_by_test(deviations: Iterable[Deviation]) -> dict[str, tuple[float, float]]:
-    """Median and largest size of the errors [%] of every test and direction."""
-    found: dict[str, list[float]] = {}
+class ErrorSizes(NamedTuple):
+    """Errors of a test along one direction: median and largest size [%], NaN where no number is known.
+
+    failed: for how many of its ``count`` numbers the cloth found no equilibrium.
+    """
+
+    median: float
+    largest: float
+    failed: int
+    count: int
+
+    def __str__(self) -> str:
+        known = f"{self.median:.3g} %, {self.largest:.3g} %" if self.failed < self.count else ""
+        failed = f"{self.failed} of {self.count} without equilibrium" if self.failed else ""
+        return ", ".join(filter(None, (known, failed)))
+
+
+def errors_by_test(deviations: Iterable[Deviation]) -> dict[str, ErrorSizes]:
+    """Errors of every test and direction."""
+    found: dict[str, list[Deviation]] = {}
     for one in deviations:
         row = one.reference
         place = "" if row.direction is None else f" along {row.direction:g}°"
-        if math.isfinite(one.error):
-            found.setdefault(f"{row.test}{place}, {row.quantity}", []).append(abs(one.error))
-    return {name: (statistics.median(sizes), max(sizes)) for name, sizes in found.items()}
+        # Numbers that are zero throughout a test have no relative error.
+        if math.isfinite(one.error) or not math.isfinite(one.other):
+            found.setdefault(f"{row.test}{place}, {row.quantity}", []).append(one)
+    return {name: _sizes(ones) for name, ones in found.items()}
+
+
+def _sizes(deviations: list[Deviation]) -> ErrorSizes:
+    known = [abs(one.error) for one in deviations if math.isfinite(one.other)]
+    median, largest = (statistics.median(known), max(known)) if known else (math.nan, math.nan)
+    return ErrorSizes(median, largest, len(deviations) - len(known), len(deviations))

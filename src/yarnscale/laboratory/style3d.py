@@ -103,13 +103,15 @@ def bending_on_grid(bend: Array) -> Array:
 class Style3DFit:
     """Newton's cloth for a material and what it loses.
 
-    loads: range of the fit [N/m]. tests: of the material. deviations: all tests within the range.
+    loads: range of the fit [N/m]. tests: of the material. deviations: all tests within the range. lost: what the cloth
+    cannot represent, ``MISSING`` and what else this material has.
     """
 
     cloth: Style3DCloth
     loads: tuple[float, float]
     tests: FabricTests
     deviations: list[Deviation]
+    lost: tuple[str, ...] = MISSING
 
 
 def fit_style3d(material: ShellMaterial, loads: tuple[float, float] = RANGE) -> Style3DFit:
@@ -117,8 +119,8 @@ def fit_style3d(material: ShellMaterial, loads: tuple[float, float] = RANGE) -> 
 
     Stretch stiffnesses minimise the squared differences of stretch at loads spread evenly over the decades. Bending
     rigidities are those of KES, mean of both sides: of cylinders and of strips that may twist along weft and warp, and,
-    with a tenth of the weight, of cylinders along both diagonals. Raises InputError for a bad range and for a material
-    that finds no equilibrium there.
+    with a tenth of the weight, of cylinders along both diagonals; negative ones become the least that cloth can have.
+    Raises InputError for a bad range and for a material that finds no equilibrium there or whose rigidity is not known.
     """
     low, high = loads
     if not 0 < low < high < np.inf:
@@ -127,8 +129,8 @@ def fit_style3d(material: ShellMaterial, loads: tuple[float, float] = RANGE) -> 
     tests = run_tests(material, programme=Programme(loads=steps))
     along, bias, across = (_good(tests.pulled(direction)) for direction in (0.0, 45.0, 90.0))
     stiff = [_stiffness(points) for points in (along, across)]
-    rigidity = {bent.direction: bent.B for bent in tests.bend}
-    bend = _edges(*(max(rigidity[direction] or 0.0, _LEAST_BEND) for direction in (0.0, 90.0, 45.0)))
+    rigidity = _rigidity(tests)
+    bend = _edges(*(max(rigidity[direction], _LEAST_BEND) for direction in (0.0, 90.0, 45.0)))
     start = Style3DCloth(material.density, (stiff[0], stiff[1], 0.0), bend, material.strain_scale)
 
     def sheared(logarithm: float) -> Style3DCloth:
@@ -142,7 +144,11 @@ def fit_style3d(material: ShellMaterial, loads: tuple[float, float] = RANGE) -> 
     best: Any = minimize_scalar(miss, bounds=np.log10(_SHEARS).tolist(), method="bounded", options={"xatol": 1e-3})
     cloth = sheared(float(best.x))
     own = run_tests(cloth, name="Newton", programme=Programme(loads=steps, curvatures=_curvatures(tests)))
-    return Style3DFit(cloth, loads, tests, deviations(list(measured(tests)), list(measured(own))))
+    lost = tuple(
+        f"negative rigidity of bending along {direction:g}° ({B:.3g} N·m), of fabric that folds by itself"
+        for direction, B in rigidity.items() if B < 0
+    )  # fmt: skip
+    return Style3DFit(cloth, loads, tests, deviations(list(measured(tests)), list(measured(own))), MISSING + lost)
 
 
 def _edges(weft: float, warp: float, bias: float) -> tuple[float, float, float]:
@@ -160,6 +166,18 @@ def _edges(weft: float, warp: float, bias: float) -> tuple[float, float, float]:
     start = np.log([weft / 3, warp / 3, bias / 3])
     first, second, third = np.exp(least_squares(miss, start).x)
     return float(first), float(second), float(third)
+
+
+def _rigidity(tests: FabricTests) -> dict[float, float]:
+    """The rigidities of bending [N·m] that the fit needs, by direction."""
+    known = {bent.direction: bent.B for bent in tests.bend}
+    found: dict[float, float] = {}
+    for direction in (0.0, 45.0, 90.0):
+        if (B := known.get(direction)) is None:
+            expected = f"an equilibrium bent along {direction:g}°"
+            raise InputError("material", expected=expected, found="too few to tell its rigidity")
+        found[direction] = B
+    return found
 
 
 def _good(points: list[TensionPoint]) -> list[TensionPoint]:
