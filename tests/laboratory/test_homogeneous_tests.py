@@ -92,8 +92,9 @@ def test_shear_force_is_the_shear_modulus():
 
 
 def test_tension_stiffens_shear():
-    slack, taut = (tests.shear(orthotropic(), [5.0], load=load)[0].force for load in (0.0, 9.81))
+    slack, taut = (tests.shear(orthotropic(), [5.0], load=load)[0].force for load in (0.0, tests.SHEAR_TENSION))
     assert taut > slack
+    assert pytest.approx(9.80665) == tests.SHEAR_TENSION  # 10 gf/cm
 
 
 @pytest.mark.parametrize(("direction", "stiffness"), [(0.0, 1e-5), (45.0, 1.2e-5), (90.0, 0.8e-5)])

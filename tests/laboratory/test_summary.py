@@ -55,7 +55,7 @@ def test_rigidity_is_the_mean_of_both_sides():
 
 
 def test_shear_numbers():
-    points = [ShearPoint(angle, 9.81, 0.3 * angle, 0.0, 0.0, "converged") for angle in (0.5, 1.0, 2.5)]
+    points = [ShearPoint(angle, 9.80665, 0.3 * angle, 0.0, 0.0, "converged") for angle in (0.5, 1.0, 2.5)]
     bias = [pull(1.0, 0.02), pull(10.0, 0.2)]
     summary = shear_summary(points, bias)
     assert pytest.approx(0.3) == summary.G

@@ -17,7 +17,7 @@ from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import HomogeneousFabric
 from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under, path_under
-from yarnscale.kinematics import line_stretch
+from yarnscale.kinematics import GRAM_FORCE, line_stretch
 from yarnscale.numerics.newton import Status
 
 LOADS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 35.0, 50.0)
@@ -27,7 +27,7 @@ DIRECTIONS = (0.0, 45.0, 90.0)
 BENDING_DIRECTIONS = (0.0, 45.0, 90.0, 135.0)
 SHEAR_ANGLES = (0.5, 1.0, 2.5, 5.0, 8.0)
 """Trellis angles [degrees]; KES measures between 0.5° and 5°."""
-SHEAR_TENSION = 9.81
+SHEAR_TENSION = 1000 * GRAM_FORCE
 """Tension of the sheared piece along course and wale in KES: 10 gf/cm [N/m]."""
 KES_CURVATURES = (50.0, 150.0)
 """Between which KES takes the bending rigidity [1/m]."""

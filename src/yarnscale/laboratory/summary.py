@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from yarnscale.arrays import Array
+from yarnscale.kinematics import GRAM_FORCE
 from yarnscale.laboratory.cantilever import bending_length
 from yarnscale.laboratory.cycles import Cycle
 from yarnscale.laboratory.homogeneous_tests import KES_CURVATURES, BendingPoint, ShearPoint, TensionPoint
 
-CENTIMETRE_FORCE = 0.980665
+CENTIMETRE_FORCE = 100 * GRAM_FORCE
 """1 gf/cm [N/m]."""
 FAST_LOADS = tuple(grams * CENTIMETRE_FORCE for grams in (5, 20, 100))
 """Loads of FAST-3 [N/m]: of E5, E20, E100."""

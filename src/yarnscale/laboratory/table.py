@@ -49,7 +49,7 @@ def measured(tests: FabricTests) -> Iterator[Measured]:
         for direction, value in ((0.0, p.stretch_course), (90.0, p.stretch_wale)):
             yield Measured(name, direction, "larger load", larger, "N/m", "stretch", value, "-", p.status)
     for p in tests.shear:
-        name = f"shear under {p.tension:g} N/m"
+        name = f"shear under {p.tension:.3g} N/m"
         yield Measured(name, None, "angle", p.angle, "degrees", "force", p.force, "N/m", p.status)
     for p in tests.bending:
         yield Measured("bending", p.direction, "curvature", p.curvature, "1/m", "moment", p.moment, "N", p.status)
