@@ -29,6 +29,19 @@ def test_paths_of_layers_in_metres(tmp_path: Path) -> None:
     assert scaled.period is not None and np.ptp(scaled.lines["back"][0][:, 1]) > 0.0
 
 
+def test_the_period_among_other_rectangles_and_names(tmp_path: Path) -> None:
+    path = tmp_path / "traced.svg"
+    ground = '<g inkscape:label="Background"><rect width="400" height="200"/><path d="M 0 0 L 9 9"/></g>'
+    path.write_text(SVG.replace('<g id="back">', ground + '<g id="back">'))
+    found = read_traced(path, None)
+    assert found.period == pytest.approx([12e-3, 8e-3]) and len(found.lines["back"]) == 1
+    path.write_text(path.read_text().replace('id="period"', 'id="rect7"'))
+    with pytest.raises(InputError, match="period of the drawing is not clear"):
+        read_traced(path, None)
+    path.write_text(SVG.replace('id="period"', 'id="rect7"'))
+    assert read_traced(path, None).period == pytest.approx([12e-3, 8e-3])
+
+
 def test_tables_and_faults(tmp_path: Path) -> None:
     path = tmp_path / "traced.csv"
     path.write_text("side,curve,x,y\nfront,a,0,0\nfront,a,1,0.5\nback,b,0,0\nback,b,2,0\n")

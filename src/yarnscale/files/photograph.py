@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from yarnscale.errors import InputError
 
 LARGEST_SIDE = 2400
 """Pixels of the longer side that are kept; larger pictures are reduced."""
 SMALLEST_SIDE = 64
-MOST_PIXELS = 200_000_000
+MOST_PIXELS = 150_000_000
+"""Pillow warns from 90 million pixels and refuses from 180 million, which is above this."""
 _SCREENS = (72.0, 96.0)
 """Resolutions [dpi] that programs write where they know none."""
 
@@ -40,13 +41,14 @@ class Photograph:
 
 
 def read_photograph(path: Path) -> Photograph:
-    """A picture file (PNG, JPEG, TIFF, …) in grey; InputError where it is none, too small or too large."""
+    """A picture file (PNG, JPEG, TIFF, …) in grey, upright as its camera says; InputError where it is none, too small or too large."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            # The size is checked below, before anything is decoded.
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path) as picture:
                 return _read(path, picture)
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+    except Image.DecompressionBombError:
         raise InputError("picture is too large", where=path, expected=f"≤ {MOST_PIXELS} pixels") from None
     except UnidentifiedImageError:
         raise InputError("file is no picture", where=path, expected="PNG, JPEG or TIFF") from None
@@ -67,7 +69,7 @@ def _read(path: Path, picture: Image.Image) -> Photograph:
     if known is not None and (known < 10.0 or round(known) in _SCREENS):
         known = None
     reduced = -(-max(size) // LARGEST_SIDE)
-    brightness = _grey(picture)
+    brightness = _grey(ImageOps.exif_transpose(picture))
     if reduced > 1:
         rows, columns = (n // reduced for n in brightness.shape)
         blocks = brightness[: rows * reduced, : columns * reduced].reshape(rows, reduced, columns, reduced)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,23 +101,28 @@ def _svg(path: Path, text: str, pixel: float | None) -> Traced:
             raise InputError("size of the drawing is unknown", where=path, expected=expected, found=quoted(stated))
         unit = 1e-3 / _MILLIMETRE
     layers: dict[str, list[Any]] = {side: [] for side in SIDES}
-    boxes = list[Any]()
+    boxes: dict[bool, list[Any]] = {True: [], False: []}
     _sorted(svgelements, drawing, None, layers, boxes)
+    chosen = boxes[True] or boxes[False]
+    if len(chosen) > 1:
+        expected = "one rectangle named period"
+        raise InputError("period of the drawing is not clear", where=path, expected=expected, found=len(chosen))
     lines = {side: [line for shape in shapes for line in _lines(path, shape, unit)] for side, shapes in layers.items()}
-    period = unit * np.array([abs(float(boxes[0].width)), abs(float(boxes[0].height))]) if boxes else None
+    period = unit * np.array([abs(float(chosen[0].width)), abs(float(chosen[0].height))]) if chosen else None
     return Traced(lines, period)
 
 
-def _sorted(svg: Any, group: Any, side: str | None, layers: dict[str, list[Any]], boxes: list[Any]) -> None:
-    """Shapes below a group by the side whose name their layer, or one above it, has."""
+def _sorted(svg: Any, group: Any, side: str | None, layers: dict[str, list[Any]], boxes: dict[bool, list[Any]]) -> None:
+    """Shapes below a group by the side whose name their layer, or one above it, has; boxes by whether named period."""
     for entry in group:
         labels = " ".join(str(entry.values.get(key, "")) for key in _LABELS).lower()
-        named = next((word for word in (*SIDES, "period") if word in labels), side)
+        words = re.findall("[a-z]+", labels)
+        named = next((word for word in (*SIDES, "period") if word in words), side)
         if isinstance(entry, svg.Group):
             _sorted(svg, entry, named, layers, boxes)
         elif isinstance(entry, svg.Rect):
             if named == "period" or side is None:
-                boxes.append(entry)
+                boxes[named == "period"].append(entry)
         elif isinstance(entry, svg.Shape) and named in layers:
             layers[named].append(svg.Path(entry))
 
