@@ -49,6 +49,8 @@ def test_a_pattern_and_its_counts(run, pictures: Path, tmp_path: Path) -> None:
     assert again.status == 0 and "going on from here" in again.err
     other = run(*_command(pictures, out, "--scale", "13 px/mm"))
     assert other.status == 2 and "state of another registration" in other.err
+    other = run(*_command(pictures, out, "--scale", "12 px/mm", "--radius", "0.0005"))
+    assert other.status == 2 and "--radius and --period" in other.err
 
 
 def test_the_page_of_a_command_that_was_killed_goes_on(pictures: Path, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from yarnscale.files.photograph import read_photograph
 from yarnscale.files.registration_json import Session, read_session
 from yarnscale.show.register_page import RegistrationPage
 from yarnscale.swatches.registration.curves import YarnCurves
-from yarnscale.swatches.registration.registration import registered
+from yarnscale.swatches.registration.registration import Registration, registered
 from yarnscale.swatches.registration.start import flattened
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -83,6 +83,28 @@ def test_it_answers_nobody_else(page: RegistrationPage) -> None:
             page.answer("move", request)
     with pytest.raises(InputError, match="free port"):
         RegistrationPage(page.session, {}, {}, print, port=int(root.rsplit(":", 1)[1]))
+
+
+def test_changes_that_fail_are_told_and_leave_nothing(page: RegistrationPage, monkeypatch: pytest.MonkeyPatch) -> None:
+    def told(name: str, data: bytes) -> str:
+        made = urllib.request.Request(page.address + name, data, {"Content-Type": "application/json"})
+        with urllib.request.urlopen(made, timeout=20) as answer:
+            return json.loads(answer.read())["error"]
+
+    before, written = page.session, page.session.path.read_bytes()
+    assert "side" in told("move", b'{"side": [], "point": 1, "place": [1, 2]}')
+    assert "this change failed" in told("move", b"[" * 9000) and "this change failed" in told("undo", b"[]")
+    request = b'{"side": "front", "point": 1, "place": [9, 9]}'
+
+    def singular(*arguments: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    for owner, name in ((Registration, "moved"), (Registration, "seen")):
+        with monkeypatch.context() as patched:
+            patched.setattr(owner, name, singular)
+            assert "this change failed" in told("move", request)
+    assert page.session is before and page.session.path.read_bytes() == written
+    assert page.answer("move", json.loads(request))["undo"] == 1 and page.session.path.read_bytes() != written
 
 
 class Browser:

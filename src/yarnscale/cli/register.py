@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -36,7 +37,7 @@ def register(options: argparse.Namespace) -> int:
     if options.front is None:
         raise InputError("--front is missing", expected="a photograph of the right side")
     files = {"front": options.front, "back": options.back}
-    photographs = {side: read_photograph(path) for side, path in files.items() if path is not None}
+    photographs = _photographs({side: path for side, path in files.items() if path is not None})
     pixel = _pixel(options, photographs)
     pictures = flattened({side: photograph.brightness for side, photograph in photographs.items()})
     period = None if options.period is None else np.array(options.period)
@@ -53,6 +54,15 @@ def register(options: argparse.Namespace) -> int:
     write(session)
     _report(options, session.current.pattern(drawing), structure, session.current)
     return 0
+
+
+def _photographs(files: dict[str, Path]) -> dict[str, Photograph]:
+    """The pictures, all reduced as much as the largest of them."""
+    found = {side: read_photograph(path) for side, path in files.items()}
+    most = max(photograph.reduced for photograph in found.values())
+    return {
+        side: one if one.reduced == most else read_photograph(files[side], reduced=most) for side, one in found.items()
+    }
 
 
 def _structure(options: argparse.Namespace) -> Structure:
@@ -88,7 +98,7 @@ def _session(
     """The state beside the pattern, or a new one after the automatic fit."""
     path = session_path(options.out)
     given = (guess.pixel, options.radius, options.period)
-    inputs = fingerprint(pictures, list(structure.chart), structure.draft, *given)
+    inputs = fingerprint(pictures, list(structure.chart), structure.draft, structure.sizes, *given)
     session = None if options.overwrite else read_session(path, inputs)
     if session is not None:
         say(f"{path}: going on from here; --overwrite begins anew")
@@ -122,12 +132,9 @@ def _corrected(
 
 def _pixel(options: argparse.Namespace, photographs: dict[str, Photograph]) -> float:
     """Size of a pixel of the pictures as they are used [m]; InputError where nothing says it."""
-    reduced = {photograph.reduced for photograph in photographs.values()}
-    if len(reduced) > 1:
-        sizes = " and ".join(str(photograph.brightness.shape) for photograph in photographs.values())
-        raise InputError("pictures differ in size", expected="front and back at one scale", found=sizes)
+    reduced = photographs["front"].reduced
     if options.scale is not None:
-        return options.scale * reduced.pop()
+        return options.scale * reduced
     known = {photograph.dpi for photograph in photographs.values()}
     if None in known or len(known) > 1:
         expected = "--scale, such as 40px/mm, 600dpi, 1.8um/px or 820px=20mm"
@@ -135,7 +142,7 @@ def _pixel(options: argparse.Namespace, photographs: dict[str, Photograph]) -> f
     dpi = known.pop()
     assert dpi is not None
     say(f"{options.front}: {dpi:g} dpi as the file says; --scale takes another")
-    return 25.4e-3 / dpi * reduced.pop()
+    return 25.4e-3 / dpi * reduced
 
 
 def _report(options: argparse.Namespace, pattern: YarnPattern, structure: Structure, found: Registration) -> None:

@@ -40,14 +40,18 @@ class Photograph:
         return content.getvalue()
 
 
-def read_photograph(path: Path) -> Photograph:
-    """A picture file (PNG, JPEG, TIFF, …) in grey, upright as its camera says; InputError where it is none, too small or too large."""
+def read_photograph(path: Path, *, reduced: int = 1) -> Photograph:
+    """A picture file (PNG, JPEG, TIFF, …) in grey, upright as its camera says.
+
+    reduced: pixels of the file for one that is kept, each way, at least.
+    Raises InputError for files that are none, and too small or too large ones.
+    """
     try:
         with warnings.catch_warnings():
             # The size is checked below, before anything is decoded.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path) as picture:
-                return _read(path, picture)
+                return _read(path, picture, reduced)
     except Image.DecompressionBombError:
         raise InputError("picture is too large", where=path, expected=f"≤ {MOST_PIXELS} pixels") from None
     except UnidentifiedImageError:
@@ -59,16 +63,16 @@ def read_photograph(path: Path) -> Photograph:
         raise InputError("picture cannot be read", where=path, found=reason) from None
 
 
-def _read(path: Path, picture: Image.Image) -> Photograph:
+def _read(path: Path, picture: Image.Image, reduced: int) -> Photograph:
     size = picture.width, picture.height
-    if min(size) < SMALLEST_SIDE or size[0] * size[1] > MOST_PIXELS:
-        expected = f"at least {SMALLEST_SIDE} pixels each way, ≤ {MOST_PIXELS} in all"
+    if min(size) < SMALLEST_SIDE * reduced or size[0] * size[1] > MOST_PIXELS:
+        expected = f"at least {SMALLEST_SIDE * reduced} pixels each way, ≤ {MOST_PIXELS} in all"
         raise InputError("size of the picture", where=path, expected=expected, found=f"{size[0]} × {size[1]}")
     dpi = picture.info.get("dpi")
     known = float(dpi[0]) if isinstance(dpi, tuple) and len(dpi) == 2 and dpi[0] == dpi[1] else None
     if known is not None and (known < 10.0 or round(known) in _SCREENS):
         known = None
-    reduced = -(-max(size) // LARGEST_SIDE)
+    reduced = max(reduced, -(-max(size) // LARGEST_SIDE))
     brightness = _grey(ImageOps.exif_transpose(picture))
     if reduced > 1:
         rows, columns = (n // reduced for n in brightness.shape)

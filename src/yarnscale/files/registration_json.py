@@ -31,32 +31,28 @@ class Session:
     earlier: tuple[Registration, ...] = ()
 
     def changed(self, after: Registration) -> Session:
-        """The session with another state, written."""
-        return self._written(replace(self, current=after, earlier=(*self.earlier, self.current)[-MOST_STATES:]))
+        """The session with another state, not yet written."""
+        return replace(self, current=after, earlier=(*self.earlier, self.current)[-MOST_STATES:])
 
     def undone(self) -> Session:
-        """The session at its state before the last change, written; the same where there is none."""
+        """The session at its state before the last change, not yet written; the same where there is none."""
         if not self.earlier:
             return self
-        return self._written(replace(self, current=self.earlier[-1], earlier=self.earlier[:-1]))
+        return replace(self, current=self.earlier[-1], earlier=self.earlier[:-1])
 
     def saved(self) -> Session:
         """The session, written."""
-        return self._written(self)
-
-    @staticmethod
-    def _written(session: Session) -> Session:
-        curves = session.current.curves
+        curves = self.current.curves
         head = {
             "format": FORMAT,
             "version": VERSION,
-            "inputs": session.inputs,
-            "pixel": session.current.pixel,
+            "inputs": self.inputs,
+            "pixel": self.current.pixel,
         }
         head |= {"counts": curves.counts, "shifts": curves.shifts, "radii": curves.radii.tolist()}
-        rows = ",\n".join(json.dumps(_plain(state)) for state in (*session.earlier, session.current))
-        write_text(session.path, f'{json.dumps(head)[:-1]}, "states": [\n{rows}\n]}}\n')
-        return session
+        rows = ",\n".join(json.dumps(_plain(state)) for state in (*self.earlier, self.current))
+        write_text(self.path, f'{json.dumps(head)[:-1]}, "states": [\n{rows}\n]}}\n')
+        return self
 
 
 def session_path(pattern: Path) -> Path:
@@ -73,7 +69,7 @@ def read_session(path: Path, inputs: str) -> Session | None:
         if found != (FORMAT, VERSION):
             raise document.fault("format", expected=f"{FORMAT} {VERSION}", found=f"{found[0]} {found[1]}")
         if document.text("inputs") != inputs:
-            expected = "the same pictures, chart and scale, or --overwrite to begin anew"
+            expected = "the same pictures, chart, yarns, --scale, --radius and --period, or --overwrite to begin anew"
             raise InputError("state of another registration", where=path, expected=expected)
         states = [_state(document, entry) for entry in document.items("states")]
         if not states:

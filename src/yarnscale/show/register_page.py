@@ -23,6 +23,7 @@ from yarnscale.swatches.registration.lattice import Lattice
 from yarnscale.swatches.registration.registration import Registration
 
 LARGEST_REQUEST = 10_000
+FAILED = "this change failed; the state before it is kept"
 
 
 class RegistrationPage:
@@ -64,24 +65,29 @@ class RegistrationPage:
     def answer(self, name: str, request: Mapping[str, Any]) -> dict[str, Any]:
         """Carry out ``state``, ``move``, ``period``, ``undo``, ``fit`` or ``finish``; InputError for bad requests."""
         with self._lock:
-            current = self.session.current
+            session, current = self.session, self.session.current
             if name == "move":
                 place = _numbers(request, "place", 2)
-                self.session = self.session.changed(current.moved(_side(current, request), _index(request), place))
+                session = session.changed(current.moved(_side(current, request), _index(request), place))
             elif name == "period":
                 side = _side(current, request)
                 lattice = Lattice(*(_numbers(request, key, 2) for key in ("origin", "course", "wale")))
-                self.session = self.session.changed(current.with_lattice(side, lattice))
+                session = session.changed(current.with_lattice(side, lattice))
             elif name == "undo":
-                self.session = self.session.undone()
+                session = session.undone()
             elif name == "fit":
-                self.session = self.session.changed(current.fitted(self._pictures))
-            elif name == "finish":
-                self._finish(self.session)
-                threading.Thread(target=self._server.shutdown, daemon=True).start()
-            elif name != "state":
+                session = session.changed(current.fitted(self._pictures))
+            elif name not in ("state", "finish"):
                 raise InputError("request", expected="move, period, undo, fit or finish", found=name)
-            return _described(self.session)
+            # Only what the page can draw is kept.
+            described = _described(session)
+            json.dumps(described, allow_nan=False)
+            if session is not self.session:
+                self.session = session.saved()
+            if name == "finish":
+                self._finish(session)
+                threading.Thread(target=self._server.shutdown, daemon=True).start()
+            return described
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         page = self
@@ -121,7 +127,11 @@ class RegistrationPage:
                     request = json.loads(self.rfile.read(int(size)) or b"{}")
                 except ValueError:
                     return self.send_error(400)
-                self._answer(name, request if isinstance(request, dict) else {})
+                except RecursionError:
+                    request = None
+                if not isinstance(request, dict):
+                    return self._send("application/json", json.dumps({"error": FAILED}).encode())
+                self._answer(name, request)
 
             def _name(self) -> str | None:
                 """What is asked for below the page's path; others, and pages of other hosts, get an error."""
@@ -140,6 +150,8 @@ class RegistrationPage:
                     content = page.answer(name, request)
                 except InputError as error:
                     content = {"error": str(error)}
+                except Exception:  # numbers that lead nowhere, full disks: the page goes on
+                    content = {"error": FAILED}
                 self._send("application/json", json.dumps(content, allow_nan=False).encode())
 
             def _send(self, kind: str, content: bytes, nonce: str = "") -> None:
@@ -166,9 +178,9 @@ class RegistrationPage:
 
 def _side(current: Registration, request: Mapping[str, Any]) -> str:
     side = request.get("side")
-    if side not in current.lattices:
-        raise InputError("side", expected=" or ".join(current.lattices), found=repr(side))
-    return str(side)
+    if not isinstance(side, str) or side not in current.lattices:
+        raise InputError("side", expected=" or ".join(current.lattices), found=repr(side)[:60])
+    return side
 
 
 def _index(request: Mapping[str, Any]) -> int:
