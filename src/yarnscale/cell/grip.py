@@ -122,4 +122,4 @@ def _keys(pairs: Integers) -> Integers:
     """One number for each of some pairs (k, 4), the same for the same pair; ValueError beyond 64 bits."""
     lowest = pairs.min(axis=0)
     spans = tuple((pairs.max(axis=0) - lowest + 1).tolist())
-    return np.ravel_multi_index(tuple((pairs - lowest).T), spans)
+    return np.asarray(np.ravel_multi_index(tuple((pairs - lowest).T), spans), np.int64)
