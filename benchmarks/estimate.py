@@ -24,13 +24,14 @@ from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.homogenize.executors import local_workers
 from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.swatches.fabric_fit import fit_fabric
 from yarnscale.swatches.fabric_shell import fit_shell
 from yarnscale.swatches.gauss_newton import jacobian
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import YarnObjective, coarser
 from yarnscale.swatches.scattered import race, sobol_starts
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData
-from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, fit_fabric
+from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS
 from yarnscale.swatches.yarn_fit import FitOptions, ParameterSpread, fit_yarn
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
 from yarnscale.swatches.yarn_rest import RestRule

@@ -17,7 +17,7 @@ from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn.friction import YarnFriction
-from yarnscale.yarn.material import YarnMaterial
+from yarnscale.yarn.material import ContactRule, YarnMaterial
 
 FRICTION = 0.3
 SCALE = np.array([0.1, 0.1, 0.1, 60.0, 60.0, 60.0])
@@ -39,6 +39,17 @@ def path(*turns: list[float], steps: int) -> list[ShellStrain]:
     corners = [np.zeros(6), *map(np.array, turns)]
     ways = [np.linspace(a, b, steps + 1)[1:] for a, b in pairwise(corners)]
     return [ShellStrain.from_vector(state) for way in ways for state in way]
+
+
+@pytest.mark.parametrize("kernel", ["hylc2020", "est2022"])
+def test_springs_are_as_stiff_as_contact(kernel: str) -> None:
+    """A spring gives way by less than a tenth of a radius before it slides, whatever the law of contact."""
+    contact = ContactRule(kernel=kernel)  # type: ignore[arg-type]
+    yarn = replace(YarnMaterial.preset("hylc2020-stockinette"), contact=contact)
+    cell = PeriodicCell(library.build("stockinette"), yarn)
+    start = CellHistory.begin(cell, YarnFriction(FRICTION), cell.relax())
+    (found,) = path_with_friction(start, [ShellStrain(s_x=0.02)])
+    assert len(found.grip.limit) and 0 < (found.grip.limit / found.grip.stiffness).max() < 0.1
 
 
 PULLED, BENT = [0.15, 0.03, -0.05, 0, 0, 0], [0.02, 0, 0, 80.0, 0, 0]

@@ -127,6 +127,13 @@ def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.C
     assert not out.exists()
 
 
+def test_the_published_search_refuses_what_it_would_replace(measured: Path, tmp_path: Path, run) -> None:
+    command = ("estimate", measured, "--pattern", "stockinette", "--solver", "paper", "--out", tmp_path / "out")
+    outcome = run(*command, "--shape", "free")
+    assert outcome.status == 2 and "--shape; expected drawn" in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
 def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
     measured: Path, tmp_path: Path, run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,6 +151,7 @@ def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
         errors = {"comfort": share, "full": 2 * share, "compression": None}
         summary = {
             "error": errors, "stages": {"shell": errors}, "cloth_error": None, "failed_states": 0, "solves": 7,
+            "warnings": ["too good"],
             "cpu_seconds": 1.0, "parameters": {"k_s1": 0.5}, "fabric": {"tex": 20.0},
         }  # fmt: skip
         (options.out / "evaluations").mkdir(parents=True, exist_ok=True)
@@ -161,6 +169,7 @@ def test_every_fabric_of_a_folder_with_a_page_that_compares_them(
 
     # What is finished is not estimated again; a broken file is found before anything begins.
     assert run("estimate", fabrics, "--out", out, "--resume").status == 0 and len(begun) == 2
+    assert "warning: A: too good" in run("estimate", fabrics, "--out", out, "--resume").err
     # What is asked in another way, or measured anew, is.
     assert run("estimate", fabrics, "--out", out, "--resume", "--directions", "weft").status == 0 and len(begun) == 4
     curves = fabrics / "B" / "curves.csv"

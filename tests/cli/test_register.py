@@ -99,6 +99,8 @@ def test_traced_curves_need_their_size(run, refused, tmp_path: Path) -> None:
     size = f"{true.period[0]}x{true.period[1]}"
     assert "--radius is missing" in refused(*command, "--period", size)
     assert "period of the traced curves is unknown" in refused(*command, "--radius", "0.001")
+    for more in (["--no-page"], ["--port", "8000"], ["--overwrite"], ["--scale", "600dpi"]):
+        assert f"{more[0]};" in refused(*command, "--radius", "0.001", *more)
     assert not out.exists()
     assert run(*command, "--radius", "0.001", "--period", size).status == 0
     assert read_pattern(out).period == pytest.approx(1e-3 * true.period)

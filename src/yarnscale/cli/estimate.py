@@ -32,9 +32,10 @@ from yarnscale.laboratory.programme import FabricTests, run_tests
 from yarnscale.swatches.cloth_check import ClothCheck, homogenized_swatches
 from yarnscale.swatches.construction import KnownConstruction
 from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.swatches.fabric_fit import check_bending, fitted_directions, refitted
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.objective import ErrorWeights
-from yarnscale.swatches.yarn_estimate import FabricEstimate, check_bending, fitted_directions, refitted
+from yarnscale.swatches.yarn_estimate import FabricEstimate
 from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
 from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT, YarnModel
 
@@ -43,12 +44,14 @@ HOMOGENIZED = "homogenized"
 ESTIMATE = "estimate.json"
 ASKED = f"{EVALUATIONS}/asked.json"
 """Fingerprint of what a finished estimate was asked for."""
-_NO_MATTER = ("measurements", "out", "overwrite", "resume", "json", "workers", "dask", "run", "command")
-"""Options that change no result."""
+_NO_MATTER = ("measurements", "out", "overwrite", "resume", "json", "workers", "dask", "run", "default", "command")
+"""Options that change no result, and what the parser adds."""
 YARN = "yarn.toml"
 """The estimated yarn material."""
 OTHER_CLAMPS = 0.05
 """Difference of stress by another effect of the clamps from which the yarn is fitted again."""
+PUBLISHED = {"follow": "shell", "shell_model": "stvk", "shape": "drawn"}
+"""Options that ``--solver paper`` stands for."""
 COUNTS = {"wales": 1e2, "courses": 1e2, "loop_length": 1e-3, "tex": 1e-6, "area_density": 1e-3}
 """Option → factor to SI."""
 MAKES = (
@@ -60,6 +63,9 @@ MAKES = (
 
 def estimate(options: argparse.Namespace) -> int:
     """Estimate the yarn of a fabric, or of every fabric of a folder, and write reports."""
+    for name, value in PUBLISHED.items() if options.solver == "paper" else ():
+        if (given := getattr(options, name)) not in (value, options.default(name)):
+            raise InputError(f"--{name.replace('_', '-')}", expected=f"{value}, as --solver paper has it", found=given)
     if options.measurements.is_dir():
         return _every(options)
     found = _estimated(options, *_prepared(options))
@@ -99,6 +105,10 @@ def _every(options: argparse.Namespace) -> int:
         for name, done in summaries.items()
     ]
     report(options, {"fabrics": summaries}, *lines, f"{page}: all fabrics side by side")
+    if not options.json:
+        for name, done in summaries.items():
+            for warning in done["warnings"]:
+                _say(f"warning: {name}: {warning}")
     return max(int(done["failed_states"] > 0) for done in summaries.values())
 
 
@@ -129,7 +139,7 @@ def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnMode
         _say(note)
     published = options.solver == "paper"
     if published:
-        options.follow, options.shell_model, options.shape = "shell", "stvk", "drawn"
+        vars(options).update(PUBLISHED)
     model = fabric_model(
         measurements, _pattern(options, measurements), radius=options.radius, yarn_length=options.yarn_length,
         stiffness=options.stiffness, free_shape=None if options.shape is None else options.shape == "free",

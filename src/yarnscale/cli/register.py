@@ -10,6 +10,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.cli.console import ProgressLine, report, say, writable_file
+from yarnscale.cli.values import refuse
 from yarnscale.drawing.library import Structure
 from yarnscale.errors import InputError, located
 from yarnscale.files.fingerprint import fingerprint
@@ -80,6 +81,9 @@ def _traced(options: argparse.Namespace, structure: Structure) -> tuple[YarnPatt
     for name in ("front", "back"):
         if getattr(options, name) is not None:
             raise InputError(f"--{name}", expected="photographs or --traced, not both", found=getattr(options, name))
+    refuse(options, ("no_page", "port", "overwrite"), "photographs with it: traced curves need no page")
+    if options.traced.suffix.lower() == ".csv":
+        refuse(options, ("scale",), "a drawing (.svg): lengths of a table are in mm")
     if options.radius is None:
         raise InputError("--radius is missing", expected="the radius of the yarn for traced curves [m]")
     traced = read_traced(options.traced, options.scale)

@@ -208,7 +208,10 @@ class YarnSheet:
             source=np.full(n, NO_PATTERN), tile=np.zeros((n, 2), np.int64),
             yarn_material=np.zeros(len(lines), np.int64), area=0.0, name=name,
         )  # fmt: skip
-        director, twist, curvature, length = untwisted_frames(sheet.vertices, sheet.strands)
+        strands = sheet.strands
+        director, twist, curvature, length = untwisted_frames(
+            sheet.vertices, strands.ends, strands.before, np.flatnonzero(strands.place == 0)
+        )
         return replace(
             sheet,
             reference_director=director,

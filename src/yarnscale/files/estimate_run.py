@@ -17,10 +17,11 @@ from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.patterns import is_drawing, read_pattern, stitches_of
 from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.swatches.fabric_fit import fit_fabric
 from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
 from yarnscale.swatches.objective import ErrorWeights
-from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, Follow, fit_fabric
+from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, Follow
 from yarnscale.swatches.yarn_fit import FitOptions
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
 from yarnscale.yarn.pattern import YarnPattern

@@ -15,9 +15,9 @@ from yarnscale.files.measurements_csv import read_bend, read_logs
 from yarnscale.files.measurements_swatches import LogSettings, direction_named
 from yarnscale.files.measurements_u3m import SUFFIXES as U3M_SUFFIXES
 from yarnscale.files.measurements_u3m import read_u3m
-from yarnscale.swatches.construction import KnownConstruction
+from yarnscale.swatches.construction import KnownConstruction, YarnComposition
 from yarnscale.swatches.loading import CYCLES
-from yarnscale.swatches.measurements import SwatchMeasurements, YarnComposition
+from yarnscale.swatches.measurements import SwatchMeasurements
 
 _FIELDS = (
     "name", "fabric", "stretch", "bend", "biaxial", "single_run", "area_density", "pattern", "photographs", "yarn",

@@ -8,10 +8,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.errors import positive
+from yarnscale.errors import InputError, positive
 
 Stitches = tuple[int, int]
 """Wales and courses of one period."""
+
+
+@dataclass(frozen=True)
+class YarnComposition:
+    """One yarn of a fabric (EST22 §4.1).
+
+    denier: grams per 9000 m of unstretched yarn. filaments: their number. mass_share: of the fabric's mass, in (0, 1].
+    stiffness: force per strain as measured at 5 cN [N], None where unknown. density: of the yarn's material [kg/m³].
+    coating: any finish of its fibres.
+    """
+
+    material: str
+    denier: float
+    filaments: int = 1
+    mass_share: float = 1.0
+    stiffness: float | None = None
+    density: float | None = None
+    coating: str = ""
+
+    def __post_init__(self) -> None:
+        where = f"yarn '{self.material}'"
+        for name in ("denier", "filaments", "mass_share", "stiffness", "density"):
+            if getattr(self, name) is not None:
+                positive(f"{name} of {where}", getattr(self, name))
+        if self.mass_share > 1:
+            raise InputError(f"mass_share of {where}", expected="at most 1", found=self.mass_share)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError, positive
-from yarnscale.swatches.construction import KnownConstruction
+from yarnscale.swatches.construction import KnownConstruction, YarnComposition
 from yarnscale.swatches.zero_force import at_zero_force
 
 LENGTH = "a positive length [m]"
@@ -284,41 +284,14 @@ class BendingRigidity:
         positive(f"bending rigidity along {self.direction.value}", self.rigidity, "a positive number [N m]")
 
 
-@dataclass(frozen=True)
-class YarnComposition:
-    """One yarn of a fabric (EST22 §4.1).
-
-    denier: grams per 9000 m of unstretched yarn. filaments: their number. mass_share: of the fabric's mass, in (0, 1].
-    stiffness: force per strain as measured at 5 cN [N], None where unknown. density: of the yarn's material [kg/m³].
-    coating: any finish of its fibres.
-    """
-
-    material: str
-    denier: float
-    filaments: int = 1
-    mass_share: float = 1.0
-    stiffness: float | None = None
-    density: float | None = None
-    coating: str = ""
-
-    def __post_init__(self) -> None:
-        where = f"yarn '{self.material}'"
-        for name in ("denier", "filaments", "mass_share", "stiffness", "density"):
-            if getattr(self, name) is not None:
-                positive(f"{name} of {where}", getattr(self, name))
-        if self.mass_share > 1:
-            raise InputError(f"mass_share of {where}", expected="at most 1", found=self.mass_share)
-
-
 @dataclass(frozen=True, eq=False)
 class SwatchMeasurements:
     """Everything measured on one fabric, one test per direction at most (EST22 §4.4).
 
-    area_density: mass of the fabric [kg/m²]; pear loops need it. pattern: name of its chart or yarn geometry,
-    photographs: of both sides; only names, for the record. notes: sentences on how the numbers were read.
-    known: what was counted on the fabric. short: stretch tests of strips shorter than wide, which tell how the fabric
-    resists contraction. rigidity: of bending, measured by other means than pear loops. biaxial: both directions
-    pulled at once.
+    area_density: mass of the fabric [kg/m²]; pear loops need it. pattern: its pattern, by name or file, for estimates
+    that name no other. photographs: names, for the record. notes: sentences on how the numbers were read. known: what
+    was counted on the fabric. short: stretch tests of strips shorter than wide, which tell how the fabric resists
+    contraction. rigidity: of bending, measured by other means than pear loops. biaxial: both directions pulled at once.
     """
 
     name: str

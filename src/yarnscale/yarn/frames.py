@@ -7,15 +7,12 @@ of two edges then changes by an angle below half a turn, which is added up: fram
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-
-if TYPE_CHECKING:
-    from yarnscale.yarn.strands import Strands
 
 NO_EDGE = np.array([1.0, 0.0, 0.0])
 """Direction at the end of an open yarn, where no edge starts."""
@@ -149,13 +146,15 @@ def material_curvature(tangent: Array, director: Array, twist: Array, previous: 
     )
 
 
-def untwisted_frames(positions: Array, strands: Strands) -> tuple[Array, Array, Array, Array]:
+def untwisted_frames(
+    positions: Array, ends: Integers, before: Integers, first: Integers
+) -> tuple[Array, Array, Array, Array]:
     """Directors without twist along yarns, the twist left where a yarn closes, curvatures and lengths of edges.
 
-    positions: (n, 3) of vertices that are numbered along the yarns.
+    positions: (n, 3) of vertices that are numbered along the yarns. ends, before: (n,) as those of ``Strands``. first:
+    vertices at which yarns begin.
     """
-    ends, before = strands.ends, strands.before
-    tangent, first = unit_edges(positions, ends), np.flatnonzero(strands.place == 0)
+    tangent = unit_edges(positions, ends)
     lean = np.eye(3)[np.argmin(np.abs(tangent[first]), axis=1)]
     starts = upright(lean, tangent[first])
     lines = zip(starts, np.split(tangent, first[1:]), strict=True)

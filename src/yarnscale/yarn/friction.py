@@ -49,7 +49,8 @@ class Rubbing:
     """Pairs of segments that press on each other: their stencil variables (k, 12) and vertices (k, 4), where on either
     segment they do (k, 2), in shares of it, the direction (k, 3) in which the first is pushed, and how hard (k,).
 
-    stiffness: of contact where segments begin to touch (k,).
+    stiffness: (k,) 8 Σ k/R² over the penalties of a pair, R their reach: of ``hylc2020`` its second derivative where
+    segments begin to touch, of ``est2022``, which begins softly, that at some 0.8 of the reach.
     """
 
     variables: Integers
@@ -74,7 +75,8 @@ class Rubbing:
         place = np.stack(
             [np.einsum("nj,nj->n", force[:, k], sign * normal) / size for k, sign in ((1, 1.0), (3, -1.0))], 1
         )
-        stiffness = 8.0 * contacts.parameters[kept, :2].prod(axis=1)
+        parameters = contacts.parameters[kept]  # of each penalty k and 1/R²
+        stiffness = 8.0 * (parameters[:, ::2] * parameters[:, 1::2]).sum(axis=1)
         return cls(contacts.variables[kept], np.clip(place, 0.0, 1.0), normal, size, stiffness)
 
     @property

@@ -27,8 +27,8 @@ class ContactRule:
     points: quadrature points along each segment, an odd number from 3.
     weights: ``"published"``, (1, 4, 2, …, 4, 1) / (3 points), sum 0.8 for 5 points, as in the published energies;
         ``"simpson"``, the normalised rule.
-    neighbours: segments of one yarn at most this many edges apart do not touch (3; the published
-        ``satin-small`` has 4). Edges shorter than about two thirds of the radius need more.
+    neighbours: of published patterns (polylines): segments of one yarn at most this many edges apart do not touch (3;
+        ``satin-small`` has 4). Smooth yarns go by arc length instead (``strands.Neighbours``).
     outer_radius_ratio, inner_radius_ratio: R₁ and R₂ of ``est2022`` over the yarn radius [-].
     inner_stiffness: stiffness k_c2 of the inner barrier of ``est2022`` [kg/s²]; the outer one, k_c1, is the
         material's ``contact_stiffness``.

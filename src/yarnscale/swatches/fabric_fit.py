@@ -1,0 +1,122 @@
+"""From the measurements of a fabric and its pattern to an estimated yarn, in one call (EST22 as a whole)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+from yarnscale.errors import InputError
+from yarnscale.swatches.cloth_check import check_cloth, without_own_clamps
+from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
+from yarnscale.swatches.fabric_shell import fit_shell
+from yarnscale.swatches.measurements import Direction, SwatchMeasurements
+from yarnscale.swatches.membrane_constants import ShellModel
+from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective
+from yarnscale.swatches.uniform_data import UniformData
+from yarnscale.swatches.yarn_estimate import FabricEstimate, Follow
+from yarnscale.swatches.yarn_fit import FitOptions, YarnFit, fit_yarn
+from yarnscale.swatches.yarn_model import YarnModel
+
+
+def fit_fabric(
+    measurements: SwatchMeasurements,
+    model: YarnModel,
+    *,
+    directions: Sequence[Direction] | None = None,
+    holdout: Direction | None = None,
+    follow: Follow = "measured",
+    shell_model: ShellModel = "stiffening",
+    options: FitOptions | None = None,
+    weights: ErrorWeights | None = None,
+    executor: Executor | None = None,
+    store: Callable[[YarnObjective], Store] | None = None,
+    progress: Callable[[Evaluations], None] | None = None,
+) -> FabricEstimate:
+    """Fit the shell, translate to uniform data, fit the yarn, and predict the direction that was held out.
+
+    directions: those to fit, all measured ones by default, but for ``holdout``. follow: what the yarn follows, see
+    ``FabricShell.uniform_data``; shell_model: see ``fit_shell``.
+
+    Raises InputError for directions that were not measured, and for a weight of bending
+    where neither loops nor strips were bent.
+    """
+    fitted = fitted_directions(measurements, directions, holdout)
+    check_bending(measurements, weights)
+    shell = fit_shell(measurements.only(*fitted), model=shell_model)
+    data = shell.uniform_data(follow=follow)
+    fit = fit_yarn(model, data, options=options, weights=weights, executor=executor, store=store, progress=progress)
+    measured = shell.uniform_data(follow="measured")
+    held_out = None
+    if holdout is not None:
+        held_out = fit_shell(measurements, model=shell_model).uniform_data(follow="measured").only(holdout)
+    prediction = _predicted(fit, held_out)
+    short = None
+    if shell.measurements.short:
+        strips = replace(shell.measurements, stretch=shell.measurements.short)
+        short = check_cloth(shell.membrane.material, strips)
+    return FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, short)
+
+
+def refitted(
+    estimate: FabricEstimate,
+    *,
+    weights: ErrorWeights | None = None,
+    executor: Executor | None = None,
+    store: Callable[[YarnObjective], Store] | None = None,
+    progress: Callable[[Evaluations], None] | None = None,
+) -> FabricEstimate:
+    """The yarn fitted again, with the effect of the clamps that its own cloth has: Gauss–Newton from the first fit.
+
+    What a shell says of the clamps of short, wide swatches depends on constants that swatches do not determine.
+    Raises InputError without cloth.
+    """
+    if estimate.cloth is None:
+        raise InputError("refitted yarn", expected="an estimate with cloth", found="none")
+    first, clean = estimate.fit, without_own_clamps(estimate.cloth)
+    data = replace(
+        clean.only(*(curve.direction for curve in estimate.measured.curves)),
+        bending=estimate.measured.bending,
+    )
+    fit = fit_yarn(
+        first.model, data, options=first.options, weights=weights, executor=executor, store=store,
+        progress=progress, start=first.evaluation.unknowns,
+    )  # fmt: skip
+    held = estimate.held_out and clean.only(*(curve.direction for curve in estimate.held_out.curves))
+    return replace(
+        estimate, fit=fit, measured=data, held_out=held, prediction=_predicted(fit, held), cloth=None, tests=None,
+        clamps="cloth",
+    )  # fmt: skip
+
+
+def _predicted(fit: YarnFit, held_out: UniformData | None) -> Evaluation | None:
+    """What the yarn does in the directions that were held out."""
+    if held_out is None:
+        return None
+    return evaluate(YarnObjective(fit.model, held_out), fit.evaluation.unknowns, None)
+
+
+def fitted_directions(
+    measurements: SwatchMeasurements, directions: Sequence[Direction] | None, holdout: Direction | None
+) -> list[Direction]:
+    """The directions that ``fit_fabric`` would fit. InputError where one was not measured or none is left."""
+    measured = [test.direction for test in measurements.stretch]
+    wanted = list(measured if directions is None else directions)
+    for direction in wanted + ([] if holdout is None else [holdout]):
+        if direction not in measured:
+            raise InputError(
+                "direction",
+                expected="measured: " + ", ".join(d.value for d in measured),
+                found=direction.value,
+            )
+    left = [direction for direction in wanted if direction is not holdout]
+    if not left:
+        raise InputError("directions to fit", expected="one that is not held out", found="none")
+    return left
+
+
+def check_bending(measurements: SwatchMeasurements, weights: ErrorWeights | None) -> None:
+    """InputError where bending is to weigh but no pear loops were measured."""
+    if weights is not None and weights.bending > 0 and not (measurements.bend or measurements.rigidity):
+        expected = "measured pear loops or bent strips"
+        raise InputError("weight of bending", where=measurements.name, expected=expected, found="none")
