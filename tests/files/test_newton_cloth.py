@@ -67,25 +67,16 @@ def test_response_has_the_moduli_of_its_stress():
     np.testing.assert_allclose(0.5 * (slopes + slopes.T), cloth.moduli(cloth.response(strain)), atol=1e-6)
 
 
+def exported(out: Path, form: str, *options: str) -> int:
+    """Status of the command, with a material beside its output."""
+    material = out.with_name("cloth.json")
+    write_material(material, WOVEN)
+    return main(["export", str(material), "--to", form, *options, "--out", str(out)])
+
+
 def test_command_writes_parameters_certificate_and_table(tmp_path, capsys):
-    write_material(tmp_path / "cloth.json", WOVEN)
     out = tmp_path / "newton.json"
-    assert (
-        main(
-            [
-                "export",
-                str(tmp_path / "cloth.json"),
-                "--format",
-                "newton",
-                "--loads",
-                "0.1,2",
-                "--out",
-                str(out),
-                "--json",
-            ]
-        )
-        == 0
-    )
+    assert exported(out, "newton", "--loads", "0.1,2", "--json") == 0
     assert json.loads(capsys.readouterr().out)["format"] == "newton"
     content = json.loads(out.read_text())
     assert len(content["tri_aniso_ke"]) == len(content["edge_aniso_ke"]) == 3
@@ -104,30 +95,13 @@ def test_command_writes_parameters_certificate_and_table(tmp_path, capsys):
 
 @pytest.mark.parametrize("loads", ["2,1", "0,1", "-1,2"])
 def test_bad_range_is_refused_and_nothing_is_written(tmp_path, capsys, loads):
-    write_material(tmp_path / "cloth.json", WOVEN)
-    out = tmp_path / "newton.json"
-    assert (
-        main(
-            [
-                "export",
-                str(tmp_path / "cloth.json"),
-                "--format",
-                "newton",
-                f"--loads={loads}",
-                "--out",
-                str(out),
-            ]
-        )
-        == 2
-    )
+    assert exported(tmp_path / "newton.json", "newton", f"--loads={loads}") == 2
     assert "range of loads" in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cloth.json"]
 
 
 def test_range_belongs_to_newton(tmp_path):
-    write_material(tmp_path / "cloth.json", WOVEN)
-    out = tmp_path / "cloth.c"
-    assert main(["export", str(tmp_path / "cloth.json"), "--format", "c", "--loads", "1,2", "--out", str(out)]) == 2
+    assert exported(tmp_path / "cloth.c", "c", "--loads", "1,2") == 2
     with pytest.raises(InputError, match="range of loads"):
         fit_style3d(WOVEN, (1.0, np.inf))
 

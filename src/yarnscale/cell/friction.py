@@ -2,7 +2,7 @@
 
 From one state to the next the cell minimises its energy plus the potential of springs and sliders (``Grip``) between
 all segments that press, with the pressures of the last state: errors are of the order of the step. What friction takes
-in a step is exact: sliding forces times slid ways, and what springs lose.
+in a step is exact: sliding forces times slid distances, and what springs lose.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _HALVINGS = 4
 
 @dataclass(frozen=True, eq=False)
 class CellHistory:
-    """A cell with friction at a state that it came to: the equilibrium, and the pairs that press, with their springs.
+    """A cell with friction at the end of a step: the equilibrium, and the pairs that press, with their springs.
 
     stored: energy of yarns and springs [J/m²]. dissipated: by friction in the step to this state, never negative
     [J/m²].

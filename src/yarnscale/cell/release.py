@@ -83,7 +83,7 @@ def released(
         if further is None:
             longest = np.inf
             break
-        # Beyond a step that failed, the next ones feel their way.
+        # After a failed step, steps are short and double again.
         reach = min(LARGEST_STEP, 2.0 * float(np.abs(step).max())) if tries > 1 else min(LARGEST_STEP, 2.0 * reach)
         there = further.stress[[0, 2]]
         gain = float(np.linalg.norm(there) / np.linalg.norm(stress))

@@ -38,7 +38,7 @@ class Cycle:
     """One cycle of a test ("tension", "shear", "bending") along a direction [degrees]; number: from 1.
 
     loading, unloading: points (stretch [-], load [N/m]), (trellis angle [degrees], force [N/m]) or (curvature [1/m],
-    moment [N]) on the ways from zero and back. work, work_returned: on these ways [J/m²]; dissipated: by friction on
+    moment [N]) from zero outwards and back. work, work_returned: on these legs [J/m²]; dissipated: by friction on
     both [J/m²]. NaN in a cycle that was not completed, as ``status`` says.
     """
 
@@ -60,8 +60,8 @@ class Cycle:
     def hysteresis(self, place: float) -> float | None:
         """Width of the loop at an angle or curvature: force on loading less that on unloading, mean of both sides."""
         widths = []
-        for side, ways in zip((1.0, -1.0), self.sides, strict=True):
-            legs = [sorted((side * x, side * y) for x, y in leg) for leg in ways]
+        for side, pair in zip((1.0, -1.0), self.sides, strict=True):
+            legs = [sorted((side * x, side * y) for x, y in leg) for leg in pair]
             if all(leg and leg[-1][0] >= place * (1 - 1e-9) for leg in legs):
                 up, down = (float(np.interp(place, *np.array(leg).T)) for leg in legs)
                 widths.append(up - down)
@@ -109,7 +109,7 @@ class CycledTest:
     unit: float = 1.0
 
     def run(self, cell: PeriodicCell, friction: YarnFriction, cycles: int) -> tuple[list[Any], list[Cycle]]:
-        """Points of the first way from zero, and the cycles."""
+        """Points of the first leg from zero, and the cycles."""
         rest = equilibrium_under(CellFabric(cell), Loads(), prescribed=self.held)
         here = CellHistory.begin(cell, friction, rest.response.state) if rest.converged else None
         if here is not None and self.pre_tension:
@@ -122,29 +122,29 @@ class CycledTest:
             legs: list[list[list[tuple[Pair, float, bool]]]] = [[], []]
             for side in self.sides:
                 for leg, values in enumerate(((0.0, *side), (*side[::-1], 0.0))):
-                    points, way, here = self._leg(here, values)
+                    points, trace, here = self._leg(here, values)
                     first += points if number == 1 and leg == 0 else []
-                    legs[leg].append(way)
+                    legs[leg].append(trace)
             done.append(self._cycle(number, legs))
         return first, done
 
     def _leg(
         self, here: CellHistory | None, values: Sequence[float]
     ) -> tuple[list[Any], list[Any], CellHistory | None]:
-        """Points at values after the first; (way and force, dissipated, measured) at all steps; the history there."""
-        points, way = [], []
+        """Points at values after the first; of all steps displacement and force, dissipated, measured; the history there."""
+        points, trace = [], []
         if here is not None:
-            way.append((self._read(values[0], here), 0.0, True))
+            trace.append((self._read(values[0], here), 0.0, True))
         for first, last in pairwise(values):
             steps = np.linspace(first, last, STEPS + 1)[1:].tolist()
             found = [] if here is None else list(followed(here, first, steps, self.solver))
-            way += [
+            trace += [
                 (self._read(value, history), history.dissipated, value == last)
                 for value, history in zip(steps, found, strict=False)
             ]
             here = found[-1] if len(found) == STEPS else None
             points.append(self.point(last, _loaded_state(here)))
-        return points, way, here
+        return points, trace, here
 
     def _read(self, value: float, history: CellHistory) -> Pair:
         return self.read(self.point(value, _loaded_state(history)))
@@ -153,12 +153,12 @@ class CycledTest:
         steps = [sum(1 + STEPS * len(side) for side in self.sides)] * 2
         whole = [sum(map(len, leg)) for leg in legs] == steps
         work = [
-            sum(float(np.trapezoid([f for (_, f), _, _ in way], [x for (x, _), _, _ in way])) for way in leg)
+            sum(float(np.trapezoid([f for (_, f), _, _ in trace], [x for (x, _), _, _ in trace])) for trace in leg)
             * self.unit
             for leg in legs
         ]
-        measured = [tuple(pair for way in leg for pair, _, kept in way if kept) for leg in legs]
-        dissipated = sum(lost for leg in legs for way in leg for _, lost, _ in way)
+        measured = [tuple(pair for trace in leg for pair, _, kept in trace if kept) for leg in legs]
+        dissipated = sum(lost for leg in legs for trace in leg for _, lost, _ in trace)
         there, back, lost = (work[0], -work[1], dissipated) if whole else (math.nan,) * 3
         status = "converged" if whole else "stalled"
         return Cycle(self.name, self.direction, number, measured[0], measured[1], there, back, lost, status)

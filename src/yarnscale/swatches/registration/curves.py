@@ -69,14 +69,14 @@ class YarnCurves:
 
     @cached_property
     def _drift(self) -> tuple[Array, Array]:
-        """What each control point (k, 3) and each sample (m, 3) has walked on a straight way along its yarn."""
+        """Mean progress [m] of its yarn from one period to the next up to each control point (k, 3) and sample (m, 3)."""
         parts = []
         for at in (1, SAMPLES):
-            ways = [
+            progress = [
                 (np.arange(at * count) / (at * count))[:, None] * np.array([*(np.array(shift) * self.period), 0.0])
                 for count, shift in zip(self.counts, self.shifts, strict=True)
             ]
-            parts.append(np.concatenate(ways))
+            parts.append(np.concatenate(progress))
         return parts[0], parts[1]
 
     @property
