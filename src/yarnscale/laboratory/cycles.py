@@ -131,7 +131,7 @@ class CycledTest:
     def _leg(
         self, here: CellHistory | None, values: Sequence[float]
     ) -> tuple[list[Any], list[Any], CellHistory | None]:
-        """Points at values after the first; of all steps displacement and force, dissipated, measured; the history there."""
+        """Points at values after the first; of all steps displacement, force, dissipated, measured; the end."""
         points, trace = [], []
         if here is not None:
             trace.append((self._read(values[0], here), 0.0, True))

@@ -69,7 +69,7 @@ class YarnCurves:
 
     @cached_property
     def _drift(self) -> tuple[Array, Array]:
-        """Mean progress [m] of its yarn from one period to the next up to each control point (k, 3) and sample (m, 3)."""
+        """Mean progress [m] of yarns from the first period to the next: at control points (k, 3), at samples (m, 3)."""
         parts = []
         for at in (1, SAMPLES):
             progress = [
