@@ -26,8 +26,8 @@ with TemporaryDirectory() as folder:
 
     wool = ys.YarnMaterial.preset("wool")
     shape = ys.settled(drawn, wool)
-    ys.write_pattern(shape.pattern, Path(folder) / "checks.pyp")
-    again = ys.read_pattern(Path(folder) / "checks.pyp")
+    ys.write_pattern(shape.pattern, Path(folder) / "checks.json")
+    again = ys.read_pattern(Path(folder) / "checks.json")
 
 width, height = shape.pattern.period / drawn.period
 print(f"{shape.status.value}; {width:.3f} of the drawn width, {height:.3f} of its height")
