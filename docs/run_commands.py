@@ -29,6 +29,7 @@ SMALLER: dict[str, list[str]] = {
     "fabric stockinette --method direct --on": ["--duration", "0.002"],
     "convert": ["--frames", "0", "--overwrite"],
     "detail": ["--frames", "0"],
+    "view": ["--as-drawn"],
 }
 """Beginning of a command -> options that make it small; the longest beginning counts."""
 PARSED_ONLY = (

@@ -19,6 +19,7 @@ from yarnscale.cli.fabric_options import add_fabric_options
 from yarnscale.cli.material_options import add_material_commands
 from yarnscale.cli.register_options import add_register_options
 from yarnscale.cli.shared_options import GROUPS, Add, Option, Share, add_json, add_overwrite
+from yarnscale.cli.view_options import add_view_options
 from yarnscale.cli.yarn_options import add_yarn_commands
 from yarnscale.errors import misspelt
 
@@ -120,5 +121,6 @@ _COMMANDS: dict[str, Callable[[Add], None]] = {
     "finite fabrics of yarns": add_fabric_options,
     "measured swatches": add_estimate_options,
     "photographs": add_register_options,
+    "looking": add_view_options,
 }
 """Commands by the heading of their group in the help."""

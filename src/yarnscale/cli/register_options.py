@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from yarnscale.cli.shared_options import Add, add_json
-from yarnscale.cli.values import positive
+from yarnscale.cli.values import port, positive
 from yarnscale.errors import quoted
 
 _UNITS = {"px/mm": 1e-3, "px/cm": 1e-2, "dpi": 25.4e-3}
@@ -37,7 +37,7 @@ def add_register_options(add: Add) -> None:
     about = "of the yarn (default: from the width of bright ridges; traced curves need it)"
     option("--radius", type=positive, metavar="METRES", help=about)
     option("--no-page", action="store_true", help="no page in the browser: the automatic registration alone")
-    option("--port", type=_port, default=0, metavar="N", help="of the page (a free one)")
+    option("--port", type=port, default=0, metavar="N", help="of the page (a free one)")
     about = "begin anew instead of going on with the state beside the pattern"
     option("--overwrite", action="store_true", help=about)
     option("--out", type=Path, required=True, metavar="PATTERN.json", help="the pattern, at rest as it lies")
@@ -56,13 +56,6 @@ def pixel_size(text: str) -> float:
             return size * float(match[1])
     expected = "40px/mm, 600dpi, 1.8um/px or 820px=20mm"
     raise argparse.ArgumentTypeError(f"expected {expected}; found {quoted(text)}")
-
-
-def _port(text: str) -> int:
-    """A number of a port."""
-    if not text.isdecimal() or not 1 <= int(text) <= 65535:
-        raise argparse.ArgumentTypeError(f"expected a port, 1 to 65535; found {quoted(text)}")
-    return int(text)
 
 
 def _period(text: str) -> tuple[float, float]:

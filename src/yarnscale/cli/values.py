@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, quoted
 from yarnscale.files.source_text import finite_number
 
 
@@ -111,3 +111,10 @@ def not_negative(text: str) -> float:
     if value < 0:
         raise argparse.ArgumentTypeError(f"expected zero or a positive number; found {text!r}")
     return value
+
+
+def port(text: str) -> int:
+    """A number of a port."""
+    if not text.isdecimal() or not 1 <= int(text) <= 65535:
+        raise argparse.ArgumentTypeError(f"expected a port, 1 to 65535; found {quoted(text)}")
+    return int(text)

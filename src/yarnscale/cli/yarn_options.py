@@ -42,7 +42,7 @@ def add_yarn_commands(add: Add) -> None:
     cell = (add_yarns, add_as_drawn, add_cell_strain, add_free_sliding, add_json)
     about = "Relax a periodic cell under a macroscopic strain."
     option = add("relax", "yarns", about, *cell, add_starts(1))
-    option("--out", type=Path, metavar="STATE.npz", help="write positions, twist and edges")
+    option("--out", type=Path, metavar="STATE.npz", help="write the equilibrium and its pattern")
     option("--picture", type=Path, metavar="FILE.png", help="draw the relaxed cell with its copies")
     option("--size", type=size, default=(1, 1), metavar="NxM", help="relax N by M tiles as one cell (1x1)")
 

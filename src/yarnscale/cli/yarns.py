@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import SETTING, RestRound, RestShape, set_as_drawn, settled
@@ -15,7 +12,7 @@ from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
-from yarnscale.files.atomic import write_bytes
+from yarnscale.files.equilibrium_file import write_equilibrium
 from yarnscale.files.patterns import WRITERS, is_drawing, read_pattern, structure_of, write_pattern
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.yarn.material import PRESETS
@@ -134,9 +131,7 @@ def relax(options: argparse.Namespace) -> int:
     state = cell.relax(strain)
     line.end()
     if options.out is not None:
-        content = io.BytesIO()
-        np.savez(content, positions=state.positions, twist=state.twist, edges=source.edges)
-        write_bytes(options.out, content.getvalue())
+        write_equilibrium(options.out, cell, state)
     if options.picture is not None:
         draw_cell(options.picture, cell, state)
     report(options, _summary(state, cell, yarn), *_lines(state, cell))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -41,7 +42,7 @@ def read_pattern_json(path: str | os.PathLike[str]) -> YarnPattern:
     """
     path = Path(path)
     with json_file(path) as document:
-        pattern = _pattern(document)
+        pattern = pattern_of(document)
     check_proportions(pattern, where=path)
     check_clearance(pattern, where=path)
     return pattern
@@ -53,12 +54,17 @@ def read_yarns(path: str | os.PathLike[str]) -> Materials | None:
     Raises InputError as ``read_pattern_json``.
     """
     with json_file(Path(path)) as document:
-        if "materials" not in document.content:
-            return None
-        found = [material_of(entry) for entry in document.items("materials")]
-        if not found:
-            raise document.fault("materials", expected="one or more yarn materials", found="none")
-        return found[0] if len(found) == 1 else materials_of(_pattern(document), found)
+        return yarns_of(document, lambda: pattern_of(document))
+
+
+def yarns_of(document: Fields, pattern: Callable[[], YarnPattern]) -> Materials | None:
+    """The yarn materials in a pattern's content, None where there are none; pattern: of the same content."""
+    if "materials" not in document.content:
+        return None
+    found = [material_of(entry) for entry in document.items("materials")]
+    if not found:
+        raise document.fault("materials", expected="one or more yarn materials", found="none")
+    return found[0] if len(found) == 1 else materials_of(pattern(), found)
 
 
 def write_pattern_json(pattern: YarnPattern, path: str | os.PathLike[str], *, yarns: Materials | None = None) -> None:
@@ -66,6 +72,11 @@ def write_pattern_json(pattern: YarnPattern, path: str | os.PathLike[str], *, ya
 
     yarns: the materials of its yarns, one for all or one for each number in ``yarn_material``.
     """
+    write_json(path, pattern_content(pattern, yarns))
+
+
+def pattern_content(pattern: YarnPattern, yarns: Materials | None = None) -> dict[str, object]:
+    """What a file of a pattern holds."""
     content: dict[str, object] = {
         "format": FORMAT,
         "version": VERSION,
@@ -83,10 +94,11 @@ def write_pattern_json(pattern: YarnPattern, path: str | os.PathLike[str], *, ya
         content["polyline"] = True
     if yarns is not None:
         content["materials"] = [asdict(material) for material in materials_of(pattern, yarns)]
-    write_json(path, content)
+    return content
 
 
-def _pattern(document: Fields) -> YarnPattern:
+def pattern_of(document: Fields) -> YarnPattern:
+    """The pattern in the content of a file; InputError with its field where it is none."""
     for key, expected in (("format", FORMAT), ("version", VERSION), ("units", UNITS)):
         found = document.get(key)
         if found != expected or isinstance(found, bool):

@@ -1,15 +1,10 @@
-"""A page on this machine alone, on which a user corrects a registration: photographs with the yarns laid over them.
-
-It answers on the loopback address, under a path that nobody else knows, to requests that name this address as host.
-"""
+"""A page on which a user corrects a registration: photographs with the yarns laid over them."""
 
 from __future__ import annotations
 
 import json
-import secrets
 import threading
 from collections.abc import Callable, Mapping
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any
 
@@ -18,15 +13,13 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.registration_json import Session
+from yarnscale.show.local_page import PAGE, LocalPage
 from yarnscale.swatches.registration.curves import SAMPLES
 from yarnscale.swatches.registration.lattice import Lattice
 from yarnscale.swatches.registration.registration import Registration
 
-LARGEST_REQUEST = 10_000
-FAILED = "this change failed; the state before it is kept"
 
-
-class RegistrationPage:
+class RegistrationPage(LocalPage):
     """Serves a session until its user finishes.
 
     photographs: PNG by side. pictures: evened brightness by side, for the automatic fit. finish: called at the end with
@@ -43,24 +36,17 @@ class RegistrationPage:
         port: int = 0,
     ) -> None:
         self.session, self._photographs, self._pictures, self._finish = session, photographs, pictures, finish
-        self._token, self._lock = secrets.token_urlsafe(16), threading.Lock()
-        try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), self._handler())
-        except OSError as error:
-            raise InputError("--port", expected="a free port", found=f"{port}: {error.strerror}") from None
-        self._server.daemon_threads = True
+        self._lock = threading.Lock()
+        super().__init__(port=port)
 
-    @property
-    def address(self) -> str:
-        """Of the page."""
-        return f"http://127.0.0.1:{self._server.server_port}/{self._token}/"
-
-    def serve(self) -> None:
-        """Answer until the user finishes."""
-        try:
-            self._server.serve_forever(poll_interval=0.2)
-        finally:
-            self._server.server_close()
+    def content(self, name: str) -> tuple[str, bytes] | None:
+        """The page, its photographs and its state."""
+        if name == "":
+            return PAGE, files("yarnscale.show").joinpath("templates/register.html").read_bytes()
+        if name == "state":
+            return "application/json", json.dumps(self.answer(name, {}), allow_nan=False).encode()
+        picture = self._photographs.get(name.removesuffix(".png"))
+        return None if picture is None else ("image/png", picture)
 
     def answer(self, name: str, request: Mapping[str, Any]) -> dict[str, Any]:
         """Carry out ``state``, ``move``, ``period``, ``undo``, ``fit`` or ``finish``; InputError for bad requests."""
@@ -86,94 +72,8 @@ class RegistrationPage:
                 self.session = session.saved()
             if name == "finish":
                 self._finish(session)
-                threading.Thread(target=self._server.shutdown, daemon=True).start()
+                self.close()
             return described
-
-    def _handler(self) -> type[BaseHTTPRequestHandler]:
-        page = self
-
-        class Handler(BaseHTTPRequestHandler):
-            """Requests of the page."""
-
-            server_version, sys_version = "yarnscale", ""
-
-            def do_GET(self) -> None:
-                """The page, its photographs and its state."""
-                name = self._name()
-                if name is None:
-                    return
-                if name == "":
-                    source = files("yarnscale.show").joinpath("templates/register.html").read_text("utf-8")
-                    nonce = secrets.token_urlsafe(12)
-                    self._send("text/html; charset=utf-8", source.replace("NONCE", nonce).encode(), nonce)
-                elif name.removesuffix(".png") in page._photographs:
-                    self._send("image/png", page._photographs[name.removesuffix(".png")])
-                elif name == "state":
-                    self._answer(name, {})
-                else:
-                    self.send_error(404)
-
-            def do_POST(self) -> None:
-                """A change."""
-                name = self._name()
-                if name is None:
-                    return
-                size = self.headers.get("Content-Length", "")
-                if self.headers.get_content_type() != "application/json" or not size.isdecimal():
-                    return self.send_error(415)
-                if int(size) > LARGEST_REQUEST:
-                    return self.send_error(413)
-                try:
-                    request = json.loads(self.rfile.read(int(size)) or b"{}")
-                except ValueError:
-                    return self.send_error(400)
-                except RecursionError:
-                    request = None
-                if not isinstance(request, dict):
-                    return self._send("application/json", json.dumps({"error": FAILED}).encode())
-                self._answer(name, request)
-
-            def _name(self) -> str | None:
-                """What is asked for below the page's path; others, and pages of other hosts, get an error."""
-                hosts = [f"{host}:{page._server.server_port}" for host in ("127.0.0.1", "localhost")]
-                origin = self.headers.get("Origin")
-                own = origin is None or origin in [f"http://{host}" for host in hosts]
-                if self.headers.get("Host") not in hosts or not own:
-                    return self.send_error(403)
-                path, prefix = self.path.partition("?")[0], f"/{page._token}/"
-                if not path.startswith(prefix):
-                    return self.send_error(404)
-                return path.removeprefix(prefix)
-
-            def _answer(self, name: str, request: Mapping[str, Any]) -> None:
-                try:
-                    content = page.answer(name, request)
-                except InputError as error:
-                    content = {"error": str(error)}
-                except Exception:  # numbers that lead nowhere, full disks: the page goes on
-                    content = {"error": FAILED}
-                self._send("application/json", json.dumps(content, allow_nan=False).encode())
-
-            def _send(self, kind: str, content: bytes, nonce: str = "") -> None:
-                self.send_response(200)
-                self.send_header("Content-Type", kind)
-                self.send_header("Content-Length", str(len(content)))
-                self.send_header("Cache-Control", "no-store")
-                self.send_header("X-Content-Type-Options", "nosniff")
-                self.send_header("Referrer-Policy", "no-referrer")
-                if nonce:
-                    policy = (
-                        "default-src 'none'; img-src 'self'; connect-src 'self'; frame-ancestors 'none'; "
-                        f"script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'"
-                    )
-                    self.send_header("Content-Security-Policy", policy)
-                self.end_headers()
-                self.wfile.write(content)
-
-            def log_message(self, format: str, *args: object) -> None:
-                """Nothing: the console is for results."""
-
-        return Handler
 
 
 def _side(current: Registration, request: Mapping[str, Any]) -> str:

@@ -6,12 +6,14 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from yarnscale import __version__
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
+from yarnscale.show.pane import Pane, viewer_parts
 
 MIME = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
 
@@ -20,11 +22,15 @@ Cell = str | int | float | bool | None
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture file and the line under it. ``wide``: it takes the whole width of the page."""
+    """A picture file and the line under it. ``wide``: it takes the whole width of the page.
 
-    path: Path
+    pane: takes its place where a browser can turn it; without a file for other browsers a line says so.
+    """
+
+    path: Path | None
     caption: str = ""
     wide: bool = False
+    pane: Pane | None = None
 
 
 @dataclass(frozen=True)
@@ -46,19 +52,24 @@ class Section:
     pictures: Sequence[Picture] = ()
 
 
-def write_report(
-    path: str | Path,
+def write_report(path: str | Path, title: str, sections: Sequence[Section], **more: Any) -> None:
+    """Write ``report_page``. Raises InputError as that does, or when the page cannot be written."""
+    write_text(path, report_page(title, sections, **more))
+
+
+def report_page(
     title: str,
     sections: Sequence[Section],
     *,
     summary: str = "",
     facts: Mapping[str, Cell] | None = None,
-) -> None:
-    """Write an HTML page that needs no other address.
+    nonce: str = "",
+) -> str:
+    """An HTML page that needs no other address.
 
-    summary: a line below the title. facts: names and values in a strip on top of the page. Pictures are in the page.
-    All text is escaped. Raises InputError when a picture is missing, a row has the wrong number of cells,
-    or the page cannot be written.
+    summary: a line below the title. facts: names and values in a strip on top of the page. nonce: that scripts and
+    styles bear. Pictures and panes are in the page. All text is escaped. Raises InputError when a picture is missing or
+    a row has the wrong number of cells.
     """
     for section in sections:
         for table in section.tables:
@@ -73,10 +84,11 @@ def write_report(
     environment.filters["cell"] = cell_text
     environment.filters["is_number"] = _is_number
     environment.filters["source"] = lambda picture: _source(picture.path)
-    page = environment.get_template("report.html").render(
-        title=title, summary=summary, facts=facts or {}, sections=sections, version=__version__
-    )
-    write_text(path, page)
+    panes = [picture.pane for section in sections for picture in section.pictures if picture.pane is not None]
+    return environment.get_template("report.html").render(
+        title=title, summary=summary, facts=facts or {}, sections=sections, version=__version__, panes=panes,
+        parts=viewer_parts() if panes else {}, nonce=nonce,
+    )  # fmt: skip
 
 
 def cell_text(value: Cell) -> str:
