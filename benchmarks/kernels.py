@@ -14,8 +14,9 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
+from yarnscale.numerics.address_call import call_address
 from yarnscale.numerics.energy import StencilEnergy
-from yarnscale.numerics.kernel import BLOCK, Kernel, call_kernel
+from yarnscale.numerics.kernel import BLOCK, Kernel
 from yarnscale.yarn.contact import contact_energy, contact_samples
 from yarnscale.yarn.material import ContactRule
 from yarnscale.yarn.rod import BEND_TWIST, STRETCH, TWO_PHASE_STRETCH
@@ -28,7 +29,7 @@ SAMPLES = 41
 @numba.njit
 def _repeat(address: int, pointers: np.ndarray, times: int) -> None:
     for _ in range(times):
-        call_kernel(address, BLOCK, BLOCK, pointers)
+        call_address(address, (BLOCK, BLOCK, pointers))
 
 
 def microseconds(kernel: Kernel, *inputs: np.ndarray) -> float:

@@ -9,7 +9,8 @@ import numba
 import numpy as np
 import pytest
 
-from yarnscale.numerics.kernel import BLOCK, LANES, call_kernel, compile_kernel, run_columns
+from yarnscale.numerics.address_call import call_address
+from yarnscale.numerics.kernel import BLOCK, LANES, compile_kernel, run_columns
 
 UNARY: dict[str, Callable[[ca.SX], ca.SX]] = {
     "neg": lambda x: -x,
@@ -198,7 +199,7 @@ def test_arrays_of_another_type_or_order_are_refused() -> None:
 def _call_from_compiled_code(address, values, out):
     pointers = np.zeros(2, np.int64)
     pointers[0], pointers[1] = values.ctypes.data, out.ctypes.data
-    call_kernel(address, values.shape[1], values.shape[1], pointers)
+    call_address(address, (values.shape[1], values.shape[1], pointers))
 
 
 def test_a_kernel_runs_from_compiled_code() -> None:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yarnscale.arrays import Array, Integers
+from yarnscale.numerics.address_call import call_address
 from yarnscale.numerics.block_pattern import SKIPPED
 from yarnscale.numerics.energy import StencilEnergy
-from yarnscale.numerics.kernel import BLOCK, Kernel, call_kernel, run_columns
+from yarnscale.numerics.kernel import BLOCK, Kernel, run_columns
 from yarnscale.numerics.vector_ir import LANES
 
 _NOTHING = np.empty(0)
@@ -130,7 +131,7 @@ def _run(address, full, index, parameters, count, vectors, gradient, slots, rota
         _gather(full, index, block, q)
         pointers[0], pointers[1] = q.ctypes.data, parameters[block].ctypes.data
         pointers[2], pointers[3], pointers[4] = energy.ctypes.data, g.ctypes.data, h.ctypes.data
-        call_kernel(address, _lanes(remaining), BLOCK, pointers)
+        call_address(address, (_lanes(remaining), BLOCK, pointers))
         for e in range(remaining):
             total += energy[0, e]
         if gradient.shape[0]:

@@ -8,17 +8,12 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import cast
 
 import casadi as ca
 import llvmlite.binding as llvm
 import numpy as np
-from llvmlite import ir as llvm_ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
-from yarnscale.arrays import Array, Integers
+from yarnscale.arrays import Array
 from yarnscale.numerics import object_cache
 from yarnscale.numerics.vector_ir import LANES, vector_ir
 
@@ -120,22 +115,3 @@ def run_columns(kernel: Kernel, *inputs: Array) -> list[Array]:
     outputs = [np.empty((size, count)) for size in kernel.sizes[len(inputs) :]]
     kernel(count, count, *arrays, *outputs)
     return [output[:, :n].T.copy() for output in outputs]
-
-
-@intrinsic
-def _call_kernel(typingctx, address, count, stride, pointers):  # type: ignore[no-untyped-def]
-    signature = types.void(types.int64, types.int64, types.int64, pointers)
-
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        word = llvm_ir.IntType(64)
-        table = cgutils.create_struct_proxy(signature.args[3])(context, builder, value=arguments[3]).data
-        kind = llvm_ir.FunctionType(llvm_ir.VoidType(), [word, word, table.type])
-        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), [arguments[1], arguments[2], table])
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-call_kernel = cast("Callable[[int, int, int, Integers], None]", _call_kernel)
-"""Inside ``@njit``: call a kernel's ``address``, for a count and a stride, with an int64 array of data addresses,
-inputs then outputs. (An intrinsic's own first argument is numba's.)"""

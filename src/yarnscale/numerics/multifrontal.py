@@ -6,15 +6,11 @@ its parent, in an order that does not depend on the number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import cast
-
 import numba
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import get_cython_function_address, intrinsic
+from numba.extending import get_cython_function_address
+
+from yarnscale.numerics.address_call import call_address
 
 _JIT = {"cache": True, "error_model": "numpy", "nogil": True, "fastmath": {"nsz", "contract", "reassoc"}}
 
@@ -26,24 +22,6 @@ DTRSM, DSYRK, DGEMM, DTRSV, DGEMV = (
     get_cython_function_address("scipy.linalg.cython_blas", name)
     for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
 )
-
-
-@intrinsic
-def _call_fortran(typingctx, address, pointers):  # type: ignore[no-untyped-def]
-    signature = types.void(types.int64, pointers)
-
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        byte = ir.IntType(8).as_pointer()
-        words = cgutils.unpack_tuple(builder, arguments[1], signature.args[1].count)
-        kind = ir.FunctionType(ir.VoidType(), [byte] * len(words))
-        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), [builder.inttoptr(w, byte) for w in words])
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-_call = cast("Callable[[int, tuple[int, ...]], None]", _call_fortran)
-"""Inside ``@njit``: call a Fortran routine by its address with the addresses of its arguments."""
 
 
 @numba.njit(**_JIT)
@@ -89,15 +67,15 @@ def factor_fronts(
             _add_update(updates[lowered[c] :], places[starts[c] : starts[c + 1]], width, below, columns, update)
         data = columns.ctypes.data
         width_at, below_at, rows_at = size.ctypes.data, size.ctypes.data + 4, size.ctypes.data + 8
-        _call(dpotrf, (lower, width_at, data, rows_at, size.ctypes.data + 12))
+        call_address(dpotrf, (lower, width_at, data, rows_at, size.ctypes.data + 12))
         if size[3] != 0:
             return False
         if below == 0:
             continue
         plus, minus, beta = one.ctypes.data, one.ctypes.data + 8, one.ctypes.data + (0 if many else 16)
         under = data + 8 * width
-        _call(dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at))
-        _call(
+        call_address(dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at))
+        call_address(
             dsyrk,
             (lower, none, below_at, width_at, minus, under, rows_at, beta, update.ctypes.data, below_at),
         )
@@ -144,27 +122,27 @@ def solve_fronts(first, starts, rows, begin, factor, x, letter, one, dtrsm, dgem
                 for i in range(below):
                     others[c * below + i] = x[met[i], c]
             if count == 1:
-                _call(dgemv, (
+                call_address(dgemv, (
                     transposed, below_at, width_at, minus, under, rows_at, apart, step_at, plus, mine, step_at
                 ))  # fmt: skip
             else:
-                _call(dgemm, (
+                call_address(dgemm, (
                     transposed, none, width_at, count_at, below_at, minus, under, rows_at, apart, below_at, plus,
                     mine, length_at,
                 ))  # fmt: skip
         turned = none if forward else transposed
         if count == 1:
-            _call(dtrsv, (lower, turned, none, width_at, data, rows_at, mine, step_at))
+            call_address(dtrsv, (lower, turned, none, width_at, data, rows_at, mine, step_at))
         else:
-            _call(dtrsm, (lower, lower, turned, none, width_at, count_at, plus, data, rows_at, mine, length_at))
+            call_address(dtrsm, (lower, lower, turned, none, width_at, count_at, plus, data, rows_at, mine, length_at))
         if forward and below:
             if count == 1:
-                _call(
+                call_address(
                     dgemv,
                     (none, below_at, width_at, plus, under, rows_at, mine, step_at, zero, apart, step_at),
                 )
             else:
-                _call(dgemm, (
+                call_address(dgemm, (
                     none, none, below_at, count_at, width_at, plus, under, rows_at, mine, length_at, zero,
                     apart, below_at,
                 ))  # fmt: skip

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.kernel import call_kernel
+from yarnscale.numerics.address_call import call_address
 from yarnscale.shell.elastic.moduli import FAST
 from yarnscale.shell.materials.spline_patches import PARAMETER_COUNT, PackedSplines, gather_parameters
 
@@ -55,4 +55,4 @@ def _run(
         pointers[3] = stress[b].ctypes.data
     if len(moduli):
         pointers[4] = moduli[b].ctypes.data
-    call_kernel(address, forms.shape[1], forms.shape[1], pointers)  # pyright: ignore[reportCallIssue]
+    call_address(address, (forms.shape[1], forms.shape[1], pointers))

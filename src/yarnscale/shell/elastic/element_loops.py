@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.numerics.kernel import call_kernel
+from yarnscale.numerics.address_call import call_address
 from yarnscale.shell.elastic.moduli import FAST, full_moduli
 
 
@@ -36,7 +36,7 @@ def forms_of_blocks(
         )
         if len(jacobian):
             pointers[3] = jacobian[b].ctypes.data
-        call_kernel(address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
+        call_address(address, (lanes, lanes, pointers))
 
 
 @numba.njit(**FAST)
@@ -76,7 +76,7 @@ def exact_hessian_of_blocks(
         gather_corners(positions, stencils[b], corners)
         pointers[0], pointers[1] = corners.ctypes.data, geometry[b].ctypes.data
         pointers[2], pointers[3] = stress[b].ctypes.data, term.ctypes.data
-        call_kernel(address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
+        call_address(address, (lanes, lanes, pointers))
         add_scaled(term, areas[b], element)
         scatter_hessian(element, slots[b], out)
 
