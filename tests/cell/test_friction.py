@@ -14,6 +14,7 @@ from yarnscale.cell.grip import Grip
 from yarnscale.cell.supercell import supercell, tiled
 from yarnscale.drawing import library
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
+from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn.friction import YarnFriction
@@ -202,3 +203,10 @@ def test_springs_are_found_by_their_pair_among_any_number_of_vertices() -> None:
     np.testing.assert_array_equal(grip._found(wanted), np.concatenate([springs[::-1], np.zeros((2, 3))]))
     assert grip._found(np.empty((0, 4), np.int64)).shape == (0, 3)
     np.testing.assert_array_equal(Grip.none()._found(pairs), np.zeros((5, 3)))
+
+
+def test_a_path_begins_at_an_equilibrium():
+    cell = PeriodicCell(library.build("plain"), YarnMaterial.preset("acrylic"))
+    state = cell.with_options(max_iterations=1).relax()
+    with pytest.raises(InputError, match="path with friction; expected an equilibrium; found iteration_limit"):
+        CellHistory.begin(cell, YarnFriction(0.2), state)

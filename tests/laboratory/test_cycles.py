@@ -10,7 +10,9 @@ import pytest
 import yarnscale as ys
 from yarnscale.laboratory import cycles
 from yarnscale.laboratory.cycles import Cycle, cycled_tests
+from yarnscale.laboratory.programme import FabricTests
 from yarnscale.laboratory.summary import tensile_summary
+from yarnscale.laboratory.table import measured
 from yarnscale.yarn.friction import YarnFriction
 
 
@@ -49,7 +51,9 @@ def test_with_friction_a_share_of_the_work_comes_back(pulled):
 
 def test_a_cycle_that_is_not_completed_has_no_numbers(pulled, monkeypatch):
     monkeypatch.setattr(cycles, "followed", lambda *_: iter(()))
-    points, (cycle,) = pulled(0.3, 1)
+    points, (cycle, second) = pulled(0.3, 2)
+    said = "no equilibrium at 0.5 N/m, loading of cycle 1; values that are closer (--loads) make shorter steps"
+    assert cycle.stopped == second.stopped == said
     assert [p.status for p in points] == ["stalled", "stalled"] and math.isnan(points[0].stretch)
     assert cycle.status == "stalled" and math.isnan(cycle.work) and cycle.hysteresis(0.1) is None
 
@@ -63,3 +67,12 @@ def test_hysteresis_is_the_width_of_the_loop():
     assert cycle.hysteresis(5.0) == pytest.approx(0.6)
     assert cycle.hysteresis(0.2) == pytest.approx(0.6)
     assert cycle.hysteresis(9.0) is None
+
+
+def test_the_table_has_the_points_and_works_of_cycles():
+    cycle = Cycle("shear", 0.0, 1, ((0.0, 0.0), (8.0, 1.5)), ((8.0, 1.5), (0.0, -0.3)), 1.0, 0.6, 0.4, "converged")
+    tests = FabricTests("x", "cell", 0.1, [], [], [], [], [], [], friction=0.2, cycles=(cycle,))
+    rows = list(measured(tests))
+    assert {(r.test, r.unit, r.value_unit) for r in rows[2:4]} == {("shear cycle 1 unloading", "degrees", "N/m")}
+    assert [(r.at, r.value) for r in rows[2:4]] == [(8.0, 1.5), (0.0, -0.3)]
+    assert {r.quantity: r.value for r in rows[4:]} == {"work": 1.0, "work_returned": 0.6, "dissipated": 0.4}

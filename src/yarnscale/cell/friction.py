@@ -18,6 +18,7 @@ from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.grip import Grip
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.friction import Rubbing, YarnFriction
 
@@ -44,7 +45,12 @@ class CellHistory:
 
     @classmethod
     def begin(cls, cell: PeriodicCell, friction: YarnFriction, state: Equilibrium) -> CellHistory:
-        """A cell at an equilibrium of it without friction: no spring is stretched."""
+        """A cell at an equilibrium of it without friction: no spring is stretched.
+
+        Raises InputError for a state that is no equilibrium, or whose yarns passed through each other.
+        """
+        if not state.usable:
+            raise InputError("start of a path with friction", expected="an equilibrium", found=state.outcome)
         return cls(cell, friction, state, Grip.none(), sum(state.energy_parts.values()))
 
     def step(self, solve: Solve) -> CellHistory | None:

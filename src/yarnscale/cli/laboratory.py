@@ -102,10 +102,11 @@ def _lines(found: list[FabricTests], compared: Difference | None) -> Iterator[st
             yield f"  stretch along {pulled.direction:g}°: {reached}"
         for cycle in tests.cycles:
             if cycle.test == "tension":
-                share = (
-                    f"{cycle.returned:.3f} of {cycle.work:.4g} J/m²" if cycle.status == "converged" else cycle.status
-                )
+                share = f"{cycle.returned:.3f} of {cycle.work:.4g} J/m²" if cycle.status == "converged" else "none"
                 yield f"  work returned along {cycle.direction:g}°, cycle {cycle.number}: {share}"
+        stopped = {(cycle.test, cycle.direction): cycle.stopped for cycle in reversed(tests.cycles) if cycle.stopped}
+        for (test, direction), where in stopped.items():
+            yield f"  {test} along {direction:g}° stopped: {where}"
         for bent in tests.bend:
             rigidity = "none" if bent.B is None else f"{1e6 * bent.B:.4g} µN·m"
             yield f"  bending rigidity along {bent.direction:g}°: {rigidity}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -29,6 +29,10 @@ STEPS = 4
 _PRE_TENSION_STEPS = 4
 _KEPT = 5
 """Responses that have the same moduli."""
+_UNITS = {"tension": "N/m", "shear": "degrees", "bending": "1/m"}
+"""Of the values at which points are measured."""
+_OPTIONS = {"tension": "loads", "bending": "curvatures"}
+"""Options of ``test`` with these values."""
 
 Pair = tuple[float, float]
 
@@ -39,7 +43,7 @@ class Cycle:
 
     loading, unloading: points (stretch [-], load [N/m]), (trellis angle [degrees], force [N/m]) or (curvature [1/m],
     moment [N]) from zero outwards and back. work, work_returned: on these legs [J/m²]; dissipated: by friction on
-    both [J/m²]. NaN in a cycle that was not completed, as ``status`` says.
+    both [J/m²]. NaN in a cycle that was not completed, as ``status`` says; stopped: where that was, and what to do.
     """
 
     test: str
@@ -51,6 +55,7 @@ class Cycle:
     work_returned: float
     dissipated: float
     status: str
+    stopped: str = ""
 
     @property
     def returned(self) -> float:
@@ -84,7 +89,7 @@ class Cycle:
         content: dict[str, Any] = {"direction": self.direction, "cycle": self.number}
         for leg in ("loading", "unloading"):
             content[leg] = [dict(zip(names, point, strict=True)) for point in getattr(self, leg)]
-        numbers = {name: getattr(self, name) for name in ("work", "work_returned", "dissipated", "status")}
+        numbers = {name: getattr(self, name) for name in ("work", "work_returned", "dissipated", "status", "stopped")}
         return content | numbers
 
 
@@ -112,27 +117,31 @@ class CycledTest:
         """Points of the first leg from zero, and the cycles."""
         rest = equilibrium_under(CellFabric(cell), Loads(), prescribed=self.held)
         here = CellHistory.begin(cell, friction, rest.response.state) if rest.converged else None
+        stopped = "" if here is not None else "no equilibrium without load; relax the pattern first (yarnscale pattern)"
         if here is not None and self.pre_tension:
             pulls = np.linspace(0.0, self.pre_tension, _PRE_TENSION_STEPS + 1)[1:].tolist()
             found = list(followed(here, 0.0, pulls, lambda pull: loaded(tests.both_ways(pull, pull), self.held)))
             here = found[-1] if len(found) == len(pulls) else None
+            stopped = "" if here is not None else f"no equilibrium under the tension of {pulls[len(found)]:.4g} N/m"
         first: list[Any] = []
         done: list[Cycle] = []
         for number in range(1, cycles + 1):
             legs: list[list[list[tuple[Pair, float, bool]]]] = [[], []]
             for side in self.sides:
                 for leg, values in enumerate(((0.0, *side), (*side[::-1], 0.0))):
-                    points, trace, here = self._leg(here, values)
+                    points, trace, here, lost = self._leg(here, values)
+                    stopped = stopped or ("" if lost is None else self._stopped(number, leg, lost))
                     first += points if number == 1 and leg == 0 else []
                     legs[leg].append(trace)
-            done.append(self._cycle(number, legs))
+            done.append(self._cycle(number, legs, stopped))
         return first, done
 
     def _leg(
         self, here: CellHistory | None, values: Sequence[float]
-    ) -> tuple[list[Any], list[Any], CellHistory | None]:
-        """Points at values after the first; of all steps displacement, force, dissipated, measured; the end."""
-        points, trace = [], []
+    ) -> tuple[list[Any], list[Any], CellHistory | None, float | None]:
+        """Points at values after the first; of all steps displacement, force, dissipated, measured; the end; the value
+        that was not reached from the one before."""
+        points, trace, lost = [], [], None
         if here is not None:
             trace.append((self._read(values[0], here), 0.0, True))
         for first, last in pairwise(values):
@@ -142,14 +151,23 @@ class CycledTest:
                 (self._read(value, history), history.dissipated, value == last)
                 for value, history in zip(steps, found, strict=False)
             ]
+            lost = steps[len(found)] if here is not None and len(found) < STEPS else lost
             here = found[-1] if len(found) == STEPS else None
             points.append(self.point(last, _loaded_state(here)))
-        return points, trace, here
+        return points, trace, here, lost
+
+    def _stopped(self, number: int, leg: int, value: float) -> str:
+        """What to say of a value that was not reached."""
+        option = (
+            "" if self.name == "shear" else f"; values that are closer (--{_OPTIONS[self.name]}) make shorter steps"
+        )
+        leg_name = ("loading", "unloading")[leg]
+        return f"no equilibrium at {value:.4g} {_UNITS[self.name]}, {leg_name} of cycle {number}{option}"
 
     def _read(self, value: float, history: CellHistory) -> Pair:
         return self.read(self.point(value, _loaded_state(history)))
 
-    def _cycle(self, number: int, legs: Sequence[Sequence[Sequence[tuple[Pair, float, bool]]]]) -> Cycle:
+    def _cycle(self, number: int, legs: Sequence[Sequence[Sequence[tuple[Pair, float, bool]]]], stopped: str) -> Cycle:
         steps = [sum(1 + STEPS * len(side) for side in self.sides)] * 2
         whole = [sum(map(len, leg)) for leg in legs] == steps
         work = [
@@ -161,7 +179,8 @@ class CycledTest:
         dissipated = sum(lost for leg in legs for trace in leg for _, lost, _ in trace)
         there, back, lost = (work[0], -work[1], dissipated) if whole else (math.nan,) * 3
         status = "converged" if whole else "stalled"
-        return Cycle(self.name, self.direction, number, measured[0], measured[1], there, back, lost, status)
+        where = "" if whole else stopped
+        return Cycle(self.name, self.direction, number, measured[0], measured[1], there, back, lost, status, where)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,16 +197,32 @@ class _RareModuli(CellFabric):
 
 
 def loaded(loads: Loads, prescribed: Prescribed) -> Solve:
-    """The solve of a step under loads with some strains prescribed."""
+    """The solve of a step under loads with some strains prescribed.
+
+    Its iterations use moduli of earlier responses; whether it ends at a minimum, its own moduli decide.
+    """
     known: list[Array] = []
 
     def solve(cell: PeriodicCell, near: Equilibrium) -> Equilibrium | None:
         fabric, strain = _RareModuli(cell, known), near.strain.vector
         start = fabric.response(strain, Response(strain, near.energy_density, near.stress, state=near))
         found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start)
+        if not found.converged:
+            return None
+        known[:] = [_moduli(cell, found.response.state)]
+        found = replace(found, moduli=known[0])
+        found = equilibrium_under(CellFabric(cell), loads, prescribed=prescribed, start=found)
         return found.response.state if found.converged else None
 
     return solve
+
+
+def _moduli(cell: PeriodicCell, state: Equilibrium) -> Array:
+    """Moduli (6, 6), NaN on the verge of buckling."""
+    try:
+        return cell.moduli(state)
+    except ArithmeticError:
+        return np.full((6, 6), np.nan)
 
 
 def _loaded_state(history: CellHistory | None) -> LoadedState:

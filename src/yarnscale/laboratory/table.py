@@ -6,7 +6,15 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from yarnscale.laboratory.cycles import Cycle
 from yarnscale.laboratory.programme import FabricTests
+
+CYCLED = {
+    "tension": ("load", "N/m", "stretch", "-"),
+    "shear": ("angle", "degrees", "force", "N/m"),
+    "bending": ("curvature", "1/m", "moment", "N"),
+}
+"""What is prescribed in a cycle and what is measured, with their units."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,23 @@ def measured(tests: FabricTests) -> Iterator[Measured]:
         length = math.nan if s.bending_length is None else s.bending_length
         status = "none" if s.bending_length is None else "converged"
         yield Measured("cantilever", s.direction, "slope", 41.5, "degrees", "bending length", length, "m", status)
+    for c in tests.cycles:
+        yield from _cycle(c)
+
+
+def _cycle(cycle: Cycle) -> Iterator[Measured]:
+    """Points of both legs, and the works; loading and unloading are tests of their own."""
+    name = f"{cycle.test} cycle {cycle.number}"
+    given, unit, quantity, value_unit = CYCLED[cycle.test]
+    for leg in ("loading", "unloading"):
+        for displacement, force in getattr(cycle, leg):
+            at, value = (force, displacement) if cycle.test == "tension" else (displacement, force)
+            yield Measured(
+                f"{name} {leg}", cycle.direction, given, at, unit, quantity, value, value_unit, "converged"
+            )  # fmt: skip
+    for quantity in ("work", "work_returned", "dissipated"):
+        value = getattr(cycle, quantity)
+        yield Measured(name, cycle.direction, "cycle", cycle.number, "-", quantity, value, "J/m²", cycle.status)
 
 
 @dataclass(frozen=True)
