@@ -18,6 +18,7 @@ from yarnscale.cell.starts import perturbed
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.linear_solver import linear_solver
 from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
+from yarnscale.numerics.regularisation import ShiftRule
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
 
@@ -161,7 +162,8 @@ class Continuation:
 
     def _minimised(self, energy: CellEnergy, start: Array, iterations: int | None = None) -> Solution:
         most = self.options.max_iterations if iterations is None else iterations
-        options = NewtonOptions(self.options.tolerance, max_iterations=most, reuse=energy.reuse)
+        shift = ShiftRule(start=self.options.shift)
+        options = NewtonOptions(self.options.tolerance, max_iterations=most, shift=shift, reuse=energy.reuse)
         linear = linear_solver(energy.constraints)
         return minimise(energy, start, options, linear=linear, bound=energy.bound, watch=self.options.watch)
 

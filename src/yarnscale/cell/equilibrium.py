@@ -11,6 +11,7 @@ from yarnscale.cell.energy import CellEnergy
 from yarnscale.errors import InputError
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.numerics.newton import Solution, Status, Watch
+from yarnscale.numerics.regularisation import ShiftRule
 
 
 @dataclass(frozen=True)
@@ -19,11 +20,13 @@ class EquilibriumOptions:
 
     tolerance, max_iterations: of each solve. starts: how
     many starts compete for the lowest energy, the others being random perturbations of the first equilibrium, drawn
-    with ``seed``. watch: called at every iteration of every solve with its number and the residual.
+    with ``seed``. shift: regularisation at the beginning of each solve; small only where starts are very near. watch:
+    called at every iteration of every solve with its number and the residual.
     """
 
     tolerance: float = 1e-6
     max_iterations: int = 400
+    shift: float = ShiftRule.start
     starts: int = 1
     seed: int = 0
     watch: Watch | None = field(default=None, repr=False)

@@ -105,7 +105,8 @@ def _further(
 ) -> tuple[Equilibrium | None, Array, int]:
     """A usable equilibrium a step or, where that fails, a part of it away, None where all fail; the step; solves."""
     for tries in range(1, HALVINGS + 2):
-        further = cell.relax(flat_strain(change + step), start=state)
+        # One solve each: halved steps are the load path.
+        further = cell.relax(flat_strain(change + step), start=state, nearby=True)
         if further.usable:
             return further, step, tries
         step = 0.5 * step

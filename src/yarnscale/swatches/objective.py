@@ -23,6 +23,8 @@ from yarnscale.swatches.yarn_states import YarnCurve, pulled
 
 FAILED = 3.0
 """Error that counts for a state that did not converge."""
+_SHIFT = 1e-6
+"""Regularisation of solves from the states of a similar yarn, which are near: Newton's method takes half the steps."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,9 @@ class YarnObjective:
         began, unknowns = time.process_time(), np.array(unknowns, np.float64)
         values = self.model.values(unknowns)
         usual = RestRule() if self.model.free_shape else KEPT_PERIODS
+        cell = self.model.cell(values) if near is None else self.model.cell(values).with_options(shift=_SHIFT)
         rested = at_rest(
-            self.model.cell(values), self.rule or usual, draw_in=self.model.draw_in(values),
-            near=None if near is None else near.rested,
+            cell, self.rule or usual, draw_in=self.model.draw_in(values), near=None if near is None else near.rested
         )  # fmt: skip
         curves = []
         for k, target in enumerate(self.data.curves):

@@ -24,6 +24,8 @@ of the residuals are left."""
 _LOOSEST = 5.0
 """How many times that still counts."""
 _LARGEST_STEP = 0.1
+_BESIDE = 10.0
+"""How many times that is left to the last step next to a similar cell, whose slopes and contraction are known."""
 _NEAR = 1e-4
 """Difference of the contraction from which the stiffness across is first taken."""
 
@@ -139,13 +141,14 @@ class _Path:
     def beside(self, near: YarnCurve, k: int) -> _State:
         """The state next to the k-th one of another curve."""
         self.slopes = near.slopes[k]
-        return self._found(float(near.stretch[k]), float(near.contraction[k]), near.states[k])
+        return self._found(float(near.stretch[k]), float(near.contraction[k]), near.states[k], _BESIDE)
 
-    def _found(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
+    def _found(self, stretch: float, width: float, start: Equilibrium | None, factor: float = 1.0) -> _State:
+        tolerance = factor * self.tolerance
         state = self._solve(stretch, width, start)
         lower, upper = -np.inf, np.inf
         for _ in range(_STEPS):
-            if not state.good or state.small(self.tolerance):
+            if not state.good or state.small(tolerance):
                 break
             # The stress across, ∂ψ/∂c, rises with c at a minimum.
             lower, upper = (state.width, upper) if state.across < 0 else (lower, state.width)
@@ -159,7 +162,7 @@ class _Path:
             further = self._solve(stretch, state.width + step, state.equilibrium)
             self._keep_up(state, further)
             state = further
-        state = replace(state, slopes=self.slopes, good=state.good and state.small(_LOOSEST * self.tolerance))
+        state = replace(state, slopes=self.slopes, good=state.good and state.small(_LOOSEST * tolerance))
         if state.good:
             self.last = state.equilibrium
             state = state.freed()
