@@ -21,7 +21,7 @@ from yarnscale.kinematics import ShellStrain
 from yarnscale.shell.mesh import rectangle
 from yarnscale.show.local_page import NONCE
 from yarnscale.show.run_pane import run_pane
-from yarnscale.show.strained_pane import States, _coefficients, _modes, at, cell_pane
+from yarnscale.show.strained_pane import States, _coefficients, _modes, cell_pane, shown_states
 from yarnscale.yarn.material import YarnMaterial
 
 CELL = PeriodicCell(library.build("plain"), YarnMaterial.preset("wool"))
@@ -35,7 +35,7 @@ STRAINS = (
 @pytest.fixture(scope="module")
 def states() -> States:
     """Three equilibria, the last one doubly curved."""
-    return at({str(k): CELL.relax(strain) for k, strain in enumerate(STRAINS)})
+    return shown_states({str(k): CELL.relax(strain) for k, strain in enumerate(STRAINS)})
 
 
 @pytest.fixture(scope="module")

@@ -137,5 +137,6 @@ def simulate_into(scene: Scene, folder: Path, *, resume: bool = False) -> SceneR
     result = run(scene, folder, resume=resume, on_step=ProgressLine(scene.name).show_step)
     notes = [*(f"Note: {notice}." for notice in scene.notices), *_unfulfilled(result)]
     numbers = _flat(result.summary())
-    write_run_page(folder, f"Cloth: {scene.name}", result.run, numbers, frames=folder / "frames", text=notes)
+    title, frames, material = f"Cloth: {scene.name}", folder / "frames", scene.cloth.material
+    write_run_page(folder, title, result.run, numbers, frames=frames, text=notes, material=material)
     return result

@@ -20,6 +20,7 @@ from yarnscale.cli.yarns import draw_cell
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.drawing import library
+from yarnscale.files.animation import Animation, Moment, Surface, read_animation
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.patterns import write_pattern
 from yarnscale.files.run_folder import RunFolder
@@ -28,7 +29,9 @@ from yarnscale.kinematics import ShellStrain
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes.scene import SceneResult, drape, stretch
 from yarnscale.show.detail import Solid, yarn_cloth_picture
+from yarnscale.show.pane import Pane
 from yarnscale.show.report import Picture, Section, Table, write_report
+from yarnscale.show.run_pane import run_pane
 from yarnscale.yarn.material import YarnMaterial
 
 PATTERN, MATERIAL = "stockinette", "hylc2020-stockinette"
@@ -107,13 +110,18 @@ def _detail_section(table: FluctuationTable, results: Sequence[SceneResult], fol
         points, curves = yarns.curves(positions), curve_set(yarns)
         count += yarns.layout.vertex_count
         bodies = BodySurface(cloth.obstacles)
-        solids = [Solid(bodies.vertices(result.state.time), bodies.triangles)] if bodies else []
+        time = result.state.time
+        solids = [Solid(bodies.vertices(time), bodies.triangles)] if bodies else []
+        moment = Moment(time, yarns=points, bodies=solids[0].vertices if solids else None)
+        around = Surface(bodies.triangles) if bodies else None
+        still = Animation(np.array([time]), lambda _, moment=moment: moment, yarns=curves, bodies=around)
         near = {"about": positions[middle(positions)], "width": 0.06}
         for number, (caption, view) in enumerate(zip(captions, ({}, near), strict=True)):
             path = folder / f"{name}_{number}.png"
             size = (1200, 900) if number == 0 else (800, 600)
             yarn_cloth_picture(path, curves, points, solids=solids, size=size, **view)
-            pictures.append(Picture(path, caption, wide=number == 0))
+            pane = run_pane(still, f"yarns of the {name}") if number == 0 else None
+            pictures.append(Picture(path, caption, wide=number == 0, pane=pane))
     text = [
         f"{count} yarn vertices on the two simulated sheets, each where the relaxed cell has it under the local strain "
         "and curvature of the cloth. The cell's states are those that the shell material below was fitted to."
@@ -157,11 +165,19 @@ def _cloth_section(
         ),
     ]
     pictures = [
-        Picture(folder / "stretch" / "frames.png", "A 30 × 30 cm sheet stretched along its courses.", True),
-        Picture(folder / "drape" / "frames.png", "The same sheet falling over a ball.", True),
-        Picture(folder / "drape" / "last.png", "At the end.", True),
+        Picture(folder / name / "frames.png", caption, True, _played(folder / name, material))
+        for name, caption in (
+            ("stretch", "A 30 × 30 cm sheet stretched along its courses."),
+            ("drape", "The same sheet falling over a ball."),
+        )
     ]
+    pictures.append(Picture(folder / "drape" / "last.png", "At the end.", True))
     measures = {f"stretch_{k}": float(v) for k, v in pulled.measures.items() if np.isfinite(v)}
     measures["vertices"] = pulled.scene.cloth.mesh.vertex_count
     text = ["Simulated as a thin shell with the material above, implicit time steps, self-contact in the drape."]
     return Section("Cloth", text, tables, pictures), measures, (pulled, draped)
+
+
+def _played(folder: Path, material: ShellMaterial) -> Pane:
+    """The frames of a run."""
+    return run_pane(read_animation(folder / "frames"), folder.name, material=material)

@@ -11,7 +11,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, report, say, writable_folder
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import pattern_of, settled_drawing
+from yarnscale.cli.yarns import draw_cell, pattern_of, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
@@ -139,7 +139,7 @@ def homogenize(options: argparse.Namespace) -> int:
 def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool = False) -> RunFolder:
     """The folder of a homogenized pattern."""
     stores = ("samples/", "unseen/")
-    pictures = ("tension", "bending", "terms", "stress", "errors")
+    pictures = ("cell", "tension", "bending", "terms", "stress", "errors")
     makes = (*stores, PATTERN, "material.json", "index.html", *(f"pictures/{name}.png" for name in pictures))
     return RunFolder(path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN))
 
@@ -151,7 +151,8 @@ def homogenize_into(
     progress = ProgressLine(f"sampling {cell.pattern.name}").sampled
     outcome = run_homogenize(cell, folder, workers=workers, resume=resume, progress=progress, **settings)
     write_material(folder / "material.json", outcome.material)
-    section = _section(outcome, draw_material(outcome, folder / "pictures"))
+    pictures = [_view_of_cell(cell, folder), *draw_material(outcome, folder / "pictures")]
+    section = _section(outcome, pictures)
     write_report(
         folder / "index.html",
         f"{cell.pattern.name}, homogenized",
@@ -166,6 +167,20 @@ def homogenize_into(
         },
     )
     return outcome, section
+
+
+def _view_of_cell(cell: PeriodicCell, folder: Path) -> Picture:
+    """The cell between its samples, and a picture of it at rest where the machine can draw."""
+    from yarnscale.show.canvas import PicturesUnavailable
+    from yarnscale.show.strained_pane import States, cell_pane
+
+    states = States.stored(SampleStore(folder / "samples"), cell.pattern.woven)
+    pane, still = cell_pane(cell, states, cell.pattern.name), writable_folder(folder / "pictures") / "cell.png"
+    try:
+        draw_cell(still, cell, None)
+    except PicturesUnavailable:
+        still = None
+    return Picture(still, "The cell between its equilibria; drag to turn.", wide=True, pane=pane)
 
 
 def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:

@@ -19,6 +19,7 @@ from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.laboratory import numbers_section
 from yarnscale.show.plots import written_figure
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+from yarnscale.show.strained_pane import States, cell_pane
 from yarnscale.show.tubes import room_of, yarn_picture
 from yarnscale.swatches.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
 from yarnscale.swatches.uniform_data import UniformCurve
@@ -335,6 +336,17 @@ def _cells(folder: Path, estimate: FabricEstimate) -> list[Picture]:
         path = folder / f"cell-{number}.png"
         yarn_picture(path, piece, radius, camera=camera, size=(720, 720), room=room)
         pictures.append(Picture(path, caption))
+    rest = cell.relax()
+    paths = {
+        f"tension along the {curve.direction.value}{held}": [
+            rest,
+            *(state for state, good in zip(curve.states, curve.converged, strict=True) if good),
+        ]
+        for held, evaluation in evaluations
+        for curve in evaluation.curves
+    }
+    states = States.of([rest, *(state for path in paths.values() for state in path[1:])], paths)
+    pictures[0] = replace(pictures[0], pane=cell_pane(cell, states, "at rest and along the curves"))
     return pictures
 
 

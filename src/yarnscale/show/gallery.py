@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from yarnscale.files.patterns import is_drawing, read_pattern, structure_of
 from yarnscale.kinematics import ShellStrain
 from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+from yarnscale.show.strained_pane import cell_pane, shown_states
 from yarnscale.show.tubes import room_of, yarn_picture
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.material import YarnMaterial
@@ -143,6 +144,9 @@ def _section(stem: Path, drawn: YarnPattern, definition: list[str], exhibit: Exh
         path = stem.with_name(f"{stem.name}-{number}.png")
         yarn_picture(path, piece, drawn.radius, camera="top", size=size, room=room)
         pictures.append(Picture(path, caption))
+    if exhibit.states:
+        cell = PeriodicCell(exhibit.pattern, exhibit.material)
+        pictures[1] = replace(pictures[1], pane=cell_pane(cell, shown_states(exhibit.states), drawn.name))
     rows = [_row(caption, state) for caption, state in exhibit.states.items()]
     *sentences, source = definition
     return Section(drawn.name, [*sentences, *_facts(source, exhibit)], [Table(COLUMNS, rows)], pictures)

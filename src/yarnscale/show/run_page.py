@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, read_animation
 from yarnscale.files.obj import write_obj_frame
 from yarnscale.motion.run import Run
@@ -15,6 +17,7 @@ from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, PicturesUnavailable, write_png
 from yarnscale.show.movie import Film
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+from yarnscale.show.run_pane import run_pane
 
 CAPTIONS = {"frames.png": "Moments of the run, bodies where they are.", "last.png": "At the end."}
 _MOMENTS, _TILE = 6, (640, 500)
@@ -31,10 +34,11 @@ def write_run_page(
     frames: Path,
     text: Sequence[str] = (),
     camera: View = "oblique",
+    material: object = None,
 ) -> None:
     """Write ``run_folder.PAGE`` into a folder from a run's frames; without pictures where the machine cannot draw.
 
-    numbers: of the run, by name; those that are no plain values are left out. text: paragraphs.
+    numbers: of the run, by name; those that are no plain values are left out. text: paragraphs. material: of a cloth.
     """
     animation = read_animation(frames)
     write_obj_frame(folder / "last.obj", animation, animation.moment(len(animation) - 1))
@@ -43,6 +47,12 @@ def write_run_page(
         pictures = [Picture(folder / name, caption, True) for name, caption in CAPTIONS.items()]
     except PicturesUnavailable as error:
         pictures, text = [], [*text, f"No pictures: {error}."]
+    try:
+        pane = run_pane(animation, title, material=material, camera=camera)
+        last = pictures.pop() if pictures else Picture(None)
+        pictures.insert(0, replace(last, caption="The run; drag to turn.", wide=True, pane=pane))
+    except InputError as error:
+        text = [*text, f"No view that turns: {error}."]
     rows = [[name, _cell(value)] for name, value in numbers.items() if _cell(value) is not None]
     tables = [Table(["", "value"], rows), *_unfulfilled(run.unfulfilled)]
     summary = f"Status: {run.outcome}{', motions not carried out' * bool(run.unfulfilled)}."

@@ -17,7 +17,6 @@ from yarnscale.files.curve_thinning import thinned
 from yarnscale.shell.elastic.elements import shell_elements
 from yarnscale.shell.elastic.out_of_range import outside_of
 from yarnscale.shell.materials.compact import CompactMaterial
-from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.show import theme
 from yarnscale.show.canvas import Camera, view_axes
@@ -39,7 +38,7 @@ def run_pane(
     animation: Animation,
     title: str,
     *,
-    material: ShellMaterial | None = None,
+    material: object = None,
     camera: Camera | Sequence[float] = "oblique",
     megabytes: float = MEGABYTES,
 ) -> Pane:
@@ -66,7 +65,7 @@ def _pane(
     animation: Animation,
     moments: list[Moment],
     title: str,
-    material: ShellMaterial | None,
+    material: object,
     camera: Camera | Sequence[float],
 ) -> Pane:
     parts = {

@@ -306,7 +306,8 @@ def _axes_as_paths(strains: Array, woven: bool) -> dict[str, Array]:
     return found
 
 
-def at(states: Mapping[str, Equilibrium]) -> States:
-    """Of a few equilibria, walked through in their order."""
-    listed = list(states.values())
-    return States.of(listed, {"the states shown": listed})
+def shown_states(states: Mapping[str, Equilibrium]) -> States:
+    """A few equilibria, the first one at rest, with a path from there to each other one."""
+    rest, *others = states.values()
+    names = list(states)[1:]
+    return States.of(list(states.values()), {name: [rest, state] for name, state in zip(names, others, strict=True)})

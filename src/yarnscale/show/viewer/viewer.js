@@ -366,8 +366,10 @@ class Pane {
       this.bar.value = this.model.frame;
     }
     this.sliders = [];
+    const wide = this.element.classList.contains("wide"), more = !paths || wide ? panel : make("details", panel);
+    if (more !== panel) make("summary", more, { textContent: "strains and stresses" });
     if (paths) {
-      const rows = make("div", panel, { className: "sliders" });
+      const rows = make("div", more, { className: "sliders" });
       this.header.varying.forEach(k => {
         const [name, unit, factor] = this.header.components[k], [low, high] = this.header.range[k];
         const row = make("label", rows, { textContent: name }), slider = make("input", row, { type: "range", min: low, max: high, step: (high - low) / 400, value: this.model.strain[k] });
@@ -376,7 +378,7 @@ class Pane {
         this.sliders.push(() => { slider.value = this.model.strain[k]; shown.textContent = `${text(factor * this.model.strain[k], 0.01)} ${unit}`; });
       });
     }
-    this.table = make("dl", panel, { className: "numbers" });
+    this.table = make("dl", more, { className: "numbers" });
   }
   // A step of the bar is a frame, or a twentieth of the path from one equilibrium to the next.
   steps() { this.bar.max = this.header.times ? this.header.times.length - 1 : 20 * (this.header.paths[this.model.path].states.length - 1); }
