@@ -336,7 +336,7 @@ if __name__ == "__main__":
     arguments.add_argument("--out", type=Path, default=Path("estimates"))
     arguments.add_argument("--samples", nargs="+", choices=KNITS, default=list(KNITS))
     arguments.add_argument("--starts", type=int, default=64)
-    arguments.add_argument("--refined", type=int, default=12)
+    arguments.add_argument("--refined", type=int, default=8)
     arguments.add_argument("--iterations", type=int, default=12, help="Gauss-Newton with one yarn in all")
     arguments.add_argument("--shapes", type=int, default=16, help="tried for each fabric with each first yarn")
     arguments.add_argument("--seed", type=int, default=0)

@@ -53,14 +53,14 @@ class SharedEvaluations:
         """Residuals at one point."""
         return self.many([unknowns])[0].residuals
 
-    def many(self, points: list[Array], *, near: Array | None = None) -> list[Residuals]:
+    def many(self, points: list[Array], *, near: Array | None = None, keep: bool = False) -> list[Residuals]:
         """Residuals at points, over the root of the number of fabrics."""
         columns = []
         for k, part in enumerate(self.parts):
             own = [self.split(point)[k] for point in points]
             start = None if near is None else self.split(near)[k]
             moved = [point for point in own if start is None or not np.array_equal(point, start)]
-            found = iter(part.many(moved, near=start))
+            found = iter(part.many(moved, near=start, keep=keep))
             still = [] if start is None else part.many([start])
             columns.append(
                 [still[0] if start is not None and np.array_equal(point, start) else next(found) for point in own]

@@ -9,7 +9,7 @@ import pytest
 from yarnscale.drawing.library import build
 from yarnscale.errors import InputError
 from yarnscale.swatches.evaluations import Evaluations, Residuals
-from yarnscale.swatches.gauss_newton import Descent, gauss_newton, jacobian
+from yarnscale.swatches.gauss_newton import Descent, advance, gauss_newton, jacobian
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import ErrorWeights, YarnObjective, coarser
 from yarnscale.swatches.scattered import race, sobol_starts
@@ -58,7 +58,7 @@ def test_steps_cost_less_than_a_jacobian_each():
     steps = 0
     while not descent.ended and steps < 30:
         before = descent.value
-        descent.advance(1)
+        advance(evaluations, [descent], 1)
         steps += 1
         assert descent.value <= before
     assert descent.ended and descent.value < 1e-10
@@ -68,11 +68,25 @@ def test_steps_cost_less_than_a_jacobian_each():
 
 def test_a_descent_that_is_taken_up_again_goes_the_same_way():
     start = np.array([0.9, 0.1, 0.1])
-    whole, halves = Descent(valley(), start), Descent(valley(), start)
-    whole.advance(4)
+    evaluations = valley()
+    whole, halves = Descent(evaluations, start), Descent(evaluations, start)
+    advance(evaluations, [whole], 4)
     for _ in range(2):
-        halves.advance(2)
+        advance(evaluations, [halves], 2)
     np.testing.assert_array_equal(whole.here, halves.here)
+
+
+def test_descents_side_by_side_do_not_touch_each_other_and_try_fewer_points():
+    starts = [np.array([0.9, 0.1, 0.1]), np.array([0.2, 0.9, 0.9]), np.array([0.5, 0.5, 0.2])]
+    evaluations, fewer, alone = valley(), valley(), valley()
+    three, two = ([Descent(own, start) for start in some] for own, some in ((evaluations, starts), (fewer, starts[:2])))
+    advance(evaluations, three, 4)
+    advance(fewer, two, 4)
+    np.testing.assert_array_equal(three[0].here, two[0].here)
+    np.testing.assert_array_equal(three[1].here, two[1].here)
+    for start in starts[:2]:
+        advance(alone, [Descent(alone, start)], 4)
+    assert fewer.count < alone.count
 
 
 class Basins(Valley):

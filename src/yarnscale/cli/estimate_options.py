@@ -103,8 +103,8 @@ def add_estimate_options(add: Add) -> None:
         help="of loads in the report; cN/tex by the fabric's mass (N/m)",
     )
     option("--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)")
-    refined = "from how many of the best refinement begins (12)"
-    option("--refined", type=positive_integer, default=12, metavar="N", help=refined)
+    refined = "from how many of the best refinement begins (8)"
+    option("--refined", type=positive_integer, default=8, metavar="N", help=refined)
     option("--iterations", type=positive_integer, default=20, metavar="N", help="of Gauss-Newton, at most (20)")
     option(
         "--bending-weight", type=not_negative, default=0.0, metavar="W",

@@ -15,8 +15,6 @@ from yarnscale.homogenize.executors import DaskExecutor, is_loss
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.swatches.objective import Evaluation, YarnObjective
 
-_FEW = 2
-"""Evaluations of so few points at once are those of a descent, whose states serve the next derivatives."""
 _WATCH = 1.0
 """How often workers that are silent are looked after [s]."""
 
@@ -71,13 +69,16 @@ class Evaluations:
         """Residuals (m,) at one point."""
         return self.many([unknowns])[0].residuals
 
-    def many(self, points: Sequence[Array], *, near: Array | None = None) -> list[Residuals]:
-        """Residuals at points, in their order; ``near``: a point that all of them almost are."""
+    def many(self, points: Sequence[Array], *, near: Array | None = None, keep: bool = False) -> list[Residuals]:
+        """Residuals at points, in their order; ``near``: a point that all of them almost are.
+
+        keep: remember the states too, which serve derivatives.
+        """
         fresh = [point for point in points if self._find(point, near) is None]
         start = self.whole(near) if near is not None and fresh else None
         for place, evaluation in self._run(fresh, start):
             self._keep(fresh[place], near, evaluation)
-            if near is None and len(fresh) <= _FEW:
+            if keep and near is None:
                 self._whole[fresh[place].tobytes()] = evaluation
         found = [self._find(point, near) for point in points]
         return [entry for entry in found if entry is not None]

@@ -8,6 +8,8 @@ so a step adds to it what it has shown itself (Broyden), and it is taken anew wh
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator, Sequence
+
 import numpy as np
 
 from yarnscale.arrays import Array
@@ -25,8 +27,8 @@ _LASTING = 5
 """Steps for which a Jacobian that is kept up serves."""
 _TRUSTED = 0.25
 """Decrease over that of the linear model below which the Jacobian is taken anew."""
-_SIDE_BY_SIDE = (1.0, 30.0)
-"""Factors of the damping that are tried together."""
+_FACTORS = (1.0, 30.0)
+"""Factors of the damping that are tried, together by a descent alone, else the second where the first fails."""
 
 
 def jacobian(evaluations: Evaluations, unknowns: Array) -> Array:
@@ -40,33 +42,35 @@ def jacobian(evaluations: Evaluations, unknowns: Array) -> Array:
 class Descent:
     """Gauss–Newton steps from one start, unknowns within [0, 1]; it may be left off and taken up again.
 
-    Levenberg's damping: the step is that of a linear least-squares problem with bounds; several dampings are tried
-    side by side, and the best counts. here, value: the best point (n,) so far and its objective. ended: whether no
-    further step gains anything.
+    Levenberg's damping: the step is that of a linear least-squares problem with bounds. here, value: the best point
+    (n,) so far and its objective. ended: whether no further step gains anything.
     """
 
     def __init__(self, evaluations: Evaluations, start: Array) -> None:
         self.here = np.clip(np.asarray(start, np.float64), 0.0, 1.0)
-        self.value = evaluations.many([self.here])[0].objective
+        self.value = evaluations.many([self.here], keep=True)[0].objective
         self.ended = False
         self._evaluations = evaluations
         self._damping, self._slow = 1e-2, 0
         self._slopes, self._age = np.empty((0, 0)), _LASTING
 
-    def advance(self, steps: int) -> None:
-        """Up to so many steps."""
+    def advance(self, steps: int, *, alone: bool) -> Iterator[list[Array]]:
+        """Up to so many steps; yields the points that it evaluates next, so that several descents do so together.
+
+        alone: whether dampings are tried side by side.
+        """
         for _ in range(steps):
             if self.ended:
                 return
-            self._step()
+            yield from self._step(alone)
 
-    def _step(self) -> None:
+    def _step(self, alone: bool) -> Iterator[list[Array]]:
         if self._age >= _LASTING:
             self._renew()
-        found = self._lower()
+        found = yield from self._lower(alone)
         if found is None and self._age > 0:
             self._renew()
-            found = self._lower()
+            found = yield from self._lower(alone)
         if found is None:
             self.ended = True
             return
@@ -96,15 +100,20 @@ class Descent:
         self._slopes = self._slopes + np.outer(change - self._slopes @ step, step) / (step @ step)
         self._age += 1
 
-    def _lower(self) -> tuple[Array, float, float] | None:
+    def _lower(self, alone: bool) -> Generator[list[Array], None, tuple[Array, float, float] | None]:
         """A point with a lower objective, that objective and the one foreseen; None where there is none.
 
-        Slopes that were kept up get one try before they are taken anew.
+        Slopes that were kept up get one try of each damping before they are taken anew.
         """
         residuals = self._evaluations.residuals(self.here)
         for _ in range(4 if self._age == 0 else 1):
-            points = [self._damped(residuals, factor * self._damping) for factor in _SIDE_BY_SIDE]
-            values = [found.objective for found in self._evaluations.many(points)]
+            points = [self._damped(residuals, factor * self._damping) for factor in _FACTORS]
+            values: list[float] = []
+            for together in [points] if alone else [[point] for point in points]:
+                yield together
+                values += [found.objective for found in self._evaluations.many(together, keep=True)]
+                if min(values) < self.value:
+                    break
             k = int(np.argmin(values))
             if values[k] < self.value:
                 self._damping = max(1e-6, self._damping * (0.2 if k == 0 else 6.0))
@@ -129,5 +138,14 @@ class Descent:
 def gauss_newton(evaluations: Evaluations, start: Array, *, iterations: int = 20) -> Array:
     """A local minimum of the mean square from a start, unknowns within [0, 1]."""
     descent = Descent(evaluations, start)
-    descent.advance(iterations)
+    advance(evaluations, [descent], iterations)
     return descent.here
+
+
+def advance(evaluations: Evaluations, descents: Sequence[Descent], steps: int) -> None:
+    """Up to so many steps of every descent, the points of all evaluated side by side."""
+    paths = [descent.advance(steps, alone=len(descents) == 1) for descent in descents]
+    while paths:
+        wanted = [(path, next(path, None)) for path in paths]
+        evaluations.many([point for _, points in wanted for point in points or ()], keep=True)
+        paths = [path for path, points in wanted if points is not None]

@@ -8,7 +8,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.swatches.evaluations import Evaluations
-from yarnscale.swatches.gauss_newton import Descent
+from yarnscale.swatches.gauss_newton import Descent, advance
 
 STAGES = ((3, 0.5), (4, 0.5), (5, 0.0))
 """Gauss–Newton steps of every remaining start, and the share of starts kept afterwards; the best always is."""
@@ -22,7 +22,7 @@ def sobol_starts(evaluations: Evaluations, count: int, keep: int, *, seed: int) 
 
     dimensions = len(evaluations.objective.model.names)
     points = qmc.Sobol(dimensions, rng=seed).random_base2(max(1, int(np.ceil(np.log2(count)))))[:count]
-    found = evaluations.many(list(points))
+    found = evaluations.many(list(points), keep=True)
     return _apart([points[k] for k in np.argsort([f.objective for f in found], kind="stable")], keep)
 
 
@@ -35,12 +35,11 @@ def race(evaluations: Evaluations, starts: Sequence[Array], *, iterations: int) 
     descents = [Descent(evaluations, start) for start in starts]
     left = iterations
     for steps, share in STAGES:
-        for descent in descents:
-            descent.advance(min(steps, left))
+        advance(evaluations, descents, min(steps, left))
         left = max(0, left - steps)
         descents.sort(key=lambda descent: descent.value)
         descents = descents[: max(1, int(np.ceil(share * len(descents))))]
-    descents[0].advance(left)
+    advance(evaluations, descents[:1], left)
     return descents[0].here
 
 

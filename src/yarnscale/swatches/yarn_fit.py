@@ -27,7 +27,7 @@ SOLVERS = ("sobol", "local", "paper")
 of the ranges; ``paper``: a swarm, then COBYLA at all stretches, as published."""
 SEARCHED = 7
 """Stretches per direction during the search (EST22 §7.3.3)."""
-STARTS, REFINED = 64, 12
+STARTS, REFINED = 64, 8
 """Scattered points, and from how many of the best Gauss–Newton begins."""
 
 _GROWN = 0.01
