@@ -70,18 +70,18 @@ def knits(options: argparse.Namespace, executor) -> list[dict]:
 
     rows, found = [], {}
     for sample in options.samples:
-        measured = read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")
+        measured = read_measurements(table_of(options), sample=f"Acrylic Yarn {sample}")
         for holdout in [Direction.WARP if name == "warp" else None for name in options.holdouts]:
             held = None if holdout is None else holdout.value
-            if (row := _made(options, "knits", sample=sample, holdout=held)) is not None:
+            if (row := made(options, "knits", sample=sample, holdout=held)) is not None:
                 found |= {} if held else {sample: row}
                 continue
             estimate = fit_fabric(
-                measured, model_of(sample), holdout=holdout, executor=executor, options=_settings(options),
-                store=_store(options),
+                measured, model_of(sample), holdout=holdout, executor=executor, options=settings_of(options),
+                store=store_of(options),
             )  # fmt: skip
             rows.append({"sample": sample, "holdout": held, **estimate.summary()})
-            _tell(options, rows[-1])
+            tell(options, rows[-1])
             folder = options.out / f"{sample}{'' if holdout is None else '-holdout'}"
             folder.mkdir(parents=True, exist_ok=True)
             write_estimate_report(folder, estimate, pictures=options.pictures)
@@ -96,8 +96,8 @@ def ablations(options: argparse.Namespace, executor) -> list[dict]:
     """Local search alone, linear stretch, no rest shape; against the default (EST22 Fig. 11, 16, 17)."""
     rows = []
     for sample in options.samples:
-        data = fit_shell(read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")).uniform_data()
-        default, model = _settings(options), model_of(sample)
+        data = fit_shell(read_measurements(table_of(options), sample=f"Acrylic Yarn {sample}")).uniform_data()
+        default, model = settings_of(options), model_of(sample)
         cases = {
             "default": (model, default, RestRule()),
             "local": (model, replace(default, solver="local"), RestRule()),
@@ -106,16 +106,16 @@ def ablations(options: argparse.Namespace, executor) -> list[dict]:
             "paper": (model, replace(default, solver="paper"), RestRule()),
         }
         for name in options.cases:
-            if _made(options, "ablations", sample=sample, case=name) is not None:
+            if made(options, "ablations", sample=sample, case=name) is not None:
                 continue
             case, settings, rule = cases[name]
-            fit = fit_yarn(case, data, options=settings, rule=rule, executor=executor, store=_store(options))
+            fit = fit_yarn(case, data, options=settings, rule=rule, executor=executor, store=store_of(options))
             errors = fit.evaluation.errors
             rows.append({"sample": sample, "case": name, "objective": fit.objective, "comfort": errors.comfort,
                          "full": errors.full, "compression": errors.compression, "solves": fit.solves,
                          "evaluations": fit.evaluations, "failed": fit.evaluation.failed,
                          "cpu_seconds": fit.cpu_seconds, "values": fit.values.tolist()})  # fmt: skip
-            _tell(options, rows[-1])
+            tell(options, rows[-1])
     return rows
 
 
@@ -127,14 +127,14 @@ def twins(options: argparse.Namespace, executor) -> list[dict]:
             TWIN_TRUTH.get(pattern, USUAL_TRUTH),
             yarn_model(build(pattern), 20.0, yarn_length=None),
         )
-        left = [n for n in options.noises if _made(options, "twins", pattern=pattern, noise=n) is None]
+        left = [n for n in options.noises if made(options, "twins", pattern=pattern, noise=n) is None]
         clean = twin_data(model, truth, TWIN_STRETCH.get(pattern, (0.8, 0.8, 0.8))) if left else None
         for noise in left:
             assert clean is not None
             generator = np.random.default_rng(1)
             data = replace(clean, curves=tuple(_noisy(curve, noise, generator) for curve in clean.curves))
             objective = YarnObjective(model, coarser(data, 7))
-            evaluations = Evaluations(objective, executor, _store(options)(objective))
+            evaluations = Evaluations(objective, executor, store_of(options)(objective))
             unknowns = race(evaluations, _starts(evaluations, options, truth), iterations=20)
             value = evaluations.many([unknowns])[0].objective
             spread = ParameterSpread.of(model.names, jacobian(evaluations, unknowns))
@@ -146,7 +146,7 @@ def twins(options: argparse.Namespace, executor) -> list[dict]:
                          "values": model.values(unknowns).tolist(), "shift": spread.shift.tolist(),
                          "singular": spread.singular.tolist(), "evaluations": evaluations.count,
                          "solves": evaluations.solves, "cpu_seconds": evaluations.seconds})  # fmt: skip
-            _tell(options, rows[-1])
+            tell(options, rows[-1])
     return rows
 
 
@@ -194,17 +194,17 @@ def _noisy(curve: UniformCurve, noise: float, generator: np.random.Generator) ->
 def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
     """All knits with the parameters of one yarn, each with its own shape, from the fits of each that ``knits`` left."""
     models = with_one_yarn([model_of(sample) for sample in options.samples])
-    alone = {sample: _made(options, "knits", sample=sample, holdout=None) for sample in options.samples}
+    alone = {sample: made(options, "knits", sample=sample, holdout=None) for sample in options.samples}
     parts, starts, full = [], [], []
     for sample, model in zip(options.samples, models, strict=True):
-        data = fit_shell(read_measurements(_table(options), sample=f"Acrylic Yarn {sample}")).uniform_data()
+        data = fit_shell(read_measurements(table_of(options), sample=f"Acrylic Yarn {sample}")).uniform_data()
         full.append(data)
         parts.append(YarnObjective(model, coarser(data, 7)))
         row = alone[sample]
         assert row is not None, "knits come first"
         values = row["parameters"]
         starts.append(model.unknowns(np.array([values[name] for name in model.names])))
-    evaluations = SharedEvaluations(tuple(Evaluations(part, executor, _store(options)(part)) for part in parts))
+    evaluations = SharedEvaluations(tuple(Evaluations(part, executor, store_of(options)(part)) for part in parts))
     firsts = _first_yarns(options, evaluations, starts)[: options.refined]
     end = race(evaluations, firsts, iterations=options.iterations)  # pyright: ignore[reportArgumentType]
     yarn = models[0].values(evaluations.split(end)[0])[:5]
@@ -217,7 +217,7 @@ def one_yarn(options: argparse.Namespace, executor) -> list[dict]:
                      "compression": last.errors.compression, "failed": last.failed,
                      "values": part.model.values(unknowns).tolist()})  # fmt: skip
     for row in rows:
-        _tell(options, row)
+        tell(options, row)
     return rows
 
 
@@ -237,20 +237,20 @@ def _first_yarns(
             shaped.append(points[int(np.argmin(values))])
             objectives.append(min(values))
         found.append((float(np.mean(objectives)), np.concatenate([yarn[:5], *(point[5:] for point in shaped)])))
-        _tell(options, {"yarn of": name, "objective": found[-1][0], "objectives": objectives})
+        tell(options, {"yarn of": name, "objective": found[-1][0], "objectives": objectives})
     return [unknowns for _, unknowns in sorted(found, key=lambda pair: pair[0])]
 
 
-def _rows(options: argparse.Namespace, part: str) -> list[dict]:
+def rows_of(options: argparse.Namespace, part: str) -> list[dict]:
     """What the file of a part holds."""
     path = options.out / f"{part}.jsonl"
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
 
 
-def _made(options: argparse.Namespace, part: str, **entries: object) -> dict | None:
+def made(options: argparse.Namespace, part: str, **entries: object) -> dict | None:
     """The last row of a part with these entries, of the same search."""
     wanted = _searched_with(options) | entries
-    rows = [row for row in _rows(options, part) if wanted.items() <= row.items()]
+    rows = [row for row in rows_of(options, part) if wanted.items() <= row.items()]
     return rows[-1] if rows else None
 
 
@@ -262,7 +262,7 @@ def every(options: argparse.Namespace, executor) -> None:
     """All parts, the cheapest first."""
     for part in ("twins", "ablations", "knits", "one-yarn"):
         options.part = part
-        if part != "one-yarn" or not _rows(options, part):
+        if part != "one-yarn" or not rows_of(options, part):
             PARTS[part](options, executor)
 
 
@@ -293,7 +293,7 @@ def tables(options: argparse.Namespace, _) -> None:
     shares = {"noise", "off", "stress", "contraction", "comfort", "full", "compression"}
     for part, names in columns.items():
         print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
-        for row in _rows(options, part):
+        for row in rows_of(options, part):
             row |= {name: worst(row[name]) for name, worst in (("off", max), ("singular", min)) if name in row}
             cells = [row[name] for name in names]
             said = [
@@ -303,21 +303,21 @@ def tables(options: argparse.Namespace, _) -> None:
             print(f"| {' | '.join(said)} |")
 
 
-def _settings(options: argparse.Namespace) -> FitOptions:
+def settings_of(options: argparse.Namespace) -> FitOptions:
     return FitOptions(seed=options.seed, starts=options.starts, refined=options.refined)
 
 
-def _store(options: argparse.Namespace):
+def store_of(options: argparse.Namespace):
     """Keeps every evaluation, so that a run that was ended goes on where it was."""
     folder = evaluation_folder(options.out / "evaluations", resume=(options.out / "evaluations").is_dir())
     return lambda objective: EstimateFolder(folder, objective)
 
 
-def _table(options: argparse.Namespace) -> Path:
+def table_of(options: argparse.Namespace) -> Path:
     return options.shared / "measured" / "acrylic_uniaxial.csv"
 
 
-def _tell(options: argparse.Namespace, row: dict) -> None:
+def tell(options: argparse.Namespace, row: dict) -> None:
     """Print a row and add it to the file of the part, as soon as it is there."""
     line = json.dumps(_searched_with(options) | row, default=float)
     print(line, flush=True)

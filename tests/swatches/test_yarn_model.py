@@ -1,5 +1,7 @@
 """Ranges of the unknowns, R_est, and drawings of another aspect."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,15 @@ def test_values_and_unknowns_are_inverse(model):
     low, high = model.bounds
     np.testing.assert_allclose(model.values(np.zeros(8)), low, rtol=1e-12)
     np.testing.assert_allclose(model.values(np.ones(8)), high, rtol=1e-12)
+
+
+def test_a_measured_bending_stiffness_narrows_its_range(model):
+    low, high = replace(model, bending=2e-8).bounds
+    place = model.names.index("k_b")
+    assert low[place] < 2e-8 < high[place] < 1.6 * low[place]
+    np.testing.assert_array_equal(np.delete(high, place), np.delete(model.bounds[1], place))
+    with pytest.raises(InputError, match="k_b"):
+        replace(model, bending=0.0)
 
 
 def test_material_has_the_stiffnesses_asked_for(model):

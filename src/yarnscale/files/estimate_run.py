@@ -108,7 +108,7 @@ def fabric_model(
         yarn_length = yarn * chart.wales * chart.courses
     elif drawn and yarn_length is None and chart is not None and area is not None:
         shape = shape.scaled(math.sqrt(area * chart.wales * chart.courses / float(np.prod(shape.period))))
-        decides = stiffness is None and measurements.stiffest_yarn is None
+        decides = stiffness is None and measurements.stiffest_yarn is None and measurements.yarn_bending is None
     elif drawn and yarn_length is None:
         shape = shape.scaled(DRAWN_RADIUS / shape.radius)
         notify(f"size of the fabric unknown: {shape.name} is drawn with a yarn of {1e3 * DRAWN_RADIUS:g} mm radius")
@@ -119,6 +119,7 @@ def fabric_model(
     return yarn_model(
         shape, stiffness, yarn_length=yarn_length, free_shape=drawn if free_shape is None else free_shape,
         stitches=None if chart is None else (chart.wales, chart.courses), stitch_area=area if decides else None,
+        bending=measurements.yarn_bending,
     )  # fmt: skip
 
 

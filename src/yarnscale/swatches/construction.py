@@ -20,7 +20,7 @@ class YarnComposition:
 
     denier: grams per 9000 m of unstretched yarn. filaments: their number. mass_share: of the fabric's mass, in (0, 1].
     stiffness: force per strain as measured at 5 cN [N], None where unknown. density: of the yarn's material [kg/m³].
-    coating: any finish of its fibres.
+    coating: any finish of its fibres. bending_stiffness: of the yarn as measured [N m²], None where unknown.
     """
 
     material: str
@@ -30,10 +30,11 @@ class YarnComposition:
     stiffness: float | None = None
     density: float | None = None
     coating: str = ""
+    bending_stiffness: float | None = None
 
     def __post_init__(self) -> None:
         where = f"yarn '{self.material}'"
-        for name in ("denier", "filaments", "mass_share", "stiffness", "density"):
+        for name in ("denier", "filaments", "mass_share", "stiffness", "density", "bending_stiffness"):
             if getattr(self, name) is not None:
                 positive(f"{name} of {where}", getattr(self, name))
         if self.mass_share > 1:

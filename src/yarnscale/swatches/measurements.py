@@ -329,6 +329,11 @@ class SwatchMeasurements:
         return max((yarn.stiffness for yarn in self.yarns if yarn.stiffness is not None), default=None)
 
     @property
+    def yarn_bending(self) -> float | None:
+        """Bending stiffness of the only yarn as measured [N m²]; None where it was not, or there are several."""
+        return self.yarns[0].bending_stiffness if len(self.yarns) == 1 else None
+
+    @property
     def yarn_count(self) -> float | None:
         """Mass per length of the yarn [kg/m], as known or of the only yarn; None where there are several."""
         of_yarn = self.yarns[0].denier / 9e6 if len(self.yarns) == 1 else None

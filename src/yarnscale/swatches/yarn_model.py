@@ -45,6 +45,8 @@ SOFTEST_CONTACT, STIFFEST_CONTACT = 1e-2, 3e3
 """Range of k_c1 [kg/s²]. EST22's ends at ``PUBLISHED_CONTACT``, where fits of thick spun yarns in tight hand
 knits end too and fail."""
 PUBLISHED_CONTACT = 1e2
+MEASURED = 1.25
+"""Factor either way within which a bending stiffness k_b that was measured on the yarn is sought."""
 LARGEST_ASPECT = 3.0
 LARGEST_SHORTENING = 0.15
 ITERATIONS, TOLERANCE = 150, 1e-8
@@ -62,7 +64,7 @@ class YarnModel:
     free_shape: whether ``SHAPE`` is unknown too, and the drawing a scheme that draws in first. stitches: wales and
     courses of the pattern's period, None where they are not known. stitch_area: of one stitch at rest [m²] where that
     decides the size of the fabric.
-    stiffest_contact: end of the range of k_c1 [kg/s²].
+    stiffest_contact: end of the range of k_c1 [kg/s²]. bending: k_b as measured on the yarn [N m²], if it was.
     """
 
     pattern: YarnPattern
@@ -74,11 +76,14 @@ class YarnModel:
     stiffest_contact: float = STIFFEST_CONTACT
     stitches: Stitches | None = None
     stitch_area: float | None = None
+    bending: float | None = None
 
     def __post_init__(self) -> None:
         if self.pattern.yarn_radius is not None:
             raise InputError(f"pattern '{self.pattern.name}'", expected="yarns of one radius", found="several radii")
         positive("stiffness k_s2 of the yarn", self.stiffness, "a positive force [N]")
+        if self.bending is not None:
+            positive("bending stiffness k_b of the yarn", self.bending, "a positive number [N m²]")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -100,6 +105,8 @@ class YarnModel:
             "shortening": (0.0, LARGEST_SHORTENING),
             "draw_in": (0.0, 1.0),
         }
+        if self.bending is not None:
+            ranges["k_b"] = (self.bending / MEASURED, self.bending * MEASURED)
         low, high = np.array([ranges[name] for name in self.names]).T
         return low, high
 
@@ -157,17 +164,20 @@ class YarnModel:
 
 def yarn_model(
     pattern: YarnPattern, stiffness: float, *, yarn_length: float | None = None, free_shape: bool = False,
-    stitches: Stitches | None = None, stitch_area: float | None = None,
+    stitches: Stitches | None = None, stitch_area: float | None = None, bending: float | None = None,
 ) -> YarnModel:  # fmt: skip
     """The model of a drawn pattern, whose radius becomes R_est.
 
     stiffness: k_s2 [N]. yarn_length: of one period, to which the drawing is scaled [m]; None keeps its size.
+    bending: k_b as measured [N m²], which is then sought near this value.
     """
     if yarn_length is not None:
         positive("yarn length of a period", yarn_length, LENGTH)
         pattern = pattern.scaled(yarn_length / drawn_length(pattern))
     pattern = replace(pattern, radius=estimated_radius(pattern))
-    return YarnModel(pattern, stiffness, free_shape=free_shape, stitches=stitches, stitch_area=stitch_area)
+    return YarnModel(
+        pattern, stiffness, free_shape=free_shape, stitches=stitches, stitch_area=stitch_area, bending=bending
+    )
 
 
 def drawn_length(pattern: YarnPattern) -> float:
