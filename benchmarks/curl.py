@@ -21,7 +21,7 @@ from yarnscale.cell.rest import settled
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import Holds, equilibrium
+from yarnscale.fabric.direct_static import Holds, rod_equilibrium
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.files.material_json import read_material
@@ -81,7 +81,7 @@ def direct(size: float, equilibria: int) -> tuple[YarnSheet, np.ndarray]:
     for number in range(equilibria):
         energy.rub(x, YarnFriction(FRICTION))
         holds = Holds(nodes, sheet.vertices[nodes])
-        x = equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=25).x
+        x = rod_equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=25).x
         if (number + 1) % 25 == 0:
             inside = interior(pattern, energy, x, share=0.5)
             shape, heights = upright(sheet.vertices, energy.positions(x) * sheet.radius)

@@ -19,7 +19,7 @@ from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.overlap import Overlap
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.files.cloth_frames import read_cloth_frames
-from yarnscale.files.material_toml import read_material
+from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.patterns import read_pattern
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
@@ -119,7 +119,7 @@ def main() -> None:
     pattern = read_pattern(options.pattern)
     table = FluctuationTable.from_store(SampleStore(options.store), pattern)
     speed(table)
-    truth(PeriodicCell(pattern, read_material(options.material)), table)
+    truth(PeriodicCell(pattern, read_yarn_material(options.material)), table)
     for run in options.frames:
         overlap(table, run)
 

@@ -29,7 +29,7 @@ from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
-from yarnscale.fabric.direct_static import equilibrium
+from yarnscale.fabric.direct_static import rod_equilibrium
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene, drape, stretch
 from yarnscale.files.material_json import read_material
@@ -150,7 +150,7 @@ def measure(name: str, options: argparse.Namespace) -> str:
     around = scene.holds, scene.pushes(energy)
     dynamics = FabricDynamics(energy, settings, *around)
     # Borders that were just glued snap together; that is no part of the scene.
-    rest = equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING)
+    rest = rod_equilibrium(energy, x, scene.holds(0.0), tolerance=1e-2, max_iterations=SETTLING)
     told(f"{name}: borders at rest after {rest.iterations} iterations, {rest.seconds:.1f} s")
     steps = run(name, dynamics, FabricMotion(rest.x, 0.0 * rest.x), options)
     stable = dynamics.stable_step(steps.motion)

@@ -21,7 +21,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import Holds, Rest, equilibrium, safe_path
+from yarnscale.fabric.direct_static import Holds, Rest, rod_equilibrium, safe_path
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -136,7 +136,7 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         if ahead_of is not None:
             x = safe_path(energy, x, ahead_of(x, before, float(share)))
         energy.rub(solved, YarnFriction(friction) if friction else None)
-        rest = equilibrium(energy, x, holds(float(share)), tolerance=2e-4, max_iterations=300, linear=solver)
+        rest = rod_equilibrium(energy, x, holds(float(share)), tolerance=2e-4, max_iterations=300, linear=solver)
         x, before = rest.x, float(share)
         told(before, rest)
 

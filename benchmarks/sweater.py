@@ -19,7 +19,7 @@ import numpy as np
 
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.material_json import read_material
-from yarnscale.motion.run import Progress, simulate
+from yarnscale.motion.run import RunProgress, simulate
 from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.materials.orthotropic import JERSEY
@@ -64,7 +64,7 @@ def run(scene: Scene) -> list[ClothState]:
     iterations: list[int] = []
     crossings, began = 0, time.perf_counter()
 
-    def on_step(progress: Progress) -> None:
+    def on_step(progress: RunProgress) -> None:
         iterations.append(progress.iterations)
 
     def on_frame(number: int, state: ClothState) -> None:

@@ -55,7 +55,7 @@ from yarnscale.motion.body import Body, State
 from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Sphere
 from yarnscale.motion.rigid import Motion
-from yarnscale.motion.run import Progress, simulate
+from yarnscale.motion.run import RunProgress, simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
@@ -218,7 +218,7 @@ class KeptRun(Generic[State]):
         """Run to the end; seen: arrays of a frame."""
         began = time.process_time() - self.seconds
 
-        def step(progress: Progress) -> None:
+        def step(progress: RunProgress) -> None:
             self.steps = progress.steps
 
         def frame(number: int, state: State) -> None:

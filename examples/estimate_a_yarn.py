@@ -13,7 +13,7 @@ import yarnscale as ys
 from yarnscale.swatches.measurements import Direction, StretchRun, StretchTest
 from yarnscale.swatches.yarn_fit import FitOptions
 from yarnscale.swatches.yarn_model import yarn_model
-from yarnscale.swatches.yarn_rest import KEPT_PERIODS, at_rest
+from yarnscale.swatches.yarn_rest import KEPT_PERIODS, rested_cell
 from yarnscale.swatches.yarn_states import pulled
 
 STIFFEST = 20.0  # stretch stiffness k_s2 [N], which is measured on the yarn
@@ -21,7 +21,7 @@ KNOWN = {"k_s1": 5.0, "knee": 0.1, "k_b": 2e-8, "R_1": 0.36e-3, "k_c1": 30.0}
 
 drawn = ys.patterns.build("plain")
 model = yarn_model(drawn.scaled(0.4e-3 / drawn.radius), STIFFEST)
-fabric = at_rest(model.cell(np.array(list(KNOWN.values()))), KEPT_PERIODS).cell
+fabric = rested_cell(model.cell(np.array(list(KNOWN.values()))), KEPT_PERIODS).cell
 
 tests = []
 for direction in (Direction.WEFT, Direction.WARP):

@@ -14,7 +14,7 @@ from yarnscale.cli import _joined, main
 from yarnscale.cli.arguments import parser
 from yarnscale.cli.guide import SAMPLES, pages
 from yarnscale.files.grid_toml import read_grid
-from yarnscale.files.material_toml import read_material
+from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import read_pattern
@@ -123,7 +123,7 @@ def test_samples_are_what_readers_take(tmp_path: Path, capsys: pytest.CaptureFix
         assert {test.direction.value for test in measured.stretch} == {"weft", "warp"}
     for name in ("basket.chart", "overshot.chart"):
         assert read_pattern(tmp_path / name).name == Path(name).stem
-    assert read_material(tmp_path / "yarn.toml").name == "soft wool"
+    assert read_yarn_material(tmp_path / "yarn.toml").name == "soft wool"
     assert read_grid(tmp_path / "grid.toml").s_x == (0.0, 0.1)
     assert read_garment(tmp_path / "mesh.obj").vertex_count == 81
 

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from yarnscale.files.estimate_run import estimate, fabric_model
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
-    from yarnscale.files.material_toml import read_material as read_yarn_material
-    from yarnscale.files.material_toml import write_material as write_yarn_material
+    from yarnscale.files.material_toml import read_yarn_material, write_yarn_material
     from yarnscale.files.measurements import read_measurements
     from yarnscale.files.patterns import read_pattern, read_yarns, structure_of, write_pattern
     from yarnscale.files.scene_run import run
@@ -125,7 +124,7 @@ _HOME = {
     "read_material": "files.material_json",
     "read_measurements": "files.measurements",
     "read_pattern": "files.patterns",
-    "read_yarn_material": "files.material_toml:read_material",
+    "read_yarn_material": "files.material_toml",
     "read_yarns": "files.patterns",
     "run": "files.scene_run",
     "run_tests": "laboratory.programme",
@@ -139,7 +138,7 @@ _HOME = {
     "weave": "drawing.weave",
     "write_material": "files.material_json",
     "write_pattern": "files.patterns",
-    "write_yarn_material": "files.material_toml:write_material",
+    "write_yarn_material": "files.material_toml",
 }
 """Public name -> module that defines it, with ``:name`` where it is called otherwise there and ``:`` for the
 module itself. The imports above say the same to type checkers."""

@@ -11,7 +11,7 @@ import pytest
 
 from yarnscale.cli import main
 from yarnscale.cli.arguments import parser
-from yarnscale.files.material_toml import read_material as read_yarn
+from yarnscale.files.material_toml import read_yarn_material as read_yarn
 from yarnscale.files.patterns import read_pattern, read_yarns
 from yarnscale.swatches.yarn_fit import FitOptions
 from yarnscale.yarn.material import YarnMaterial

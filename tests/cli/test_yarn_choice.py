@@ -17,7 +17,7 @@ from yarnscale.cli.yarn_choice import same_yarns, yarn_for
 from yarnscale.drawing import library
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import write_material
-from yarnscale.files.material_toml import write_material as write_yarn
+from yarnscale.files.material_toml import write_yarn_material as write_yarn
 from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.sample import create_store, provenance

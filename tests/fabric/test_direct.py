@@ -13,7 +13,7 @@ import pytest
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings, rigid_motion
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load, safe_path
+from yarnscale.fabric.direct_static import Holds, gravity_load, rod_equilibrium, safe_path
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Plane
@@ -60,7 +60,7 @@ def test_a_hanging_yarn_stretches_under_its_weight_as_a_bar_does() -> None:
     energy = FabricEnergy(sheet, SOLID)
     load = gravity_load(energy, np.array([0.0, 0.0, -9.81]))
     holds = Holds(np.array([0]), np.zeros((1, 3)))
-    rest = equilibrium(energy, energy.start(), holds, load=load, tolerance=1e-10)
+    rest = rod_equilibrium(energy, energy.start(), holds, load=load, tolerance=1e-10)
     assert rest.status is Status.CONVERGED
     weight = SOLID.mass_per_length(RADIUS) * 9.81
     ends = energy.positions(rest.x)[[0, -1], 2] * RADIUS
@@ -84,7 +84,7 @@ def test_a_cantilever_bends_as_a_beam_and_converges_with_the_square_of_the_edge(
         load = np.zeros(4 * energy.count)
         load[3 * energy.count - 1] = -force / energy.force_unit
         holds = Holds(np.array([0, 1]), line[:2])
-        rest = equilibrium(energy, energy.start(), holds, load=load, tolerance=1e-7)
+        rest = rod_equilibrium(energy, energy.start(), holds, load=load, tolerance=1e-7)
         assert rest.status is Status.CONVERGED
         tip = -energy.positions(rest.x)[-1, 2] * RADIUS
         errors.append(abs(tip / (force * length**3 / (3 * stiffness)) - 1))
@@ -111,7 +111,7 @@ def _spun(angle: float, wobble: float) -> tuple[FabricEnergy, Holds, np.ndarray]
 def test_a_twisted_yarn_has_its_torque_and_turns_evenly() -> None:
     energy, holds, x = _spun(3.0, 0.0)
     x[3 * energy.count : -1] = 0.0
-    rest = equilibrium(energy, x, holds, tolerance=1e-10)
+    rest = rod_equilibrium(energy, x, holds, tolerance=1e-10)
     assert rest.status is Status.CONVERGED
     twist = rest.x[3 * energy.count : -1]
     np.testing.assert_allclose(np.diff(twist), (twist[-1] - twist[0]) / 39, rtol=1e-6)
@@ -125,7 +125,7 @@ def test_held_vertices_withstand_at_rest_what_holds_them() -> None:
     ends = np.array([0, 1, 39, 40])
     targets = energy.sheet.vertices[ends] * [1.02, 1.0, 1.0]
     pulled = Holds(ends, targets, spun=holds.spun, angles=holds.angles)
-    rest = equilibrium(energy, x, pulled, tolerance=1e-10)
+    rest = rod_equilibrium(energy, x, pulled, tolerance=1e-10)
     assert rest.status is Status.CONVERGED
     force = pulled.forces(energy, rest.x)
     np.testing.assert_allclose(pulled.reactions(energy, rest.x), force, atol=1e-6 * np.abs(force).max())
@@ -137,7 +137,7 @@ def test_a_twisted_yarn_buckles_at_greenhills_torque(share: float, buckles: bool
     """M L/(EI) = 8.9868 for clamped ends that may draw together (Greenhill 1883; tan(M L/2EI) = M L/2EI)."""
     ratio = SOLID.twist_stiffness(RADIUS) / SOLID.bending_stiffness(RADIUS)
     energy, holds, x = _spun(share * 8.9868 / ratio, 0.2)
-    rest = equilibrium(energy, x, holds, tolerance=1e-7, max_iterations=600)
+    rest = rod_equilibrium(energy, x, holds, tolerance=1e-7, max_iterations=600)
     aside = np.linalg.norm(energy.positions(rest.x)[:, 1:], axis=1).max()
     assert (aside > 1.0) == buckles
     assert rest.status is Status.CONVERGED

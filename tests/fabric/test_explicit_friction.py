@@ -11,7 +11,7 @@ import pytest
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, equilibrium, gravity_load
+from yarnscale.fabric.direct_static import Holds, gravity_load, rod_equilibrium
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.obstacles import Plane
 from yarnscale.yarn.friction import Rubbing, YarnFriction
@@ -41,7 +41,7 @@ def _on_rails(friction: float) -> FabricDynamics:
 def _slide(dynamics: FabricDynamics, seconds: float) -> tuple[float, float]:
     """Way and speed along the slope of what is not held [m, m/s], in explicit steps from where it is pressed."""
     pressed = gravity_load(dynamics.energy, np.array([0.0, 0.0, DOWN_SLOPE[2]]))
-    rest = equilibrium(
+    rest = rod_equilibrium(
         dynamics.energy, dynamics.energy.start(), dynamics.holds(0.0), load=pressed, obstacles=dynamics.obstacles,
         tolerance=1e-9,
     )  # fmt: skip

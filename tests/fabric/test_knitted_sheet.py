@@ -12,7 +12,7 @@ from yarnscale.drawing import library
 from yarnscale.drawing.knit import knit
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import Holds, equilibrium
+from yarnscale.fabric.direct_static import Holds, rod_equilibrium
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.yarn.material import YarnMaterial
@@ -121,7 +121,7 @@ def test_a_piece_finds_its_shape_and_stays_knotted_when_it_is_pulled(name: str, 
     knot = _knot(sheet, sheet.vertices)
     energy.count_passages()
     drawn = energy.value(start)
-    rest = equilibrium(energy, start, Holds.none(), tolerance=1e-2, max_iterations=30)
+    rest = rod_equilibrium(energy, start, Holds.none(), tolerance=1e-2, max_iterations=30)
     assert energy.value(rest.x) < 0.1 * drawn and energy.penetration(rest.x) < 0.1
     lower, upper = np.flatnonzero(sheet.tile[:, 1] < 0), np.flatnonzero(sheet.tile[:, 1] >= rows)
     lower, upper = (s[sheet.source[s] != NO_PATTERN] for s in (lower, upper))
@@ -136,7 +136,7 @@ def test_a_piece_finds_its_shape_and_stays_knotted_when_it_is_pulled(name: str, 
 
     x = rest.x
     for share in (0.08, 0.16, 0.24):
-        x = equilibrium(energy, x, holds(share), tolerance=1e-2, max_iterations=25).x
+        x = rod_equilibrium(energy, x, holds(share), tolerance=1e-2, max_iterations=25).x
     assert energy.passage_count == 0
     force = holds(0.24).forces(energy, x)[len(lower) :, 1].sum()
     assert force > 5e-4  # it carries load rather than coming undone
@@ -245,7 +245,7 @@ def test_yarns_are_carried_up_the_side_on_which_they_are_needed() -> None:
         assert len(sheet.closed) == count
         apart = FabricEnergy(sheet, SOFT, springs=woven_in(sheet, SOFT))
         apart.count_passages()
-        rest = equilibrium(apart, apart.start(), Holds.none(), tolerance=1e-2, max_iterations=15)
+        rest = rod_equilibrium(apart, apart.start(), Holds.none(), tolerance=1e-2, max_iterations=15)
         assert apart.penetration(rest.x) < 0.1 and apart.passage_count == 0
 
 

@@ -11,7 +11,7 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, equilibrium
+from yarnscale.fabric.direct_static import Holds, rod_equilibrium
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion
@@ -120,7 +120,7 @@ def test_a_moving_belt_takes_a_yarn_along_as_coulomb_says(method: str, shape: st
     belt = Plane(motion=motion) if shape == "plane" else MeshObstacle(square, np.array([[0, 1, 2], [0, 2, 3]]), motion)
     settings = MotionSettings(tolerance=1e-9, enough=0.0, iterations=40, method=method)  # type: ignore[arg-type]
     dynamics = FabricDynamics(energy, settings, obstacles=(Pushes(energy, belt, friction=friction, slip=1e-3),))
-    pressed = equilibrium(
+    pressed = rod_equilibrium(
         energy,
         energy.start(),
         Holds.none(),

@@ -13,7 +13,7 @@ from yarnscale.fabric.boundary import SEWN, SEWN_WIDTH, glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricMotion, MotionSettings
 from yarnscale.fabric.direct_objective import FabricObjective
-from yarnscale.fabric.direct_static import equilibrium
+from yarnscale.fabric.direct_static import rod_equilibrium
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
@@ -108,13 +108,13 @@ def test_its_equilibrium_is_a_first_guess_that_saves_iterations() -> None:
     """Knitting stretched between grips: from the guess, the yarns come to the same force in fewer Newton iterations."""
     energy = _energy(4, 4, "stockinette")
     scene = stretch(energy.sheet, amount=0.2, duration=1.0)
-    before = equilibrium(energy, energy.start(), scene.holds(0.0), tolerance=1e-4)
+    before = rod_equilibrium(energy, energy.start(), scene.holds(0.0), tolerance=1e-4)
     holds = scene.holds(1.0)
-    alone = equilibrium(energy, before.x, holds, tolerance=1e-4)
+    alone = rod_equilibrium(energy, before.x, holds, tolerance=1e-4)
     volume = RodVolume(energy, BoundingVolume.around(energy.sheet.vertices, (4, 4)))
     within = VolumeDynamics(energy, MotionSettings((0.0, 0.0, 0.0)), scene.holds, volume=volume)
     guess = within.step(FabricMotion(before.x, 0.0 * before.x), math.inf, iterations=50, until=1.0)
-    guided = equilibrium(energy, guess.state.x, holds, tolerance=1e-4)
+    guided = rod_equilibrium(energy, guess.state.x, holds, tolerance=1e-4)
     assert guess.status is alone.status is guided.status is Status.CONVERGED
     assert guess.iterations <= 4
     assert guided.iterations < alone.iterations

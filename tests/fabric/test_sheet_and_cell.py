@@ -11,7 +11,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import Holds, equilibrium, safe_path
+from yarnscale.fabric.direct_static import Holds, rod_equilibrium, safe_path
 from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -38,7 +38,7 @@ def test_stretched_between_grips_its_inside_is_as_the_cell() -> None:
     grips = np.flatnonzero((sheet.tile[:, 0] == 0) | (sheet.tile[:, 0] == 7))
     holds = Holds(grips, energy.positions(x)[grips] * sheet.radius, (True, False, True))
     energy.rub(x, YarnFriction(0.2))
-    found = equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=60)
+    found = rod_equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=60)
     inside = interior(PATTERN, energy, found.x, share=0.5)
     own = PeriodicCell(replace(PATTERN, rest_length=PATTERN.rest_length * inside.yarn), SOFT)
     cell = own.relax(replace(inside.strain, II11=0.0, II12=0.0, II22=0.0))
@@ -57,7 +57,7 @@ def test_free_edges_of_stockinette_curl_as_the_moments_of_the_cell_say() -> None
     x, middle = energy.start(), np.flatnonzero((sheet.tile == (2, 4)).all(axis=1))[:3]
     for _ in range(6):
         energy.rub(x, YarnFriction(0.05))
-        x = equilibrium(energy, x, Holds(middle, sheet.vertices[middle]), tolerance=1e-3, max_iterations=25).x
+        x = rod_equilibrium(energy, x, Holds(middle, sheet.vertices[middle]), tolerance=1e-3, max_iterations=25).x
     height = energy.positions(x)[:, 2] - energy.positions(energy.start())[:, 2]
     inner = height[np.isin(sheet.tile[:, 1], (4,))].mean()
     ends = [height[sheet.tile[:, 1] == row].mean() - inner for row in (0, 8)]

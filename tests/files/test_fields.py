@@ -10,7 +10,7 @@ from yarnscale.errors import InputError
 from yarnscale.files.fields import toml_file
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.material_json import write_material
-from yarnscale.files.material_toml import read_material
+from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.scene_toml import read_scene
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 
@@ -70,7 +70,7 @@ def fault(path: Path, text: str, read) -> str:
 @pytest.mark.parametrize("line", lines_with(YARN, ("young", "shear", "bend", "cont", "dens", "outer", "inner", "knee")))
 def test_yarn_materials(tmp_path: Path, line: int, value: str) -> None:
     path = tmp_path / "yarn.toml"
-    assert fault(path, changed(YARN, line, value), read_material).startswith(f"{path}:{line + 1}: ")
+    assert fault(path, changed(YARN, line, value), read_yarn_material).startswith(f"{path}:{line + 1}: ")
 
 
 @pytest.mark.parametrize("value", [*WRONG, "0.0"])

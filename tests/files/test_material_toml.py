@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from yarnscale.errors import InputError
-from yarnscale.files.material_toml import read_material, write_material
+from yarnscale.files.material_toml import read_yarn_material, write_yarn_material
 from yarnscale.yarn.material import NUMBERS, PRESETS, STRETCH_FIELDS, ContactRule, StretchRule
 
 GOOD = """
@@ -24,25 +24,25 @@ density = 120.0
 @pytest.mark.parametrize("name", PRESETS)
 def test_writing_and_reading_is_the_identity(tmp_path: Path, name: str) -> None:
     material = replace(PRESETS[name], name=f'{name} "α" \\ \n')
-    write_material(material, tmp_path / "m.toml")
-    assert read_material(tmp_path / "m.toml") == material
+    write_yarn_material(material, tmp_path / "m.toml")
+    assert read_yarn_material(tmp_path / "m.toml") == material
 
 
 def test_two_phase_stretch_is_written_and_read(tmp_path: Path) -> None:
     rule = StretchRule("two_phase", knee=0.07, stiff_modulus=3e7)
     material = replace(PRESETS["wool"], stretch=rule)
-    write_material(material, tmp_path / "m.toml")
-    assert read_material(tmp_path / "m.toml").stretch == rule
+    write_yarn_material(material, tmp_path / "m.toml")
+    assert read_yarn_material(tmp_path / "m.toml").stretch == rule
 
 
 def test_presets_are_found_by_name() -> None:
-    assert read_material("hylc2020-rib") is PRESETS["hylc2020-rib"]
+    assert read_yarn_material("hylc2020-rib") is PRESETS["hylc2020-rib"]
 
 
 def test_defaults_are_the_published_rule(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(GOOD)
-    material = read_material(path)
+    material = read_yarn_material(path)
     assert material.name == "mine"
     assert material.contact == ContactRule()
     assert material == replace(PRESETS["hylc2020-stockinette"], name="mine")
@@ -52,7 +52,7 @@ def test_the_example_in_the_documentation_reads(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "docs" / "reference" / "yarn_material_format.md").read_text()
     example = text.split("```toml\n")[1].split("```")[0]
     (tmp_path / "m.toml").write_text(example)
-    assert read_material(tmp_path / "m.toml") == replace(PRESETS["wool"], name="soft wool")
+    assert read_yarn_material(tmp_path / "m.toml") == replace(PRESETS["wool"], name="soft wool")
     rules = [f"contact.{entry.name}" for entry in fields(ContactRule)]
     rules += [f"stretch.{name}" for name in STRETCH_FIELDS]
     for field in (*NUMBERS, "name", *rules):
@@ -88,13 +88,13 @@ def test_faults_are_named(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as error:
-        read_material(path)
+        read_yarn_material(path)
     assert str(error.value).startswith(str(path))
     assert "\n" not in str(error.value)
 
 
 def test_unknown_names_and_missing_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"unknown material; expected a TOML file or one of hylc2020-.*; found 'silk'"):
-        read_material("silk")
+        read_yarn_material("silk")
     with pytest.raises(InputError, match="file does not exist"):
-        read_material(tmp_path / "none.toml")
+        read_yarn_material(tmp_path / "none.toml")

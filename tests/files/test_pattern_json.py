@@ -13,7 +13,7 @@ import pytest
 
 from yarnscale.drawing.library import build, names
 from yarnscale.errors import InputError
-from yarnscale.files.pattern_json import FIELDS, read_pattern_json, read_yarns, write_pattern_json
+from yarnscale.files.pattern_json import FIELDS, read_pattern_json, read_yarns_json, write_pattern_json
 from yarnscale.files.patterns import read_pattern, write_pattern
 from yarnscale.yarn.material import PRESETS, ContactRule, StretchRule
 
@@ -43,13 +43,13 @@ def test_yarn_materials_travel_with_the_pattern(tmp_path: Path, name: str) -> No
     est = replace(yarn, contact=ContactRule("est2022"), stretch=StretchRule("two_phase", 0.02, 1e8))
     for given in (yarn, est):
         write_pattern_json(pattern, tmp_path / "p.json", yarns=given)
-        assert read_yarns(tmp_path / "p.json") == given
+        assert read_yarns_json(tmp_path / "p.json") == given
         assert read_pattern(tmp_path / "p.json").content_hash() == pattern.content_hash()
     plated = replace(pattern, yarn_material=np.arange(len(pattern.yarns)) % 2)
     write_pattern_json(plated, tmp_path / "p.json", yarns=(yarn, replace(yarn, young_modulus=1.0)))
-    assert read_yarns(tmp_path / "p.json") == (yarn, replace(yarn, young_modulus=1.0))
+    assert read_yarns_json(tmp_path / "p.json") == (yarn, replace(yarn, young_modulus=1.0))
     write_pattern_json(pattern, tmp_path / "p.json")
-    assert read_yarns(tmp_path / "p.json") is None
+    assert read_yarns_json(tmp_path / "p.json") is None
 
 
 def test_broken_yarn_materials_are_refused(tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_broken_yarn_materials_are_refused(tmp_path: Path) -> None:
     for value in ([], {}, [3], [{}], [whole["materials"][0] | {"density": -1}], whole["materials"] * 2):
         path.write_text(json.dumps(whole | {"materials": value}))
         with pytest.raises(InputError) as error:
-            read_yarns(path)
+            read_yarns_json(path)
         assert "p.json" in str(error.value) or "are of 1 materials" in str(error.value)
 
 

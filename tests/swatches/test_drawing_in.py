@@ -10,7 +10,7 @@ from yarnscale.cell.rest_shape import set_as_drawn
 from yarnscale.drawing.library import build
 from yarnscale.kinematics import ShellStrain
 from yarnscale.swatches.yarn_model import yarn_model
-from yarnscale.swatches.yarn_rest import RestRule, at_rest, drawn_in
+from yarnscale.swatches.yarn_rest import RestRule, drawn_in, rested_cell
 
 VALUES = np.array([20.0, 0.1, 1e-8, 3.4e-4, 60.0, 0.74, 0.05, 0.5])
 
@@ -49,13 +49,13 @@ def test_yarn_forgets_the_drawing_as_it_draws_in(cell):
     none = drawn_in(cell, 0.0).cell
     np.testing.assert_array_equal(none.pattern.rest_curvature, cell.pattern.rest_curvature)
     # Not drawn in at all, the drawing at equilibrium comes to rest as the drawing does.
-    without, begun = at_rest(cell, RestRule()), at_rest(cell, RestRule(), draw_in=0.0)
+    without, begun = rested_cell(cell, RestRule()), rested_cell(cell, RestRule(), draw_in=0.0)
     np.testing.assert_allclose(without.change, begun.change, atol=1e-3)
 
 
 def test_periods_at_rest_are_smooth_in_how_far_it_draws_in(cell):
     def periods(share: float) -> np.ndarray:
-        found = at_rest(cell, RestRule(), draw_in=share)
+        found = rested_cell(cell, RestRule(), draw_in=share)
         assert found.relaxed
         return found.cell.pattern.period / cell.pattern.period
 

@@ -32,7 +32,7 @@ from yarnscale.swatches.membrane_constants import (
 from yarnscale.swatches.pear_loop import PearLoop
 from yarnscale.swatches.shell_fit import fit_membrane
 from yarnscale.swatches.swatch import StretchSwatch
-from yarnscale.swatches.uniaxial import biaxial, uniaxial
+from yarnscale.swatches.uniaxial import biaxial_stress, uniaxial
 
 KNOWN = OrthotropicMaterial(
     60.0, 20.0, 100.0, 25.0, area=10.0, log_area=5.0, bend_weft=2e-6, bend_bias=1.5e-6, bend_warp=6e-6
@@ -103,10 +103,10 @@ def test_without_bias_the_shear_stiffness_is_called_undetermined_and_the_curves_
 def test_biaxial_states_tell_coupling_and_stiffness_across():
     weft = stretched(KNOWN, (Direction.WEFT,), width=False)
     stretch = np.array([[0.1, 0.05], [0.05, 0.1], [0.1, 0.1], [0.2, 0.02], [0.02, 0.2], [0.15, 0.15]])
-    both = replace(weft, biaxial=BiaxialTest(stretch, biaxial(KNOWN, stretch)))
+    both = replace(weft, biaxial=BiaxialTest(stretch, biaxial_stress(KNOWN, stretch)))
     fit = fit_membrane(both, model="stvk", largest_load=np.inf, states=2, elements=6)
     unseen = np.array([[0.12, 0.08], [0.06, 0.15], [0.0, 0.18]])
-    np.testing.assert_allclose(biaxial(fit.material, unseen), biaxial(KNOWN, unseen), rtol=0.01)
+    np.testing.assert_allclose(biaxial_stress(fit.material, unseen), biaxial_stress(KNOWN, unseen), rtol=0.01)
     assert "stretch_warp" not in fit.undetermined
 
 

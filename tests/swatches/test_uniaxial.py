@@ -9,7 +9,7 @@ import pytest
 
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.swatches.measurements import Direction
-from yarnscale.swatches.uniaxial import biaxial, biaxial_sensitivity, uniaxial, uniaxial_sensitivity
+from yarnscale.swatches.uniaxial import biaxial_sensitivity, biaxial_stress, uniaxial, uniaxial_sensitivity
 
 FABRIC = OrthotropicMaterial(60.0, 20.0, 100.0, 25.0, area=10.0, log_area=5.0)
 
@@ -63,10 +63,12 @@ def test_biaxial_stress_is_the_slope_and_its_sensitivities_are_finite_difference
         ("stretch_weft", "stretch_coupling", "area", "log_area"),
     )
     along = uniaxial(FABRIC, 0.0, np.array([0.2]))
-    alone = biaxial(FABRIC, np.array([[0.2, -float(along[1][0])]]))
+    alone = biaxial_stress(FABRIC, np.array([[0.2, -float(along[1][0])]]))
     np.testing.assert_allclose(alone, [[along[0][0], 0.0]], atol=1e-9)
     slopes = biaxial_sensitivity(FABRIC, stretch, names)
     for k, name in enumerate(names):
         step = 1e-4 * getattr(FABRIC, name)
-        above, below = (biaxial(replace(FABRIC, **{name: getattr(FABRIC, name) + s}), stretch) for s in (step, -step))
+        above, below = (
+            biaxial_stress(replace(FABRIC, **{name: getattr(FABRIC, name) + s}), stretch) for s in (step, -step)
+        )
         np.testing.assert_allclose(slopes[..., k], (above - below) / (2 * step), rtol=1e-6, atol=1e-9)

@@ -9,7 +9,7 @@ import pytest
 from yarnscale.drawing.library import build
 from yarnscale.errors import InputError
 from yarnscale.swatches.evaluations import Evaluations, Residuals
-from yarnscale.swatches.gauss_newton import Descent, advance, gauss_newton, jacobian
+from yarnscale.swatches.gauss_newton import GaussNewton, advance, gauss_newton, jacobian
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import ErrorWeights, YarnObjective, coarser
 from yarnscale.swatches.scattered import race, sobol_starts
@@ -54,7 +54,7 @@ def test_gauss_newton_finds_the_answer_of_a_valley():
 
 def test_steps_cost_less_than_a_jacobian_each():
     evaluations = valley()
-    descent = Descent(evaluations, np.array([0.9, 0.1, 0.1]))
+    descent = GaussNewton(evaluations, np.array([0.9, 0.1, 0.1]))
     steps = 0
     while not descent.ended and steps < 30:
         before = descent.value
@@ -69,7 +69,7 @@ def test_steps_cost_less_than_a_jacobian_each():
 def test_a_descent_that_is_taken_up_again_goes_the_same_way():
     start = np.array([0.9, 0.1, 0.1])
     evaluations = valley()
-    whole, halves = Descent(evaluations, start), Descent(evaluations, start)
+    whole, halves = GaussNewton(evaluations, start), GaussNewton(evaluations, start)
     advance(evaluations, [whole], 4)
     for _ in range(2):
         advance(evaluations, [halves], 2)
@@ -79,13 +79,15 @@ def test_a_descent_that_is_taken_up_again_goes_the_same_way():
 def test_descents_side_by_side_do_not_touch_each_other_and_try_fewer_points():
     starts = [np.array([0.9, 0.1, 0.1]), np.array([0.2, 0.9, 0.9]), np.array([0.5, 0.5, 0.2])]
     evaluations, fewer, alone = valley(), valley(), valley()
-    three, two = ([Descent(own, start) for start in some] for own, some in ((evaluations, starts), (fewer, starts[:2])))
+    three, two = (
+        [GaussNewton(own, start) for start in some] for own, some in ((evaluations, starts), (fewer, starts[:2]))
+    )
     advance(evaluations, three, 4)
     advance(fewer, two, 4)
     np.testing.assert_array_equal(three[0].here, two[0].here)
     np.testing.assert_array_equal(three[1].here, two[1].here)
     for start in starts[:2]:
-        advance(alone, [Descent(alone, start)], 4)
+        advance(alone, [GaussNewton(alone, start)], 4)
     assert fewer.count < alone.count
 
 

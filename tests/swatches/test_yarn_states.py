@@ -10,8 +10,8 @@ from yarnscale.drawing.library import build
 from yarnscale.kinematics import ShellStrain
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
-from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestRule, at_rest
-from yarnscale.swatches.yarn_states import pulled, strain_of
+from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestRule, rested_cell
+from yarnscale.swatches.yarn_states import pulled, pulled_strain
 from yarnscale.yarn.material import YarnMaterial
 
 UNKNOWNS = np.array([0.8, 0.3, 0.4, 0.6, 0.6])
@@ -25,7 +25,7 @@ def model() -> YarnModel:
 
 @pytest.fixture(scope="module")
 def rested(model):
-    found = at_rest(model.cell(model.values(UNKNOWNS)), RestRule())
+    found = rested_cell(model.cell(model.values(UNKNOWNS)), RestRule())
     assert found.relaxed
     return found.cell.with_options(tolerance=1e-9)
 
@@ -33,13 +33,13 @@ def rested(model):
 @pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4, np.pi / 2])
 def test_slopes_of_the_strain(angle):
     step, s, c = 1e-5, 0.2, 0.07
-    strain, along, across = strain_of(angle, s, c)
+    strain, along, across = pulled_strain(angle, s, c)
     forms, turn = ShellStrain.from_vector(strain).first_form, np.array([np.cos(angle), np.sin(angle)])
     assert turn @ forms @ turn == pytest.approx((1 + s) ** 2)
     assert np.linalg.det(forms) == pytest.approx(((1 + s) * (1 - c)) ** 2)
-    ends = [strain_of(angle, s + sign * step, c)[0] for sign in (1, -1)]
+    ends = [pulled_strain(angle, s + sign * step, c)[0] for sign in (1, -1)]
     np.testing.assert_allclose(along, (ends[0] - ends[1]) / (2 * step), atol=1e-9)
-    ends = [strain_of(angle, s, c + sign * step)[0] for sign in (1, -1)]
+    ends = [pulled_strain(angle, s, c + sign * step)[0] for sign in (1, -1)]
     np.testing.assert_allclose(across, (ends[0] - ends[1]) / (2 * step), atol=1e-9)
 
 
@@ -57,7 +57,7 @@ def test_stress_across_vanishes_and_energy_is_least(rested, direction):
     k = 2
     energies = []
     for shift in (-0.01, 0.0, 0.01):
-        strain, *_ = strain_of(direction.angle, STRETCHES[k], curve.contraction[k] + shift)
+        strain, *_ = pulled_strain(direction.angle, STRETCHES[k], curve.contraction[k] + shift)
         state = rested.relax(ShellStrain.from_vector(strain), start=curve.states[k])
         energies.append(state.energy_density)
     assert energies[1] < min(energies[0], energies[2])
@@ -84,8 +84,8 @@ def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
     """Followed stage by stage from a yarn nearby, with the same outcome as from the drawing, and sooner."""
     rule, other = RestRule(), UNKNOWNS + np.array([0.0, 0.0, 1e-3, -1e-3, 1e-3])
     cells = [model.cell(model.values(u)).with_options(tolerance=1e-9) for u in (UNKNOWNS, other)]
-    here = at_rest(cells[0], rule, draw_in=0.4)
-    alone, beside = at_rest(cells[1], rule, draw_in=0.4), at_rest(cells[1], rule, draw_in=0.4, near=here)
+    here = rested_cell(cells[0], rule, draw_in=0.4)
+    alone, beside = rested_cell(cells[1], rule, draw_in=0.4), rested_cell(cells[1], rule, draw_in=0.4, near=here)
     assert alone.relaxed and beside.relaxed
     moved = np.abs(alone.change - here.change).max()
     assert moved > 1e-5 and beside.solves < 0.6 * alone.solves
@@ -105,8 +105,8 @@ def test_a_cell_beside_another_comes_to_its_own_rest_and_states(model, rested):
 def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here, there):
     """A stage that one of them leaves out is no other stage."""
     cell, rule = model.cell(model.values(UNKNOWNS)).with_options(tolerance=1e-9), RestRule(release=release)
-    near, alone = at_rest(cell, rule, draw_in=here), at_rest(cell, rule, draw_in=there)
-    beside = at_rest(cell, rule, draw_in=there, near=near)
+    near, alone = rested_cell(cell, rule, draw_in=here), rested_cell(cell, rule, draw_in=there)
+    beside = rested_cell(cell, rule, draw_in=there, near=near)
     assert beside.relaxed and len(beside.stages) == len(near.stages)
     assert (beside.stages[0] is None) == (there == 0.0) and beside.solves <= alone.solves
     moved = np.abs(alone.cell.pattern.vertices - near.cell.pattern.vertices).max()
@@ -115,8 +115,8 @@ def test_a_cell_that_draws_in_may_follow_one_that_does_not(model, release, here,
 
 def test_a_neighbour_that_ended_earlier_has_no_stage_to_start_from():
     cell = PeriodicCell(build("plain"), YarnMaterial.preset("hylc2020-basket"))
-    near = at_rest(cell, RestRule(rounds=0, release=False))
-    alone, beside = at_rest(cell, RestRule(rounds=1)), at_rest(cell, RestRule(rounds=1), near=near)
+    near = rested_cell(cell, RestRule(rounds=0, release=False))
+    alone, beside = rested_cell(cell, RestRule(rounds=1)), rested_cell(cell, RestRule(rounds=1), near=near)
     assert len(near.stages) == 1 and len(beside.stages) == len(alone.stages)
     np.testing.assert_allclose(beside.change, alone.change, rtol=0.0, atol=1e-6)
 
@@ -151,7 +151,7 @@ def test_a_drawing_of_known_shape_keeps_its_periods_and_says_what_stress_is_left
     """EST22 §7.2: rounds lower the coarse stress at the drawn periods, rest lengths change by 20 % at most."""
     model = yarn_model(build("stockinette"), 20.0)
     drawn = model.cell(model.values(np.full(5, 0.5)))
-    found = at_rest(drawn, KEPT_PERIODS)
+    found = rested_cell(drawn, KEPT_PERIODS)
     assert found.relaxed and (found.change == 0.0).all()
     np.testing.assert_array_equal(found.cell.pattern.period, drawn.pattern.period)
     np.testing.assert_allclose(found.stress, found.cell.relax().stress[:3], atol=1e-3)

@@ -17,11 +17,11 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.release import released
 from yarnscale.cell.rest_estimate import estimated_rest
 from yarnscale.cell.rest_outcome import (
-    Progress,
     RestRound,
     RestShape,
     RestStatus,
     RestStress,
+    RoundObserver,
     described,
     note_round,
     outcome,
@@ -62,7 +62,7 @@ def settled(
     *,
     setting: float = SETTING,
     shortening: float = 0.06,
-    progress: Progress | None = None,
+    progress: RoundObserver | None = None,
     watch: Watch | None = None,
 ) -> RestShape:
     """A drawn pattern as relaxed fabric at rest; the same result every time.
@@ -100,7 +100,7 @@ def settled(
 
 
 def shrunk_to_rest(
-    cell: PeriodicCell, *, shortening: float = 0.0, max_rounds: int = 60, progress: Progress | None = None
+    cell: PeriodicCell, *, shortening: float = 0.0, max_rounds: int = 60, progress: RoundObserver | None = None
 ) -> RestShape:
     """Put yarns under tension by shortening them and let the periods follow to zero stress (``released``).
 

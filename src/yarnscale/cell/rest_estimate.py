@@ -12,10 +12,10 @@ from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cell.rest_outcome import (
     RATIO_LIMIT,
-    Progress,
     RestRound,
     RestShape,
     RestStatus,
+    RoundObserver,
     note_round,
     outcome,
     rest_stress_ratio,
@@ -37,7 +37,7 @@ def estimated_rest(
     short_rounds: int = 4,
     short_iterations: int = 6,
     length_bound: float = 0.2,
-    progress: Progress | None = None,
+    progress: RoundObserver | None = None,
 ) -> RestShape:
     """Move the rest shape of the yarns towards their present one, until the stress at the given periods is small.
 
@@ -70,7 +70,7 @@ class _Estimation:
     cell: PeriodicCell
     drawn: YarnPattern
     length_bound: float
-    progress: Progress | None
+    progress: RoundObserver | None
     history: list[RestRound] = field(default_factory=list)
     share: float = 0.5
     momentum: float = 0.0

@@ -105,7 +105,7 @@ class RestShape:
         return self.status is RestStatus.CONVERGED
 
 
-Progress = Callable[[RestRound], None]
+RoundObserver = Callable[[RestRound], None]
 """Called after every round."""
 
 
@@ -143,7 +143,7 @@ def note_round(
     pattern: YarnPattern,
     state: Equilibrium,
     *,
-    progress: Progress | None,
+    progress: RoundObserver | None,
 ) -> None:
     """Add a round, a state of the pattern, to the history and report it."""
     stretch = pattern.period * (1.0 + state.strain.vector[[0, 2]]) / drawn.period

@@ -54,14 +54,14 @@ def simulate(options: argparse.Namespace) -> int:
 
 def _scene(options: argparse.Namespace) -> Scene:
     from yarnscale.files.scene_toml import read_scene
-    from yarnscale.shell.scenes.plausible import sizes_of
+    from yarnscale.shell.scenes.plausible import sizes_line
     from yarnscale.shell.scenes.ready import READY, ready_scene
 
     if options.scene in READY:
         if options.shell is None:
             raise InputError("ready scene", where=options.scene, expected="--shell MATERIAL.json", found="none")
         scene = ready_scene(options.scene, read_material(options.shell), spacing=options.spacing)
-        return replace(scene, notices=(sizes_of(scene.cloth),))
+        return replace(scene, notices=(sizes_line(scene.cloth),))
     if not Path(options.scene).exists():
         expected = "a scene file or one of " + ", ".join(READY)
         raise InputError("no such scene", expected=expected, found=misspelt(options.scene, READY))

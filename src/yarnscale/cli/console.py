@@ -18,8 +18,8 @@ from yarnscale.errors import InputError
 from yarnscale.files.run_folder import writable_folder as writable_folder
 
 if TYPE_CHECKING:
-    from yarnscale.homogenize.sample import Progress as Sampling
-    from yarnscale.motion.run import Progress
+    from yarnscale.homogenize.sample import SamplingProgress
+    from yarnscale.motion.run import RunProgress
 
 
 def report(options: argparse.Namespace, summary: Mapping[str, object], *lines: str) -> None:
@@ -84,7 +84,7 @@ class ProgressLine:
         self._solve = self._began, np.inf, np.inf
         self._terminal = sys.stderr.isatty()
 
-    def show_step(self, progress: Progress) -> None:
+    def show_step(self, progress: RunProgress) -> None:
         """Show a step of a run; the time left follows from the mean speed since its first step in this process."""
         seconds = time.monotonic() - self._began
         if self._first is None:
@@ -113,7 +113,7 @@ class ProgressLine:
         line = f"{self.label}: {done}/{total} in {seconds:.0f} s{remaining}{', ' + note if note else ''}"
         self._print(line, last=done >= total)
 
-    def sampled(self, progress: Sampling) -> None:
+    def sampled(self, progress: SamplingProgress) -> None:
         """Show how far a sampling run is."""
         note = f"{progress.converged} converged"
         self.show(progress.done, progress.total, note, left=progress.seconds_left)

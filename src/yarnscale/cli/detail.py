@@ -15,7 +15,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
 from yarnscale.cli.console import ProgressLine, report, say, writable_file, writable_folder
 from yarnscale.cli.materials import reach_dask, worker_count
-from yarnscale.cli.yarn_choice import YarnChoice, names, same_yarns, yarn_for
+from yarnscale.cli.yarn_choice import YarnChoice, material_names, same_yarns, yarn_for
 from yarnscale.cli.yarns import pattern_of
 from yarnscale.detail.fluctuations import FluctuationTable, ScatteredFluctuations, detail_grid
 from yarnscale.detail.yarns import YarnDetail
@@ -161,8 +161,8 @@ def _sampled_pattern(
     if not yarn.is_default and not same_yarns(origin.yarns, yarn.materials):
         raise InputError(
             f"samples {store.path} are of another yarn than {yarn.pattern}",
-            expected=f"{names(yarn.materials)} ({yarn.origin}); sample anew, or give its --material",
-            found=names(origin.yarns),
+            expected=f"{material_names(yarn.materials)} ({yarn.origin}); sample anew, or give its --material",
+            found=material_names(origin.yarns),
         )
     return cell
 

@@ -15,13 +15,13 @@ from yarnscale.cli.console import ProgressLine, plain_json, report, say
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
-from yarnscale.files.estimate_folder import EVALUATING, EstimateFolder, check_resumable
+from yarnscale.files.estimate_folder import EVALUATING, EstimateFolder, check_evaluations
 from yarnscale.files.estimate_run import EVALUATIONS, fabric_model
 from yarnscale.files.estimate_run import estimate as estimate_yarn
 from yarnscale.files.fields import read_json
 from yarnscale.files.fingerprint import code_fingerprint, fingerprint
 from yarnscale.files.material_json import write_material
-from yarnscale.files.material_toml import write_material as write_yarn
+from yarnscale.files.material_toml import write_yarn_material
 from yarnscale.files.measurements import fabric_files, read_measurements
 from yarnscale.files.measurements_swatches import LogSettings
 from yarnscale.files.patterns import write_pattern
@@ -175,7 +175,7 @@ def _estimated(options: argparse.Namespace, measurements: SwatchMeasurements, mo
     search = FitOptions(options.solver, options.seed, options.starts, options.refined, iterations=options.iterations)
     chosen, holdout = _directions(options)
     if options.resume:
-        check_resumable(options.out / EVALUATIONS)
+        check_evaluations(options.out / EVALUATIONS)
     results = RunFolder(
         options.out, "estimate", MAKES, overwrite=options.overwrite, resume=options.resume,
         goes_on_from=(f"{EVALUATIONS}/*.json", f"{HOMOGENIZED}/"),
@@ -267,7 +267,7 @@ def _write(options: argparse.Namespace, found: FabricEstimate) -> None:
     """The yarn, the page and the numbers."""
     folder, units = options.out, options.units
     write_pattern(found.cell.pattern, folder / PATTERN, yarns=found.cell.material)
-    write_yarn(found.cell.materials[0], folder / YARN)
+    write_yarn_material(found.cell.materials[0], folder / YARN)
     try:
         from yarnscale.show.canvas import PicturesUnavailable
         from yarnscale.show.estimate import write_estimate_report

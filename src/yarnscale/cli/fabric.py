@@ -28,7 +28,7 @@ from yarnscale.fabric.spline_scene import SplineScene
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
 from yarnscale.files.fabric_scene import read_fabric_scene
-from yarnscale.files.material_toml import read_material
+from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.obj_garment import read_garment
 from yarnscale.files.patterns import is_drawing, stitches_of
 from yarnscale.files.run_folder import PAGE, RunFolder
@@ -110,7 +110,7 @@ def _splines(options: argparse.Namespace) -> int:
 def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMaterial]:
     if len(options.material or ()) > 1:
         raise InputError("--material", expected="one, or --method direct", found=len(options.material))
-    material = read_material(options.material[0] if options.material else "wool")
+    material = read_yarn_material(options.material[0] if options.material else "wool")
     origin = "--material" if options.material else "default of spline yarns"
     YarnChoice(options.pattern, material, origin).say()
     size = options.rows, options.columns

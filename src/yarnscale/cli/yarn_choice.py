@@ -7,7 +7,7 @@ from pathlib import Path
 
 from yarnscale.cli.console import say
 from yarnscale.drawing import library
-from yarnscale.files.material_toml import read_material
+from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.patterns import read_yarns
 from yarnscale.yarn.material import PRESETS, YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
@@ -33,15 +33,15 @@ class YarnChoice:
     @property
     def summary(self) -> dict[str, str]:
         """Entries of the JSON output."""
-        return {"material": names(self.materials), "material_from": self.origin}
+        return {"material": material_names(self.materials), "material_from": self.origin}
 
     def say(self) -> None:
         """One line on the console."""
-        instead = "" if self.replaced is None else f", instead of {names(self.replaced)} that came with it"
-        say(f"yarn of {self.pattern}: {names(self.materials)} ({self.origin}){instead}")
+        instead = "" if self.replaced is None else f", instead of {material_names(self.replaced)} that came with it"
+        say(f"yarn of {self.pattern}: {material_names(self.materials)} ({self.origin}){instead}")
 
 
-def names(materials: Materials) -> str:
+def material_names(materials: Materials) -> str:
     """Names of materials in one text."""
     return " + ".join(m.name for m in _listed(materials))
 
@@ -66,7 +66,7 @@ def yarn_for(
     label = str(source)
     own = kept if kept is not None else read_yarns(source)
     if asked is not None:
-        given = [read_material(name) for name in asked]
+        given = [read_yarn_material(name) for name in asked]
         chosen = given[0] if len(given) == 1 else materials_of(pattern, given)
         differs = own is not None and not same_yarns(chosen, own)
         return YarnChoice(label, chosen, "--material", own if differs else None)

@@ -37,7 +37,7 @@ def control_of_periodic(samples: Array) -> Array:
     return np.real(np.fft.ifft(np.fft.fft(samples, axis=0) / spectrum[:, None], axis=0))
 
 
-def located(position: ArrayLike, segments: int) -> tuple[Integers, Array]:
+def segment_and_place(position: ArrayLike, segments: int) -> tuple[Integers, Array]:
     """Segment and place within it, in [0, 1], of curve parameters in [0, segments]."""
     position = np.asarray(position, dtype=np.float64)
     segment = np.clip(np.floor(position).astype(np.int64), 0, segments - 1)

@@ -100,7 +100,7 @@ def gravity_load(energy: FabricEnergy, gravity: Array) -> Array:
 
 
 @on_one_thread
-def equilibrium(
+def rod_equilibrium(
     energy: FabricEnergy,
     start: Array,
     holds: Holds,
@@ -133,7 +133,7 @@ def equilibrium(
 
 def relaxed_sheet(energy: FabricEnergy, *, max_iterations: int = 25) -> YarnSheet:
     """The energy's sheet after some Newton iterations towards equilibrium: drawn yarns no longer overlap."""
-    rest = equilibrium(energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations)
+    rest = rod_equilibrium(energy, energy.start(), Holds.none(), tolerance=1e-2, max_iterations=max_iterations)
     sheet = energy.sheet.moved(energy.positions(rest.x) * energy.radius, twist=rest.x[3 * energy.count :])
     # Twists are those against the frames of the solve, carried step by step, not in one.
     return replace(sheet, reference_director=energy.frames.director, reference_twist=energy.frames.twist)

@@ -18,7 +18,7 @@ from yarnscale.drawing.knit import knit
 from yarnscale.drawing.loop_paths import line_crossings
 from yarnscale.drawing.stitches import SIGNS, StitchChart
 from yarnscale.errors import InputError
-from yarnscale.fabric.bspline import ORDER, blending, control_of_periodic, located
+from yarnscale.fabric.bspline import ORDER, blending, control_of_periodic, segment_and_place
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -98,7 +98,7 @@ class SplineFabric:
 
     def rows(self, points: CurvePoints, derivative: int = 0) -> tuple[Integers, Array]:
         """Control points (k, 4) that determine points of the yarns, and their weights (k, 4)."""
-        segment, u = located(points.place, self.segments_per_yarn)
+        segment, u = segment_and_place(points.place, self.segments_per_yarn)
         return self.segments[points.yarn * self.segments_per_yarn + segment], blending(u, derivative)
 
     def at(self, control: Array, points: CurvePoints, derivative: int = 0) -> Array:
@@ -237,7 +237,7 @@ def _repeated(place: Array, columns: int, period: int) -> Array:
 def _dense(control: Array, per_segment: int) -> Array:
     """The line of control points (k, 3), with so many points a segment."""
     along = np.arange((len(control) - ORDER + 1) * per_segment + 1) / per_segment
-    segment, u = located(along, len(control) - ORDER + 1)
+    segment, u = segment_and_place(along, len(control) - ORDER + 1)
     return np.einsum("kj,kjc->kc", blending(u), control[segment[:, None] + np.arange(ORDER)])
 
 

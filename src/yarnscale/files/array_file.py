@@ -59,7 +59,7 @@ def _opened(path: str | os.PathLike[str], what: str) -> Iterator[NpzFile]:
         raise InputError(f"file is no {what}", where=path, found=str(error)[:80]) from None
 
 
-def checked(array: NDArray, *, name: str, shape: tuple[int | None, ...], where: object = None) -> Array:
+def checked_array(array: NDArray, *, name: str, shape: tuple[int | None, ...], where: object = None) -> Array:
     """The array as finite numbers of a shape (None: any length); InputError otherwise."""
     fits = array.ndim == len(shape) and all(
         want is None or want == got for want, got in zip(shape, array.shape, strict=True)

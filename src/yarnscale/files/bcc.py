@@ -8,7 +8,7 @@ import struct
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.files.array_file import checked
+from yarnscale.files.array_file import checked_array
 from yarnscale.files.atomic import write_bytes
 from yarnscale.files.curve_frames import CurveSet
 
@@ -26,7 +26,7 @@ def write_bcc(path: str | os.PathLike[str], curves: CurveSet, positions: Array) 
 
     The format has no radii: the first one is written into the comment. InputError where the file cannot be written.
     """
-    positions = checked(np.asarray(positions), name="positions", shape=(curves.point_count, 3))
+    positions = checked_array(np.asarray(positions), name="positions", shape=(curves.point_count, 3))
     note = f"yarnscale, m, radius {curves.radii[0]:.6g}".encode()
     parts = [_HEADER.pack(b"BCC", _SIZES, _SMOOTH, 3, _UP, len(curves), curves.point_count, note)]
     points = positions.astype("<f4")

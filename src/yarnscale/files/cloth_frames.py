@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError, system_errors
-from yarnscale.files.array_file import checked, checked_indices, read_arrays, write_arrays
+from yarnscale.files.array_file import checked_array, checked_indices, read_arrays, write_arrays
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.shell.mesh import TriangleMesh
@@ -91,9 +91,9 @@ def frame_paths(folder: Path) -> dict[int, Path]:
 def read_frame(path: str | os.PathLike[str]) -> ClothState:
     """A state written by ``FrameFolder``; InputError where the file is none."""
     arrays = read_arrays(path, "positions", "velocities", "time", what="frame of a cloth")
-    positions = checked(arrays["positions"], name="positions", shape=(None, 3), where=path)
-    velocities = checked(arrays["velocities"], name="velocities", shape=positions.shape, where=path)
-    return ClothState(positions, velocities, float(checked(arrays["time"], name="time", shape=(), where=path)))
+    positions = checked_array(arrays["positions"], name="positions", shape=(None, 3), where=path)
+    velocities = checked_array(arrays["velocities"], name="velocities", shape=positions.shape, where=path)
+    return ClothState(positions, velocities, float(checked_array(arrays["time"], name="time", shape=(), where=path)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class Frames:
             return None
         path = self.paths[number]
         vertices = read_arrays(path, "bodies", what="frame with bodies")["bodies"]
-        vertices = checked(vertices, name="bodies", shape=(None, 3), where=path)
+        vertices = checked_array(vertices, name="bodies", shape=(None, 3), where=path)
         if len(vertices) <= self.body_triangles.max(initial=-1):
             raise InputError("bodies", where=path, expected="vertices of all triangles", found=vertices.shape)
         return vertices
@@ -153,7 +153,7 @@ def read_cloth_frames(folder: str | os.PathLike[str]) -> ClothFrames:
     if not (folder / MESH).is_file() and (folder / "frames").is_dir():
         folder = folder / "frames"
     arrays = read_arrays(folder / MESH, "material", "triangles", optional=("corners",), what="mesh of a cloth")
-    material = checked(arrays["material"], name="material", shape=(None, 2), where=folder / MESH)
+    material = checked_array(arrays["material"], name="material", shape=(None, 2), where=folder / MESH)
     triangles, corners = (
         checked_indices(arrays.get(name, arrays["triangles"]), name=name, width=3, count=len(material),
                         where=folder / MESH)
@@ -178,4 +178,4 @@ def frame_times(folder: Path, paths: dict[int, Path]) -> Array:
     if not paths:
         raise InputError("folder holds no frames", where=folder, expected="frame_0000.npz and so on")
     times = [read_arrays(path, "time", what="frame")["time"] for path in paths.values()]
-    return np.array([float(checked(t, name="time", shape=(), where=folder)) for t in times])
+    return np.array([float(checked_array(t, name="time", shape=(), where=folder)) for t in times])

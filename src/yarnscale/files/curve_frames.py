@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.errors import InputError, located
-from yarnscale.files.array_file import checked, read_arrays, write_arrays
+from yarnscale.files.array_file import checked_array, read_arrays, write_arrays
 from yarnscale.files.cloth_frames import Frames, FrameWriter, frame_files
 from yarnscale.motion.obstacles import Obstacle
 
@@ -96,7 +96,7 @@ def _per_point(radii: NDArray, offsets: Integers) -> Array:
         radii = np.full(points, radii)
     elif radii.shape == (count,) and count != points:
         radii = np.repeat(radii, np.diff(offsets))
-    radii = checked(radii, name="radii", shape=(points,))
+    radii = checked_array(radii, name="radii", shape=(points,))
     if (radii <= 0).any():
         raise InputError("radii", expected="positive lengths [m]", found=float(radii.min()))
     return radii
@@ -130,9 +130,9 @@ class CurveFolder(FrameWriter):
     def write(self, number: int, positions: Array, time: float, *, radii: Array | None = None) -> None:
         """Write one frame."""
         count = self.curves.point_count
-        arrays = {"positions": checked(np.asarray(positions), name="positions", shape=(count, 3))}
+        arrays = {"positions": checked_array(np.asarray(positions), name="positions", shape=(count, 3))}
         if radii is not None:
-            arrays["radii"] = checked(np.asarray(radii), name="radii", shape=(count,))
+            arrays["radii"] = checked_array(np.asarray(radii), name="radii", shape=(count,))
         self.write_arrays(number, time, **arrays)
 
 
@@ -146,10 +146,10 @@ class CurveFrames(Frames):
         """Positions (n, 3) and radii (n,) of a frame [m]; InputError where it is none of these curves."""
         path, count = self.paths[number], self.curves.point_count
         arrays = read_arrays(path, "positions", optional=("radii",), what="frame of curves")
-        positions = checked(arrays["positions"], name="positions", shape=(count, 3), where=path)
+        positions = checked_array(arrays["positions"], name="positions", shape=(count, 3), where=path)
         if "radii" not in arrays:
             return positions, self.curves.radii
-        return positions, checked(arrays["radii"], name="radii", shape=(count,), where=path)
+        return positions, checked_array(arrays["radii"], name="radii", shape=(count,), where=path)
 
 
 def read_curve_frames(folder: str | os.PathLike[str]) -> CurveFrames:

@@ -11,7 +11,7 @@ from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError, located
-from yarnscale.files.array_file import checked, read_arrays, write_arrays
+from yarnscale.files.array_file import checked_array, read_arrays, write_arrays
 from yarnscale.files.fields import Fields
 from yarnscale.files.pattern_json import pattern_content, pattern_of, yarns_of
 
@@ -42,5 +42,5 @@ def read_equilibrium(path: str | os.PathLike[str]) -> tuple[PeriodicCell, dict[s
     if yarns is None:
         raise InputError("missing field 'materials'", where=path)
     shapes = {"strain": (6,), "fluctuation": pattern.vertices.shape, "energy_density": (), "stress": (6,)}
-    numbers = {name: checked(found[name], name=name, shape=shape, where=path) for name, shape in shapes.items()}
+    numbers = {name: checked_array(found[name], name=name, shape=shape, where=path) for name, shape in shapes.items()}
     return PeriodicCell(pattern, yarns), numbers

@@ -45,7 +45,7 @@ class EstimateFolder:
         return self.folder / f"{hashlib.sha256(self._mark + key).hexdigest()[:24]}.json"
 
 
-def check_resumable(folder: Path) -> None:
+def check_evaluations(folder: Path) -> None:
     """InputError where a folder has no evaluations of an earlier run."""
     if not folder.is_dir():
         raise InputError("nothing to resume", where=folder, expected="evaluations of an earlier run")
@@ -54,5 +54,5 @@ def check_resumable(folder: Path) -> None:
 def evaluation_folder(folder: Path, *, resume: bool) -> Path:
     """The folder for evaluations. InputError where there is nothing to resume."""
     if resume:
-        check_resumable(folder)
+        check_evaluations(folder)
     return writable_folder(folder)

@@ -9,7 +9,7 @@ from yarnscale.fabric.fabric_scene import fabric_schedule
 from yarnscale.fabric.sheet_scene import HandleRegion, PlannedScene
 from yarnscale.files.fields import toml_file
 from yarnscale.files.scene_obstacles import read_obstacle
-from yarnscale.files.scene_section import MOTION, REGION, Section
+from yarnscale.files.scene_section import MOTION, REGION, SceneTable
 from yarnscale.files.scene_toml import read_schedule
 from yarnscale.kinematics import GRAVITY
 
@@ -18,7 +18,7 @@ def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
     """The scene of a TOML file. Raises InputError with file, line, field, expected and found."""
     path = Path(path)
     with toml_file(path) as table:
-        root = Section(table.content, path)
+        root = SceneTable(table.content, path)
         root.known("name", "may_give_way", "gravity", "damping", "fabric", "handles", "contact", "obstacles",
                    "schedule")  # fmt: skip
         fabric = root.fields("fabric", optional=True).known("position")
@@ -36,6 +36,6 @@ def read_fabric_scene(path: str | os.PathLike[str]) -> PlannedScene:
         return root.changed(plan, "damping", "may_give_way")
 
 
-def _handle(section: Section) -> HandleRegion:
+def _handle(section: SceneTable) -> HandleRegion:
     section.known("name", *REGION, *MOTION)
     return HandleRegion(section.text_or("name", section.name), section.region(), section.motion())

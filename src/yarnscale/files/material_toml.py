@@ -24,7 +24,7 @@ TOP_LEVEL = (*NUMBERS, "name", "contact", "stretch")
 
 
 @checked
-def read_material(source: str | os.PathLike[str]) -> YarnMaterial:
+def read_yarn_material(source: str | os.PathLike[str]) -> YarnMaterial:
     """A material by preset name or from a TOML file; InputError naming file and field for anything else."""
     if isinstance(source, str) and source in PRESETS:
         return PRESETS[source]
@@ -55,7 +55,7 @@ def material_of(table: Fields, *, name: str = "yarn") -> YarnMaterial:
 
 
 @checked
-def write_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None:
+def write_yarn_material(material: YarnMaterial, path: str | os.PathLike[str]) -> None:
     """Write a material as TOML with every digit; whole or not at all."""
     lines = [
         "# yarnscale yarn material; SI units, see yarnscale help yarn_material",

@@ -40,7 +40,7 @@ class Block:
     """Whether the line above looks like names of other columns."""
 
 
-def joined(tables: list[MeasuredTable], blocks: list[Block]) -> list[MeasuredTable]:
+def joined_tables(tables: list[MeasuredTable], blocks: list[Block]) -> list[MeasuredTable]:
     """One table a swatch: readings below a line of text continue the table, unless another specimen or results begin.
 
     blocks: the readings of each table. Remarks of the tables name the lines that are not read.

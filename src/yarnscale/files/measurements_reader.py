@@ -17,7 +17,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-from yarnscale.files.measurements_blocks import CYCLE_OR_DATE, Block, joined
+from yarnscale.files.measurements_blocks import CYCLE_OR_DATE, Block, joined_tables
 from yarnscale.files.measurements_names import CONSTRUCTION, ColumnName, column_name, factor, is_unit
 from yarnscale.files.measurements_table import DECIMALS, SPACES, MeasuredTable, Row
 
@@ -234,7 +234,7 @@ class _Reader:
         ]
         mark = _decimal_mark(long, self.needed, separator)
         tables = [replace(table, decimal=mark) for table in tables]
-        tables = joined(tables, [_block(table) for table in tables]) if len(tables) > 1 else tables
+        tables = joined_tables(tables, [_block(table) for table in tables]) if len(tables) > 1 else tables
         return tuple(single for table in tables for single in _side_by_side(table))
 
 

@@ -48,7 +48,7 @@ def read_pattern_json(path: str | os.PathLike[str]) -> YarnPattern:
     return pattern
 
 
-def read_yarns(path: str | os.PathLike[str]) -> Materials | None:
+def read_yarns_json(path: str | os.PathLike[str]) -> Materials | None:
     """The yarn materials in a pattern file of the native format, None where there are none.
 
     Raises InputError as ``read_pattern_json``.

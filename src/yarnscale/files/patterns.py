@@ -77,7 +77,7 @@ def read_yarns(source: str | os.PathLike[str]) -> Materials | None:
     Raises InputError as ``read_pattern`` does.
     """
     drawn = isinstance(source, str) and source in library.names()
-    return pattern_json.read_yarns(source) if not drawn and _format(source) == ".json" else None
+    return pattern_json.read_yarns_json(source) if not drawn and _format(source) == ".json" else None
 
 
 def is_drawing(source: str | os.PathLike[str]) -> bool:

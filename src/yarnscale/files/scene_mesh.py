@@ -9,7 +9,7 @@ import numpy as np
 
 from yarnscale.files.garment_units import LENGTHS, Notice
 from yarnscale.files.obj_garment import read_garment
-from yarnscale.files.scene_section import Section
+from yarnscale.files.scene_section import SceneTable
 from yarnscale.shell.garments.wardrobe import SEAMS, SWEATER, T_SHIRT, ShirtCut, shirt
 from yarnscale.shell.mesh import TriangleMesh, disk, rectangle
 from yarnscale.shell.state import ClothState
@@ -20,7 +20,7 @@ _PLACE = ("position", "tilt")
 _SIZES = tuple(field.name for field in fields(ShirtCut))
 
 
-def read_mesh(section: Section, on_notice: Notice) -> TriangleMesh:
+def read_mesh(section: SceneTable, on_notice: Notice) -> TriangleMesh:
     """The mesh that the table [mesh] describes; sentences about it go to ``on_notice``. Raises InputError."""
     if "file" in section.content:
         return _from_file(section, on_notice)
@@ -54,12 +54,12 @@ def read_mesh(section: Section, on_notice: Notice) -> TriangleMesh:
     )
 
 
-def is_garment(section: Section) -> bool:
+def is_garment(section: SceneTable) -> bool:
     """Whether the table [mesh] describes a garment or a mesh of a file, with self-contact, and not a sheet."""
     return "file" in section.content or section.text_or("shape", "") in CUTS
 
 
-def read_start(section: Section, mesh: TriangleMesh) -> ClothState:
+def read_start(section: SceneTable, mesh: TriangleMesh) -> ClothState:
     """The mesh as cut or assembled, turned about the x-axis by ``tilt`` degrees, then shifted by ``position``."""
     tilt = math.radians(section.number_or("tilt", 0.0))
     x, y, z = mesh.assembled.T
@@ -69,7 +69,7 @@ def read_start(section: Section, mesh: TriangleMesh) -> ClothState:
     return ClothState(positions, np.zeros_like(positions))
 
 
-def _seam_angles(section: Section) -> dict[str, float]:
+def _seam_angles(section: SceneTable) -> dict[str, float]:
     """Folds of the seams of a shirt at rest [rad], by kind: one number of degrees for all, or a table."""
     if not isinstance(section.content.get("rest_angle"), dict):
         return dict.fromkeys(SEAMS, math.radians(section.number_or("rest_angle", 0.0)))
@@ -77,7 +77,7 @@ def _seam_angles(section: Section) -> dict[str, float]:
     return {kind: math.radians(table.number(kind)) for kind in table.content}
 
 
-def _from_file(section: Section, on_notice: Notice) -> TriangleMesh:
+def _from_file(section: SceneTable, on_notice: Notice) -> TriangleMesh:
     section.known("file", "material_file", "unit", "scale", "material_scale", "grain", "weld", "rest_angle", *_PLACE)
     flat = section.beside(section.text("material_file")) if "material_file" in section.content else None
     scales = {key: section.number(key, positive=True) for key in ("scale", "material_scale") if key in section.content}

@@ -11,14 +11,14 @@ import numpy as np
 from yarnscale.errors import InputError
 from yarnscale.files.garment_units import LENGTHS
 from yarnscale.files.obj_surface import read_obj_poses, read_obj_surface
-from yarnscale.files.scene_section import MOTION, Section
+from yarnscale.files.scene_section import MOTION, SceneTable
 from yarnscale.motion.obstacles import AnimatedMesh, MeshObstacle, Obstacle, Plane, Sphere
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 
 SHAPES = ("sphere", "plane", "mesh", "mannequin")
 
 
-def read_obstacle(section: Section) -> Obstacle:
+def read_obstacle(section: SceneTable) -> Obstacle:
     """The obstacle that a table [[obstacles]] describes. Raises InputError."""
     shape = section.choice_or("shape", "", SHAPES)
     if shape == "sphere":
@@ -44,7 +44,7 @@ def read_obstacle(section: Section) -> Obstacle:
     return section.build(lambda: MeshObstacle(scale * vertices + position, triangles, motion))
 
 
-def _animated(section: Section, scale: float, position: np.ndarray) -> AnimatedMesh:
+def _animated(section: SceneTable, scale: float, position: np.ndarray) -> AnimatedMesh:
     """``frames`` is a file name with a star for the frame numbers; files are taken in the order of these."""
     section.known("shape", "frames", "frame_rate", "start", "unit", "scale", "position")
     pattern = section.text("frames")
@@ -64,7 +64,7 @@ def _animated(section: Section, scale: float, position: np.ndarray) -> AnimatedM
     return section.build(lambda: AnimatedMesh(times, scale * poses + position, triangles))
 
 
-def _mannequin(section: Section) -> MovingMannequin:
+def _mannequin(section: SceneTable) -> MovingMannequin:
     section.known("shape", "spacing", "poses")
     poses = []
     for item in section.items("poses", optional=True):

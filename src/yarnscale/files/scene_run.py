@@ -13,7 +13,7 @@ from yarnscale.files.checkpoint_file import INTERVAL, NAME, CheckpointFile
 from yarnscale.files.cloth_frames import BODIES, FrameFolder
 from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
 from yarnscale.motion.body import State
-from yarnscale.motion.run import Progress
+from yarnscale.motion.run import RunProgress
 from yarnscale.motion.scene import Result, SimulatedScene, run_scene
 from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.state import ClothState
@@ -36,7 +36,7 @@ def run(
     *,
     resume: bool = False,
     settings: Mapping[str, object] | None = None,
-    on_step: Callable[[Progress], None] | None = None,
+    on_step: Callable[[RunProgress], None] | None = None,
     on_frame: Callable[[int, State], None] | None = None,
 ) -> Result:
     """Simulate a scene: a ``Scene`` of cloth, or a finite fabric as ``RodScene`` or ``SplineScene``.

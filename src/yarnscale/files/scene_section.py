@@ -26,7 +26,7 @@ REGION = {"box": (2, 2), "vertex": (2,), "region": (2, 3)}
 """Keys of what a handle holds, and the shapes of their numbers."""
 
 
-class Section(Fields):
+class SceneTable(Fields):
     """A table of the file."""
 
     def numbers(self, key: str, *, shape: tuple[int, ...] | None = None) -> Array:

@@ -13,7 +13,7 @@ from yarnscale.files.fields import toml_file
 from yarnscale.files.material_json import read_material
 from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
-from yarnscale.files.scene_section import MOTION, REGION, Section
+from yarnscale.files.scene_section import MOTION, REGION, SceneTable
 from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Obstacle, Plane
 from yarnscale.motion.schedule import Schedule
@@ -22,7 +22,7 @@ from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import SolverOptions
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh
-from yarnscale.shell.scenes.plausible import check_cloth, check_size, sizes_of
+from yarnscale.shell.scenes.plausible import cloth_notices, size_notices, sizes_line
 from yarnscale.shell.scenes.ready import READY, ready_scene
 from yarnscale.shell.scenes.scene import Scene
 from yarnscale.shell.scenes.thickness import cloth_thickness, garment_thickness
@@ -39,23 +39,23 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     """
     path = Path(path)
     with toml_file(path) as table:
-        return _scene(Section(table.content, path))
+        return _scene(SceneTable(table.content, path))
 
 
-def _scene(root: Section) -> Scene:
+def _scene(root: SceneTable) -> Scene:
     material = read_material(root.beside(root.text("material")))
     name = root.text_or("name", Path(root.path).stem)
     if "scene" in root.content or "garment" in root.content:
         scene = replace(_ready(root, material), name=name, may_give_way=_may_give_way(root))
-        notices = root.build(lambda: [*check_cloth(scene.cloth)])
-        return replace(scene, notices=(sizes_of(scene.cloth), *notices))
+        notices = root.build(lambda: [*cloth_notices(scene.cloth)])
+        return replace(scene, notices=(sizes_line(scene.cloth), *notices))
     root.known("name", "material", "may_give_way", "gravity", "damping", "stiffness_damping", "air_drag",
                "free_edges", "mesh", "schedule", "handles", "contact", "obstacles")  # fmt: skip
     section = root.fields("mesh", optional=True)
     notices: list[str] = []
     mesh = read_mesh(section, notices.append)
     if not {"unit", "scale", "material_scale"} & set(section.content):
-        notices += section.build(lambda: [*check_size(mesh, material.density)])
+        notices += section.build(lambda: [*size_notices(mesh, material.density)])
     start = read_start(section, mesh)
     obstacles = tuple(
         _facing(read_obstacle(item), start, item, notices.append) for item in root.items("obstacles", optional=True)
@@ -73,19 +73,19 @@ def _scene(root: Section) -> Scene:
         )
     )  # fmt: skip
     cloth = root.changed(cloth, "gravity", "damping", "stiffness_damping", "air_drag")
-    notices += root.build(lambda: [*check_cloth(cloth)])
+    notices += root.build(lambda: [*cloth_notices(cloth)])
     schedule, options = _timing(root.fields("schedule", optional=True))
     return Scene(
         name, cloth, start, schedule, options, may_give_way=_may_give_way(root),
-        notices=(sizes_of(cloth), *notices),
+        notices=(sizes_line(cloth), *notices),
     )  # fmt: skip
 
 
-def _may_give_way(root: Section) -> bool:
+def _may_give_way(root: SceneTable) -> bool:
     return root.flag_or("may_give_way", False)
 
 
-def _ready(root: Section, material: ElementMaterial) -> Scene:
+def _ready(root: SceneTable, material: ElementMaterial) -> Scene:
     """A ready scene, with what the file says otherwise."""
     key = "scene" if "scene" in root.content else "garment"
     root.known("name", "material", "may_give_way", key, "spacing", "gravity", "damping", "air_drag", "schedule",
@@ -103,7 +103,7 @@ def _ready(root: Section, material: ElementMaterial) -> Scene:
     return replace(scene, cloth=cloth, schedule=schedule, options=options)
 
 
-def _facing(obstacle: Obstacle, start: ClothState, section: Section, notice: Callable[[str], None]) -> Obstacle:
+def _facing(obstacle: Obstacle, start: ClothState, section: SceneTable, notice: Callable[[str], None]) -> Obstacle:
     """The obstacle; a plane with the whole cloth behind it is turned round, for it was meant from the other side."""
     if not isinstance(obstacle, Plane):
         return obstacle
@@ -115,7 +115,7 @@ def _facing(obstacle: Obstacle, start: ClothState, section: Section, notice: Cal
     return replace(obstacle, normal=(-x, -y, -z))
 
 
-def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:
+def _handle(section: SceneTable, mesh: TriangleMesh, start: ClothState) -> Handle:
     section.known("name", *REGION, *MOTION)
     name, bounds = section.text_or("name", section.name), section.region()
     if bounds.ndim == 1:
@@ -128,13 +128,13 @@ def _handle(section: Section, mesh: TriangleMesh, start: ClothState) -> Handle:
     return section.build(lambda: Handle(name, chosen, start.positions[chosen], motion))
 
 
-def _contact(section: Section, usual: ContactSettings) -> ContactSettings:
+def _contact(section: SceneTable, usual: ContactSettings) -> ContactSettings:
     keys = ("thickness", "pressure", "self_contact", "friction", "slip", "holding_force")
     return section.known(*keys).changed(usual, *keys)
 
 
 def _timing(
-    section: Section, usual: Schedule | None = None, options: SolverOptions = SOLVER
+    section: SceneTable, usual: Schedule | None = None, options: SolverOptions = SOLVER
 ) -> tuple[Schedule, SolverOptions]:
     """The schedule and how steps are solved; ``usual`` and ``options`` are the defaults of the file."""
     solving = ("tolerance", "iterations", "integrator", "minimiser")
@@ -142,7 +142,7 @@ def _timing(
     return read_schedule(section, plan, solving), section.changed(options, *solving)
 
 
-def read_schedule(section: Section, usual: Schedule, others: tuple[str, ...] = ()) -> Schedule:
+def read_schedule(section: SceneTable, usual: Schedule, others: tuple[str, ...] = ()) -> Schedule:
     """The schedule; ``usual`` says what holds where the file is silent; others: keys that are no part of it."""
     timing = (
         "duration",

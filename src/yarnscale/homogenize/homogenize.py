@@ -23,7 +23,7 @@ from yarnscale.homogenize.published_fit import (
     strains_of,
 )
 from yarnscale.homogenize.rays import SOLVES
-from yarnscale.homogenize.sample import Progress, SampleSummary, check_resumable, create_store, sample
+from yarnscale.homogenize.sample import SampleSummary, SamplingProgress, check_resumable, create_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import strain_units
@@ -90,7 +90,7 @@ def homogenize(
     workers: int = 2,
     dask: str | None = None,
     resume: bool = False,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[SamplingProgress], None] | None = None,
 ) -> Homogenization:
     """Sample a cell, fit a material, and judge it on states that it has not seen.
 
@@ -129,7 +129,7 @@ def errors_at(material: ShellMaterial, states: FabricStates) -> StressErrors:
 
 def _strain_stores(
     cell: PeriodicCell, folder: Path, range: StrainRange, solves: int, workers: int, dask: str | None, resume: bool,
-    progress: Callable[[Progress], None] | None,
+    progress: Callable[[SamplingProgress], None] | None,
 ) -> tuple[list[SampleStore], SampleSummary]:  # fmt: skip
     """Stores of the axes and planes of a range of strains, and of random states in it."""
     box = range.bounds(cell.pattern.radius)

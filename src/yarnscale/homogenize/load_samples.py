@@ -15,7 +15,7 @@ from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import CellFabric
 from yarnscale.homogeneous.loads import Loads
 from yarnscale.homogenize.rays import FEWEST, SOLVES, VISITED, Ray, load_rays, strains_held
-from yarnscale.homogenize.sample import Progress, SampleSummary, create_ray_store, resumed_ray_store, sample
+from yarnscale.homogenize.sample import SampleSummary, SamplingProgress, create_ray_store, resumed_ray_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import RAY_DIMS, SampleStore
 from yarnscale.homogenize.worker import CODE_OF
@@ -49,7 +49,7 @@ def sample_loads(
     workers: int = 2,
     dask: str | None = None,
     resume: bool = False,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[SamplingProgress], None] | None = None,
 ) -> LoadSamples:
     """About ``solves`` states along rays of loads up to ``limit`` [N/m], and a tenth more that no fit sees.
 

@@ -36,7 +36,7 @@ WATCH = 2.0
 
 
 @dataclass(frozen=True)
-class Progress:
+class SamplingProgress:
     """How far a run is: states done of all, the seconds since its start and the ones left (nan until known)."""
 
     done: int
@@ -221,7 +221,9 @@ def _has_result(future: Future) -> bool:
 class _Run:
     """Hands units of work, a state of a grid or a level of a ray, to workers as soon as their start is there."""
 
-    def __init__(self, store: SampleStore, cell: PeriodicCell, report: Callable[[Progress], None] | None) -> None:
+    def __init__(
+        self, store: SampleStore, cell: PeriodicCell, report: Callable[[SamplingProgress], None] | None
+    ) -> None:
         self.store, self.cell, self.report = store, cell, report
         self.began = time.perf_counter()
         self.work = RayUnits(store) if store.dims == RAY_DIMS else GridUnits(store)
@@ -295,7 +297,7 @@ class _Run:
         seconds = time.perf_counter() - self.began
         fresh = done - self.finished_before
         left = seconds / fresh * (self.total - done) if fresh else float("nan")
-        self.report(Progress(done, self.total, self.work.converged, seconds, left))
+        self.report(SamplingProgress(done, self.total, self.work.converged, seconds, left))
 
 
 @contextmanager
@@ -318,7 +320,7 @@ def sample(
     *,
     workers: int = 2,
     dask: str | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[SamplingProgress], None] | None = None,
 ) -> SampleSummary:
     """Relax ``cell`` under every state of ``store`` that is not done yet.
 

@@ -25,7 +25,7 @@ _LONGER = 0.01
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """What a progress callback sees after each step: ``share`` of the dynamics done, in [0, 1]."""
 
     time: float
@@ -96,7 +96,7 @@ def simulate(
     start: State,
     schedule: Schedule,
     *,
-    on_step: Callable[[Progress], None] | None = None,
+    on_step: Callable[[RunProgress], None] | None = None,
     on_frame: Callable[[int, State], None] | None = None,
     on_checkpoint: Callable[[Run[State]], None] | None = None,
     resume: Run[State] | None = None,
@@ -116,7 +116,7 @@ def simulate(
 class _Runner(Generic[State]):
     body: Body[State]
     schedule: Schedule
-    on_step: Callable[[Progress], None] | None
+    on_step: Callable[[RunProgress], None] | None
     on_frame: Callable[[int, State], None] | None
     on_checkpoint: Callable[[Run[State]], None] | None
     now: Run[State]
@@ -210,7 +210,7 @@ class _Runner(Generic[State]):
         if self.on_step is not None:
             span = self.schedule.duration
             share = 1.0 - max(self.end - time, 0.0) / span if span else 1.0
-            self.on_step(Progress(time, share, self.now.steps, step.iterations, step.residual, step.unrest))
+            self.on_step(RunProgress(time, share, self.now.steps, step.iterations, step.residual, step.unrest))
 
     def _frame(self, *, last: bool = False) -> None:
         now, interval, time = self.now, self.schedule.frame_interval, self.now.state.time

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from yarnscale.motion.body import Body, State
-from yarnscale.motion.run import Progress, Run, simulate
+from yarnscale.motion.run import Run, RunProgress, simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.motion.unfulfilled import Unfulfilled
 
@@ -76,7 +76,7 @@ class SimulatedOutcome(Generic[State]):
 def run_scene(
     scene: SimulatedScene[State, Result],
     *,
-    on_step: Callable[[Progress], None] | None = None,
+    on_step: Callable[[RunProgress], None] | None = None,
     on_frame: Callable[[int, State], None] | None = None,
     on_checkpoint: Callable[[Run[State]], None] | None = None,
     resume: Run[State] | None = None,

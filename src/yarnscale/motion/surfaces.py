@@ -12,7 +12,7 @@ from yarnscale.motion.obstacles import Obstacle, Plane, Sphere, TriangleObstacle
 from yarnscale.numerics.pair_distance import triangle_weights
 
 
-class Surface(Protocol):
+class ObstacleSurface(Protocol):
     """The surface of an obstacle at a time [s]; points (n, 3) [m]."""
 
     def at(self, points: Array, time: float) -> tuple[Array, Array]:
@@ -24,7 +24,7 @@ class Surface(Protocol):
         ...
 
 
-def surface_of(obstacle: Obstacle, *, reach: float) -> Surface:
+def surface_of(obstacle: Obstacle, *, reach: float) -> ObstacleSurface:
     """The surface of an obstacle; distances from triangles, which face outwards, are exact within ``reach`` [m]."""
     if isinstance(obstacle, Sphere):
         return _Ball(obstacle)

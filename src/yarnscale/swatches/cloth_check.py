@@ -13,7 +13,7 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import notify
 from yarnscale.homogenize.homogenize import homogenize
 from yarnscale.homogenize.rays import SOLVES, doubling_load
-from yarnscale.homogenize.sample import Progress
+from yarnscale.homogenize.sample import SamplingProgress
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.swatches.measurements import POWER_LOAD, SwatchMeasurements
 from yarnscale.swatches.swatch import StretchResponse, StretchSwatch
@@ -94,7 +94,7 @@ def _filled(stretch: Array, ratio: Array) -> Array:
 
 def homogenized_swatches(
     cell: PeriodicCell, measurements: SwatchMeasurements, folder: Path, *, solves: int = SOLVES, workers: int = 2,
-    dask: str | None = None, resume: bool = False, progress: Callable[[Progress], None] | None = None,
+    dask: str | None = None, resume: bool = False, progress: Callable[[SamplingProgress], None] | None = None,
 ) -> ClothCheck:  # fmt: skip
     """Homogenize an estimated cell for the measured loads, and simulate the swatches with the material.
 

@@ -39,7 +39,7 @@ def jacobian(evaluations: Evaluations, unknowns: Array) -> Array:
     return np.column_stack([(f.residuals - base) / step for f, step in zip(found, steps, strict=True)])
 
 
-class Descent:
+class GaussNewton:
     """Gauss–Newton steps from one start, unknowns within [0, 1]; it may be left off and taken up again.
 
     Levenberg's damping: the step is that of a linear least-squares problem with bounds. here, value: the best point
@@ -137,12 +137,12 @@ class Descent:
 
 def gauss_newton(evaluations: Evaluations, start: Array, *, iterations: int = 20) -> Array:
     """A local minimum of the mean square from a start, unknowns within [0, 1]."""
-    descent = Descent(evaluations, start)
+    descent = GaussNewton(evaluations, start)
     advance(evaluations, [descent], iterations)
     return descent.here
 
 
-def advance(evaluations: Evaluations, descents: Sequence[Descent], steps: int) -> None:
+def advance(evaluations: Evaluations, descents: Sequence[GaussNewton], steps: int) -> None:
     """Up to so many steps of every descent, the points of all evaluated side by side."""
     paths = [descent.advance(steps, alone=len(descents) == 1) for descent in descents]
     while paths:

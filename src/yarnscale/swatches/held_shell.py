@@ -33,7 +33,7 @@ EXACT_FIRST = ShiftRule(start=0.0, lowest=1e-6, highest=1.0, growth=2.0, least=0
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium:
+class HeldEquilibrium:
     """Positions at rest (nv, 3) [m] and how they were found.
 
     stable: whether the energy is convex there; soft cloth in compression may buckle within its plane, element by
@@ -81,7 +81,7 @@ class HeldShell:
         *,
         gravity: Sequence[float] = (0, 0, 0),
         iterations: int = 80,
-    ) -> Equilibrium:
+    ) -> HeldEquilibrium:
         """Equilibrium from positions (nv, 3) whose held coordinates stay; gravity [m/s²]."""
         self.energy.material = material
         self.energy.follow(start)
@@ -94,7 +94,7 @@ class HeldShell:
         )  # fmt: skip
         positions = free.expand(solution.x).reshape(-1, 3)
         stable = solution.converged and self._is_minimum(positions)
-        return Equilibrium(positions, solution, stable)
+        return HeldEquilibrium(positions, solution, stable)
 
     def forces(self, material: ShellMaterial, positions: Array) -> Array:
         """Forces that hold a weightless shell where it is [N], (nv, 3)."""

@@ -18,7 +18,7 @@ from yarnscale.errors import InputError
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData, UniformErrors
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_model import YarnModel
-from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestedCell, RestRule, at_rest
+from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestedCell, RestRule, rested_cell
 from yarnscale.swatches.yarn_states import YarnCurve, pulled
 
 FAILED = 3.0
@@ -89,7 +89,7 @@ class YarnObjective:
         values = self.model.values(unknowns)
         usual = RestRule() if self.model.free_shape else KEPT_PERIODS
         cell = self.model.cell(values) if near is None else self.model.cell(values).with_options(shift=_SHIFT)
-        rested = at_rest(
+        rested = rested_cell(
             cell, self.rule or usual, draw_in=self.model.draw_in(values), near=None if near is None else near.rested
         )  # fmt: skip
         curves = []

@@ -8,7 +8,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.swatches.evaluations import Evaluations
-from yarnscale.swatches.gauss_newton import Descent, advance
+from yarnscale.swatches.gauss_newton import GaussNewton, advance
 
 STAGES = ((3, 0.5), (4, 0.5), (5, 0.0))
 """Gauss–Newton steps of every remaining start, and the share of starts kept afterwards; the best always is."""
@@ -32,7 +32,7 @@ def race(evaluations: Evaluations, starts: Sequence[Array], *, iterations: int) 
     The objective at a start says little about the minimum it leads to, a few steps say more. So all starts take some,
     the better ones some more, and only the last one runs to its end. iterations: of one start at most.
     """
-    descents = [Descent(evaluations, start) for start in starts]
+    descents = [GaussNewton(evaluations, start) for start in starts]
     left = iterations
     for steps, share in STAGES:
         advance(evaluations, descents, min(steps, left))

@@ -31,7 +31,7 @@ from yarnscale.swatches.measurements import (
 )
 from yarnscale.swatches.membrane_constants import UNKNOWNS, AlongCurve, Scales, ShellModel, Unknowns
 from yarnscale.swatches.swatch import ELEMENTS_ACROSS, StretchResponse, StretchSwatch
-from yarnscale.swatches.uniaxial import biaxial, biaxial_sensitivity, uniaxial, uniaxial_sensitivity
+from yarnscale.swatches.uniaxial import biaxial_sensitivity, biaxial_stress, uniaxial, uniaxial_sensitivity
 
 STATES = 6
 """Stretches per direction (EST22 §5.1)."""
@@ -299,7 +299,7 @@ class _Problem:
         if self.biaxial is None:
             return np.empty(0), np.empty((0, len(unknowns)))
         material, chain = self.unknowns.material(unknowns), self.unknowns.jacobian(unknowns)
-        load = biaxial(material, self.biaxial.stretch)
+        load = biaxial_stress(material, self.biaxial.stretch)
         slopes = biaxial_sensitivity(material, self.biaxial.stretch, self.unknowns.names)
         scale = 1.0 / np.sqrt(len(self.targets) * load.size) / self.mean_load
         return scale * (load - self.biaxial.load).ravel(), scale * slopes.reshape(-1, slopes.shape[-1]) @ chain

@@ -16,7 +16,7 @@ from yarnscale.errors import InputError, positive
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
-from yarnscale.swatches.held_shell import Equilibrium, HeldShell, Measure
+from yarnscale.swatches.held_shell import HeldEquilibrium, HeldShell, Measure
 from yarnscale.swatches.measurements import LENGTH, Direction
 
 ELEMENTS_ACROSS = 10
@@ -117,7 +117,7 @@ class StretchSwatch:
 
     def _step(
         self, material: ShellMaterial, rest: Array, last: Array, last_stretch: float, stretch: float
-    ) -> Equilibrium:
+    ) -> HeldEquilibrium:
         """From one stretch to the next, in smaller steps where Newton fails; the displacement grows in proportion."""
         target = stretch
         for _ in range(_HALVINGS + 1):

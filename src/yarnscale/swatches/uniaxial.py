@@ -56,15 +56,15 @@ def uniaxial_sensitivity(
     return stress, contraction, by_stress, by_contraction
 
 
-def biaxial(material: ShellMaterial, stretches: Array) -> Array:
+def biaxial_stress(material: ShellMaterial, stretches: Array) -> Array:
     """First Piola–Kirchhoff stress [N/m] along weft and warp at stretches of both, (n, 2) each."""
     along, across = 1.0 + np.asarray(stretches, np.float64).T
     return _derivatives(material, 0.0, along, across)[1]
 
 
 def biaxial_sensitivity(material: DirectionalMaterial, stretches: Array, constants: Sequence[str]) -> Array:
-    """Derivatives of ``biaxial`` by constants, (n, 2, constants)."""
-    return np.stack([biaxial(ConstantTerm(material, name), stretches) for name in constants], axis=-1)
+    """Derivatives of ``biaxial_stress`` by constants, (n, 2, constants)."""
+    return np.stack([biaxial_stress(ConstantTerm(material, name), stretches) for name in constants], axis=-1)
 
 
 def _start(material: ShellMaterial, angle: float, along: Array) -> Array:

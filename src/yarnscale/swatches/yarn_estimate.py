@@ -18,7 +18,7 @@ from yarnscale.swatches.construction import FabricConstruction, sized, weighed
 from yarnscale.swatches.fabric_shell import FabricShell
 from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasurements
 from yarnscale.swatches.objective import Evaluation, errors_of
-from yarnscale.swatches.uniaxial import biaxial
+from yarnscale.swatches.uniaxial import biaxial_stress
 from yarnscale.swatches.uniform_data import UniformData, UniformErrors
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_fit import YarnFit
@@ -93,7 +93,7 @@ class FabricEstimate:
         measured = self.measurements.biaxial.up_to(POWER_LOAD, _BIAXIAL)
         states = [self.cell.relax(ShellStrain(s_x=float(x), s_y=float(y))) for x, y in measured.stretch]
         yarn = np.array([s.stress[[0, 2]] if s.converged else [np.nan] * 2 for s in states])
-        stresses = {"shell": biaxial(self.shell.membrane.material, measured.stretch), "yarn": yarn}
+        stresses = {"shell": biaxial_stress(self.shell.membrane.material, measured.stretch), "yarn": yarn}
         largest = float(measured.load.max())
         return {name: float(np.nanmean(np.abs(s - measured.load))) / largest for name, s in stresses.items()}
 

@@ -106,7 +106,7 @@ class _Stages:
         return max(0, len(self._near) - len(self.passed)) or None
 
 
-def at_rest(
+def rested_cell(
     cell: PeriodicCell, rule: RestRule, *, draw_in: float | None = None, near: RestedCell | None = None
 ) -> RestedCell:
     """Bring a drawn cell to rest; ``draw_in``: how far it draws in before (``drawn_in``), None not at all.

@@ -49,7 +49,7 @@ class YarnCurve:
     solves: int
 
 
-def strain_of(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array]:
+def pulled_strain(angle: float, stretch: float, contraction: float) -> tuple[Array, Array, Array]:
     """Strain z (6,) at a stretch s along an angle from the course [rad] and a contraction c across; ∂z/∂s and ∂z/∂c."""
     cos, sin = math.cos(angle), math.sin(angle)
     length, width = 1.0 + stretch, 1.0 - contraction
@@ -184,7 +184,7 @@ class _Path:
 
     def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
         self.solves += 1
-        strain, by_stretch, by_width = strain_of(self.angle, stretch, width)
+        strain, by_stretch, by_width = pulled_strain(self.angle, stretch, width)
         found = self.cell.relax(ShellStrain.from_vector(strain), start=start)
         across, along = float(found.stress @ by_width), float(found.stress @ by_stretch)
         return _State(found, width, across, along, self.slopes, found.usable)

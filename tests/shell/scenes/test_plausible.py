@@ -15,7 +15,7 @@ from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.mesh import rectangle
-from yarnscale.shell.scenes.plausible import check_cloth, check_size, sizes_of
+from yarnscale.shell.scenes.plausible import cloth_notices, size_notices, sizes_line
 
 PANEL = rectangle(0.3, 0.2, 0.02)
 
@@ -38,7 +38,7 @@ def body(size: float) -> MeshObstacle:
 
 
 def test_sizes_are_in_centimetres_and_grams() -> None:
-    text = sizes_of(cloth())
+    text = sizes_line(cloth())
     assert text == "fabric 30 × 20 cm, 600 cm²; in space 30 × 20 × 0 cm, 600 cm²; 9 g"
 
 
@@ -56,7 +56,7 @@ def test_sizes_are_in_centimetres_and_grams() -> None:
     ],
 )
 def test_what_is_common_passes(usual: dict[str, object]) -> None:
-    assert [*check_cloth(cloth(**usual))] == []  # type: ignore[arg-type]
+    assert [*cloth_notices(cloth(**usual))] == []  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_what_is_common_passes(usual: dict[str, object]) -> None:
     ],
 )
 def test_what_is_unusual_is_reported(unusual: dict[str, object], words: str) -> None:
-    notices = [*check_cloth(cloth(**unusual))]  # type: ignore[arg-type]
+    notices = [*cloth_notices(cloth(**unusual))]  # type: ignore[arg-type]
     assert notices and words in notices[0]
 
 
@@ -92,14 +92,14 @@ def test_what_is_unusual_is_reported(unusual: dict[str, object], words: str) -> 
 )
 def test_what_makes_no_sense_is_refused(absurd: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        list(check_cloth(cloth(**absurd)))  # type: ignore[arg-type]
+        list(cloth_notices(cloth(**absurd)))  # type: ignore[arg-type]
 
 
 def test_a_size_of_another_unit_is_refused_with_units_that_fit() -> None:
-    assert [*check_size(PANEL, 0.15)] == []
+    assert [*size_notices(PANEL, 0.15)] == []
     large = rectangle(30.0, 20.0, 2.0)
     with pytest.raises(InputError, match=r"2 mm|0.002 to 20 m, .*unit = \"m\".*cm or inch would be common"):
-        list(check_size(large, 0.15))
-    assert "unusual size" in next(iter(check_size(rectangle(12.0, 2.0, 1.0), 0.15)))
+        list(size_notices(large, 0.15))
+    assert "unusual size" in next(iter(size_notices(rectangle(12.0, 2.0, 1.0), 0.15)))
     with pytest.raises(InputError, match="size of the fabric"):
-        list(check_size(replace(PANEL, material=PANEL.material / 300, assembled=PANEL.assembled / 300), 0.15))
+        list(size_notices(replace(PANEL, material=PANEL.material / 300, assembled=PANEL.assembled / 300), 0.15))

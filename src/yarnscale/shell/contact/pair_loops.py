@@ -25,7 +25,7 @@ def distances(positions, pairs, corners, begin, end):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def close_pairs(positions, pairs, corners, gaps, moved, radius, within, begin, end):
+def pairs_within(positions, pairs, corners, gaps, moved, radius, within, begin, end):
     """Pairs begin … end − 1 nearer than ``within``: numbers (k,), coefficients (k, 4), distances (k,), normals (k, 3).
 
     gaps: their distances (n,) before vertices moved by lengths (nv,); radius: taken off their distances.

@@ -185,7 +185,7 @@ def nearer(pairs: Pairs, positions: Array, within: float) -> tuple[Integers, Arr
     moved = np.linalg.norm(positions - pairs.origin, axis=1)
 
     def part(bounds: tuple[int, int]) -> tuple[Integers, Array, Array, Array]:
-        return pair_loops.close_pairs(
+        return pair_loops.pairs_within(
             positions, pairs.vertices, pairs.corners, pairs.gaps, moved, pairs.radius, within, *bounds
         )
 

@@ -32,7 +32,7 @@ _LARGE_BODY, _LARGEST_BODY = 50.0, 1000.0
 """Size of a body over that of the cloth, or the other way round."""
 
 
-def sizes_of(cloth: Cloth) -> str:
+def sizes_line(cloth: Cloth) -> str:
     """One line: sizes [cm] and area of the fabric and of the cloth in space, and mass."""
     mesh = cloth.mesh
     mass = float(mesh.areas.sum()) * cloth.material.density
@@ -42,7 +42,7 @@ def sizes_of(cloth: Cloth) -> str:
     )
 
 
-def check_size(mesh: TriangleMesh, density: float) -> Iterator[str]:
+def size_notices(mesh: TriangleMesh, density: float) -> Iterator[str]:
     """Sentences about unlikely sizes; InputError for a size that must be in another unit."""
     size = float(max(np.ptp(mesh.panel, axis=0).max(), np.ptp(mesh.assembled, axis=0).max()))
     low, high = _POSSIBLE_SIZE
@@ -58,7 +58,7 @@ def check_size(mesh: TriangleMesh, density: float) -> Iterator[str]:
         yield f"the cloth is of an unusual size: {found}{fits}"
 
 
-def check_cloth(cloth: Cloth) -> Iterator[str]:
+def cloth_notices(cloth: Cloth) -> Iterator[str]:
     """Sentences about unlikely mass, thickness and loads; InputError for impossible ones."""
     density = cloth.material.density
     if density > _LARGEST_DENSITY:
