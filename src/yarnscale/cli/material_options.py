@@ -15,6 +15,7 @@ from yarnscale.cli.shared_options import (
     add_material,
     add_overwrite,
     add_radius,
+    add_solves,
     add_starts,
     add_workers,
     add_yarns,
@@ -56,6 +57,12 @@ def add_material_commands(add: Add) -> None:
     moduli = "store the moduli of every state too, which takes twice as long"
     option("--moduli", action="store_true", help=moduli)
     option("--size", type=size, default=(1, 1), metavar="NxM", help="sample N by M tiles as one cell (1x1)")
+
+    about = "Patterns in several yarns, each homogenized and tested: a folder of shell materials and a page of them."
+    option = add("library", "library", about, add_material, add_solves, add_workers, add_overwrite, add_json)
+    names = "names of built-in patterns and .chart, .wif or .k files (default: all built-in ones)"
+    option("patterns", nargs="*", metavar="PATTERN", help=names)
+    option("--out", type=Path, required=True, metavar="DIR", help="folder with a folder for every material")
 
     option = add("fit", "samples", "Fit a shell material to a store of samples.", add_json)
     option("store", type=Path, metavar="STORE", help="store written by 'sample' or 'homogenize'")

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import subprocess
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +154,9 @@ def homogenize_into(
     """Run the job; write ``material.json``, pictures and ``index.html`` into the folder. Also what its page says."""
     progress = ProgressLine(f"sampling {cell.pattern.name}").sampled
     outcome = run_homogenize(cell, folder, workers=workers, resume=resume, progress=progress, **settings)
-    write_material(folder / "material.json", outcome.material)
+    made = {"date": datetime.now(UTC).date().isoformat()} | _commit()
+    provenance = {**outcome.material.provenance, "made": made}
+    write_material(folder / "material.json", replace(outcome.material, provenance=provenance))
     pictures = [_view_of_cell(cell, folder), *draw_material(outcome, folder / "pictures")]
     section = _section(outcome, pictures)
     write_report(
@@ -181,6 +187,18 @@ def _view_of_cell(cell: PeriodicCell, folder: Path) -> Picture:
     except PicturesUnavailable:
         still = None
     return Picture(still, "The cell between its equilibria; drag to turn.", wide=True, pane=pane)
+
+
+def _commit() -> dict[str, str]:
+    """The commit of the checkout that the package is run from, if it is run from one."""
+    root = Path(__file__).parents[3]
+    if not (root / ".git").exists():
+        return {}
+    asked = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]
+    with suppress(OSError):
+        found = subprocess.run(asked, capture_output=True, text=True, check=False)
+        return {"commit": found.stdout.strip()} if found.returncode == 0 else {}
+    return {}
 
 
 def draw_material(outcome: Homogenization, folder: Path) -> list[Picture]:

@@ -122,10 +122,15 @@ def add_starts(default: int) -> Share:
     )  # fmt: skip
 
 
-def add_loads(command: argparse.ArgumentParser) -> None:
-    """How many states, along loads up to which."""
+def add_solves(command: argparse.ArgumentParser) -> None:
+    """``--solves``."""
     solves = "equilibria to sample (600; form hylc2020: 400)"
     command.add_argument("--solves", type=positive_integer, metavar="N", help=solves)
+
+
+def add_loads(command: argparse.ArgumentParser) -> None:
+    """How many states, along loads up to which."""
+    add_solves(command)
     command.add_argument("--limit", type=positive, metavar="N/M", help="largest load in N/m (50, less for soft yarn)")
 
 

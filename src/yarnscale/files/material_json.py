@@ -5,6 +5,7 @@ docs/reference/shell_material_format.md describes the format. Numbers are writte
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,10 +13,11 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.checked import checked
-from yarnscale.errors import InputError, located
+from yarnscale.errors import InputError, located, misspelt
 from yarnscale.files.atomic import write_json, write_text
 from yarnscale.files.fields import Fields, read_json
 from yarnscale.files.hylc_json import hylc_material, hylc_text, is_hylc
+from yarnscale.files.material_library import MATERIAL, file_of, names
 from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial, OrthotropicMaterial
@@ -40,11 +42,16 @@ DIRECTIONAL: dict[str, tuple[type[DirectionalMaterial], dict[str, str]]] = {
 
 
 @checked
-def read_material(path: str | Path) -> CompactMaterial | DirectionalMaterial | SplineMaterial:
-    """Material of a yarnscale material file or a published HYLC JSON file, told apart by content.
+def read_material(source: str | os.PathLike[str]) -> CompactMaterial | DirectionalMaterial | SplineMaterial:
+    """Material of the library by its name (``material_library``), or of a yarnscale material file or a published HYLC
+    JSON file, told apart by content.
 
-    Raises InputError (file and field) where the file is neither, or broken.
+    Raises InputError (file and field) where the source is none of them, or broken.
     """
+    path = Path(file_of(source, MATERIAL))
+    if path.suffix == "" and len(path.parts) == 1 and not path.exists():
+        expected = f"a material file or one of {', '.join(names())}"
+        raise InputError("unknown shell material", expected=expected, found=misspelt(path, names()))
     content = read_json(path)
     if "format" not in content and is_hylc(content):
         return hylc_material(content, path)
@@ -68,7 +75,10 @@ def read_material(path: str | Path) -> CompactMaterial | DirectionalMaterial | S
 
 
 def is_material(path: str | Path) -> bool:
-    """Whether a file says that it is a shell material, ours or HYLC's; False where there is no such JSON file."""
+    """Whether a name is in the library, or a file says that it is a shell material, ours or HYLC's; False where there
+    is no such JSON file."""
+    if os.fspath(path) in names():
+        return True
     if Path(path).suffix.lower() != ".json" or not Path(path).is_file():
         return False
     content = read_json(path)

@@ -14,6 +14,7 @@ from yarnscale.errors import InputError, misspelt
 from yarnscale.files import pattern_json
 from yarnscale.files.chart import read_chart
 from yarnscale.files.knitout import read_knitout
+from yarnscale.files.material_library import PATTERN, file_of
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.files.source_text import read_source
@@ -31,13 +32,14 @@ WRITERS = (*READERS, *DRAWN)
 
 @checked
 def read_pattern(source: str | os.PathLike[str]) -> YarnPattern:
-    """A built-in pattern by name, or a pattern file (`.pyp`, `.json`, or a structure to draw: `.chart`, `.wif`, `.k`;
-    without a suffix, by its content).
+    """A built-in pattern by name, the fabric at rest of a material of the library by name (``material_library``), or a
+    pattern file (`.pyp`, `.json`, or a structure to draw: `.chart`, `.wif`, `.k`; without a suffix, by its content).
 
     Raises InputError for an unknown name, an unknown format and whatever the readers refuse.
     """
     if isinstance(source, str) and source in library.names():
         return library.build(source)
+    source = file_of(source, PATTERN)
     drawn = _drawn(source)
     return drawn.pattern() if drawn else READERS[_format(source)](Path(source))
 
@@ -49,7 +51,7 @@ def structure_of(source: str | os.PathLike[str]) -> Structure | None:
     """
     if isinstance(source, str) and source in library.names():
         return library.structure(source)
-    drawn = _drawn(source)
+    drawn = _drawn(file_of(source, PATTERN))
     return drawn.structure if drawn else None
 
 
@@ -61,7 +63,7 @@ def stitches_of(source: str | os.PathLike[str]) -> StitchChart | None:
     if isinstance(source, str) and source in library.names():
         chart = library.structure(source).chart
         return StitchChart.read(chart) if chart else None
-    drawn = _drawn(source)
+    drawn = _drawn(file_of(source, PATTERN))
     return drawn.stitches() if drawn else None
 
 
@@ -77,12 +79,13 @@ def read_yarns(source: str | os.PathLike[str]) -> Materials | None:
     Raises InputError as ``read_pattern`` does.
     """
     drawn = isinstance(source, str) and source in library.names()
+    source = file_of(source, PATTERN)
     return pattern_json.read_yarns_json(source) if not drawn and _format(source) == ".json" else None
 
 
 def is_drawing(source: str | os.PathLike[str]) -> bool:
     """Whether ``read_pattern`` draws this source (built in, a chart, a draft), so that it is no fabric at rest."""
-    return source in library.names() or _format(source) in DRAWN
+    return source in library.names() or _format(file_of(source, PATTERN)) in DRAWN
 
 
 def _format(source: str | os.PathLike[str]) -> str:

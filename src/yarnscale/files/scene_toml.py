@@ -11,6 +11,7 @@ import numpy as np
 
 from yarnscale.files.fields import toml_file
 from yarnscale.files.material_json import read_material
+from yarnscale.files.material_library import names as material_names
 from yarnscale.files.scene_mesh import is_garment, read_mesh, read_start
 from yarnscale.files.scene_obstacles import read_obstacle
 from yarnscale.files.scene_section import MOTION, REGION, SceneTable
@@ -43,7 +44,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
 
 
 def _scene(root: SceneTable) -> Scene:
-    material = read_material(root.beside(root.text("material")))
+    given = root.text("material")
+    material = read_material(given if given in material_names() else root.beside(given))
     name = root.text_or("name", Path(root.path).stem)
     if "scene" in root.content or "garment" in root.content:
         scene = replace(_ready(root, material), name=name, may_give_way=_may_give_way(root))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -119,7 +119,10 @@ def homogenize(
         stores, summary = _strain_stores(cell, folder, range or StrainRange(), solves, workers, dask, resume, progress)
         samples, unseen = (FabricStates.of(store) for store in stores)
         material = fit_published(stores[0], options=options)
-    return Homogenization(material, samples, unseen, errors_at(material, unseen), summary)
+    errors = errors_at(material, unseen)
+    if errors.states:
+        material = replace(material, provenance={**material.provenance, "unseen": errors._asdict()})
+    return Homogenization(material, samples, unseen, errors, summary)
 
 
 def errors_at(material: ShellMaterial, states: FabricStates) -> StressErrors:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any, Literal, Protocol
 
@@ -36,6 +36,11 @@ from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
 Kind = Literal["cell", "shell"]
+_POINTS: dict[str, Any] = {
+    "tension": TensionPoint, "biaxial": BiaxialPoint, "shear": ShearPoint, "bending": BendingPoint, "twist": TwistPoint,
+    "rolls": NaturalCurvature,
+}  # fmt: skip
+"""Lists of `FabricTests` and what they hold."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +105,15 @@ class FabricTests:
     drape: DrapeTest | None = None
     friction: float | None = None
     cycles: tuple[Cycle, ...] = ()
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> FabricTests:
+        """From ``plain`` as JSON keeps it, numbers that are null as NaN; without friction and drape."""
+        points: dict[str, Any] = {}
+        for name, kind in _POINTS.items():
+            known = [{f.name: np.nan if p[f.name] is None else p[f.name] for f in fields(kind)} for p in content[name]]
+            points[name] = [kind(**values) for values in known]
+        return cls(content["subject"], content["kind"], content["density"], **points)
 
     @property
     def directions(self) -> list[float]:

@@ -21,8 +21,8 @@ _MARKS = ("o", "x")
 
 def write_page(folder: Path, found: Sequence[FabricTests], compared: Difference | None = None) -> Path:
     """Write ``index.html`` and its pictures; the second fabric is drawn dashed. Returns the page's path."""
-    _tension(folder / "tension.png", found)
-    _others(folder / "bending.png", found)
+    draw_tension(folder / "tension.png", found)
+    draw_others(folder / "bending.png", found)
     pictures = [
         Picture(folder / "tension.png", _legend(found, "Tension, free across, by direction of pull"), wide=True),
         Picture(folder / "bending.png", _legend(found, "Bending, twist and shear"), wide=True),
@@ -56,7 +56,7 @@ def _legend(found: Sequence[FabricTests], what: str) -> str:
     return f"{what}. Full lines and dots: {found[0].subject}; dashed lines and crosses: {found[1].subject}."
 
 
-def _tension(path: Path, found: Sequence[FabricTests]) -> None:
+def draw_tension(path: Path, found: Sequence[FabricTests]) -> None:
     """Load and contraction over stretch, loads on a logarithmic scale."""
     with written_figure(path, 9.0, 3.8) as figure:
         loads, contractions = figure.subplots(1, 2)
@@ -72,7 +72,8 @@ def _tension(path: Path, found: Sequence[FabricTests]) -> None:
         loads.legend()
 
 
-def _others(path: Path, found: Sequence[FabricTests]) -> None:
+def draw_others(path: Path, found: Sequence[FabricTests]) -> None:
+    """Moments of bending and twist over curvature, shear force over angle."""
     with written_figure(path, 12.0, 3.6) as figure:
         bent, twisted, sheared = figure.subplots(1, 3)
         for number, tests in enumerate(found):

@@ -1,0 +1,79 @@
+"""Command ``library``: patterns in several yarns, each homogenized and tested, with a page of all."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+from yarnscale.cli.console import ProgressLine, report, say
+from yarnscale.cli.materials import worker_count
+from yarnscale.drawing import library as built_in
+from yarnscale.errors import InputError
+from yarnscale.files.material_library import MATERIAL, PATTERN, TESTS
+from yarnscale.files.material_toml import read_material
+from yarnscale.files.run_folder import RunFolder, note_result
+from yarnscale.show.canvas import require_renderer
+from yarnscale.show.gallery import checked_names
+from yarnscale.show.material_library import write_library
+
+YARN = "wool"
+LOADS = "0.1,0.5,1,2,5,10,20,35,50"
+"""Of the tension tests [N/m]: those that the pages show and a few between them."""
+
+
+def library(options: argparse.Namespace) -> int:
+    """``homogenize`` and ``test`` for every pattern in every yarn that has no tests yet, then the page."""
+    sources = checked_names(options.patterns or built_in.names())
+    yarns = {read_material(name).name: name for name in dict.fromkeys(options.material or [YARN])}
+    require_renderer()
+    wanted = {f"{Path(source).stem}-{yarn}": (source, given) for source in sources for yarn, given in yarns.items()}
+    if len(wanted) < len(sources) * len(yarns) or any("/" in name for name in wanted):
+        raise InputError("names of patterns and yarns", expected="file names, each once", found=", ".join(wanted)[:80])
+    makes = ["index.html", *(f"{name}/" for name in wanted)]
+    results = RunFolder(
+        options.out, "library", makes, overwrite=options.overwrite, resume=options.resume, goes_on_from=makes[1:],
+    )  # fmt: skip
+    failed, line = [], ProgressLine("library")
+    with results as folder:
+        for number, (name, (source, yarn)) in enumerate(wanted.items()):
+            line.show(number, len(wanted), name)
+            if not (folder / name / TESTS).is_file() and not _made(folder / name, source, yarn, options):
+                failed.append(name)
+        line.show(len(wanted), len(wanted))
+        shown = write_library(folder)
+    lines = [f"{folder / 'index.html'}: {len(shown)} materials"]
+    if failed:
+        lines.append("look at " + ", ".join(failed))
+    report(options, {"materials": shown, "failed": failed}, *lines)
+    return 1 if failed else 0
+
+
+def _made(folder: Path, source: str, yarn: str, options: argparse.Namespace) -> bool:
+    """Make one material; False where some state has no equilibrium. A pattern that cannot be one is told and passed."""
+    solves = [] if options.solves is None else ["--solves", str(options.solves)]
+    workers = ["--workers", str(worker_count(options))]
+    good = True
+    try:
+        if not (folder / MATERIAL).is_file():
+            homogenized = ["homogenize", source, "--material", yarn, "--out", str(folder), *solves, *workers]
+            good = _run(*homogenized, *(["--resume"] if folder.is_dir() else []))
+        if (folder / MATERIAL).is_file():
+            against = ["--against", str(folder / MATERIAL), "--out", str((folder / TESTS).parent)]
+            good = _run("test", str(folder / PATTERN), *against, "--loads", LOADS, "--overwrite") and good
+            note_result(folder / "tests", folder)
+            note_result(folder / "yarns.png", folder)
+    except InputError as error:
+        say(f"yarnscale: {error}")
+        return False
+    return good
+
+
+def _run(*arguments: str) -> bool:
+    """Run another command without what it prints; whether it succeeded."""
+    from yarnscale.cli.arguments import parser
+
+    options = parser().parse_args(arguments)
+    with redirect_stdout(StringIO()):
+        return options.run(options) == 0
