@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import inspect
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
 import yarnscale
+from yarnscale.files.material_library import LIBRARY, MATERIAL, names
+from yarnscale.show.material_library import CAPTION, COLUMNS, LibraryMaterial
+from yarnscale.show.report import Section, Table, cell_text
 
 project, author, version = "yarnscale", "the yarnscale authors", yarnscale.__version__
 html_title = f"yarnscale {version}"
@@ -50,4 +54,53 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", as_plain_text)
 
 
+def rst(section: Section) -> str:
+    """A section of our pages as restructured text, pictures beside it."""
+    parts = [plain(section.title), "-" * (2 * len(section.title) + 1), ""]
+    for paragraph in section.text:
+        parts += [plain(paragraph), ""]
+    for picture in section.pictures:
+        width = [] if picture.wide else ["   :width: 480px"]
+        parts += [f".. figure:: {picture.path.name}", *width, "", f"   {plain(picture.caption)}", ""]
+    for table in section.tables:
+        parts += [f".. list-table:: {plain(table.caption)}", "   :header-rows: 1", ""]
+        for row in (table.columns, *table.rows):
+            cells = [plain(cell_text(cell)) for cell in row]
+            parts += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(cells)]
+        parts.append("")
+    return "\n".join(parts)
+
+
+def plain(text: str) -> str:
+    """Text without markup."""
+    return re.sub(r"([\\*`|_])", r"\\\1", text)
+
+
+def library(folder: Path) -> None:
+    """Pages of the material library: one of all, and one of each with its pictures and its file."""
+    folder.mkdir(exist_ok=True)
+    materials = [LibraryMaterial(name) for name in names()]
+    for material in materials:
+        name = material.name
+        shutil.copyfile(LIBRARY / name / MATERIAL, folder / f"{name}.json")
+        use = [
+            f":download:`{name}.json <{name}.json>`, or by its name in every command and in Python::", "",
+            f"    yarnscale simulate hang --shell {name} --out hung", "",
+        ]  # fmt: skip
+        sections = "\n".join(map(rst, material.sections(folder)))
+        (folder / f"{name}.rst").write_text("\n".join([name, "=" * len(name), "", *use, sections]), encoding="utf-8")
+    rows = [[f"REF {row[0]}", *row[1:]] for row in (material.row() for material in materials)]
+    table = rst(Section("All materials", [], [Table(COLUMNS, rows, CAPTION)]))
+    table = re.sub(r"REF (\S+)", r":doc:`\1`", table)
+    entries = [f"   {material.name}" for material in materials]
+    head = ["Materials", "=========", "", INTRODUCTION, "", ".. toctree::", "   :hidden:", "", *entries, "", table]
+    (folder / "index.rst").write_text("\n".join(head), encoding="utf-8")
+
+
+INTRODUCTION = (
+    "Built-in patterns in common yarns, which every installation has: the fabric at rest, virtual tests of its yarns, "
+    "and the shell material fitted to them. They are schematic fabrics of estimated yarns, not measured ones. The "
+    "guide 'The material library' says how to use and to make them."
+)
 (Path(__file__).parent / "docstrings.rst").write_text(docstrings(), encoding="utf-8")
+library(Path(__file__).parent / "library")

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
     from yarnscale.fabric.spline_scene import SplineScene
     from yarnscale.fabric.volume import BoundingVolume
+    from yarnscale.files import material_library
     from yarnscale.files.estimate_run import estimate, fabric_model
     from yarnscale.files.grid_toml import read_grid
     from yarnscale.files.material_json import read_material, write_material
@@ -118,6 +119,7 @@ _HOME = {
     "homogenize_cell": "homogenize.homogenize:homogenize",
     "jersey": "fabric.spline_knit",
     "knit": "drawing.knit",
+    "material_library": "files.material_library:",
     "path_with_friction": "cell.friction",
     "patterns": "drawing.library:",
     "read_grid": "files.grid_toml",
@@ -152,8 +154,8 @@ __all__ = [  # noqa: RUF022
     "TriangleMesh", "YarnDetail", "YarnFriction", "YarnMaterial",
     "YarnPattern", "YarnSheet", "__version__", "axes_and_planes", "create_store", "estimate", "fabric_model",
     "fit", "fit_compact_material", "fit_published", "fit_shell", "fit_spline_material", "homogenize_cell", "jersey",
-    "knit", "path_with_friction", "patterns", "read_grid", "read_material", "read_measurements", "read_pattern",
-    "read_yarn_material", "read_yarns", "run", "run_tests", "sample", "scenes", "settled",
+    "knit", "material_library", "path_with_friction", "patterns", "read_grid", "read_material", "read_measurements",
+    "read_pattern", "read_yarn_material", "read_yarns", "run", "run_tests", "sample", "scenes", "settled",
     "sheet_scenes", "simulate", "spline_fabric", "structure_of", "weave", "write_material",
     "write_pattern", "write_yarn_material",
 ]  # fmt: skip

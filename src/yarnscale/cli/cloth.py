@@ -59,7 +59,8 @@ def _scene(options: argparse.Namespace) -> Scene:
 
     if options.scene in READY:
         if options.shell is None:
-            raise InputError("ready scene", where=options.scene, expected="--shell MATERIAL.json", found="none")
+            expected = "--shell, a name of the library or a file"
+            raise InputError("ready scene", where=options.scene, expected=expected, found="none")
         scene = ready_scene(options.scene, read_material(options.shell), spacing=options.spacing)
         return replace(scene, notices=(sizes_line(scene.cloth),))
     if not Path(options.scene).exists():

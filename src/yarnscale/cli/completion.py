@@ -35,6 +35,10 @@ def _names(action: argparse.Action) -> Iterable[str]:
     if kind == "PATTERN":
         # Not by yarnscale.drawing, which would load numba.
         return tomllib.loads((files("yarnscale") / "drawing" / "patterns.toml").read_text(encoding="utf-8"))
+    if kind == "SHELL":
+        from yarnscale.files import material_library
+
+        return material_library.names()
     if kind == "YARN":
         from yarnscale.yarn.material import PRESETS
 

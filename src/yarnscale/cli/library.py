@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import re
 from contextlib import redirect_stdout
 from io import StringIO
+from itertools import product
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, report, say
 from yarnscale.cli.materials import worker_count
+from yarnscale.cli.yarn_choice import same_yarns
 from yarnscale.drawing import library as built_in
 from yarnscale.errors import InputError
+from yarnscale.files.cell_origin import CellOrigin
 from yarnscale.files.material_library import MATERIAL, PATTERN, TESTS
 from yarnscale.files.material_toml import read_material
 from yarnscale.files.run_folder import RunFolder, note_result
@@ -26,11 +30,14 @@ LOADS = "0.1,0.5,1,2,5,10,20,35,50"
 def library(options: argparse.Namespace) -> int:
     """``homogenize`` and ``test`` for every pattern in every yarn that has no tests yet, then the page."""
     sources = checked_names(options.patterns or built_in.names())
-    yarns = {read_material(name).name: name for name in dict.fromkeys(options.material or [YARN])}
+    yarns = list(dict.fromkeys(options.material or [YARN]))
     require_renderer()
-    wanted = {f"{Path(source).stem}-{yarn}": (source, given) for source in sources for yarn, given in yarns.items()}
-    if len(wanted) < len(sources) * len(yarns) or any("/" in name for name in wanted):
-        raise InputError("names of patterns and yarns", expected="file names, each once", found=", ".join(wanted)[:80])
+    wanted: dict[str, tuple[str, str]] = {}
+    for source, yarn in product(sources, yarns):
+        name = re.sub(r"[^\w.+-]+", "-", f"{Path(source).stem}-{read_material(yarn).name}")
+        if name in wanted:
+            raise InputError(f"two materials are called {name}", expected="patterns and yarns of different names")
+        wanted[name] = source, yarn
     makes = ["index.html", *(f"{name}/" for name in wanted)]
     results = RunFolder(
         options.out, "library", makes, overwrite=options.overwrite, resume=options.resume, goes_on_from=makes[1:],
@@ -39,7 +46,9 @@ def library(options: argparse.Namespace) -> int:
     with results as folder:
         for number, (name, (source, yarn)) in enumerate(wanted.items()):
             line.show(number, len(wanted), name)
-            if not (folder / name / TESTS).is_file() and not _made(folder / name, source, yarn, options):
+            if (folder / name / TESTS).is_file():
+                _check_yarn(folder / name / MATERIAL, yarn)
+            elif not _made(folder / name, source, yarn, options):
                 failed.append(name)
         line.show(len(wanted), len(wanted))
         shown = write_library(folder)
@@ -48,6 +57,13 @@ def library(options: argparse.Namespace) -> int:
         lines.append("look at " + ", ".join(failed))
     report(options, {"materials": shown, "failed": failed}, *lines)
     return 1 if failed else 0
+
+
+def _check_yarn(path: Path, yarn: str) -> None:
+    """InputError where a finished material is of another yarn of this name."""
+    origin = CellOrigin.of_material(path)
+    if origin is None or not same_yarns(origin.yarns, read_material(yarn)):
+        raise InputError("cannot resume: another yarn", where=path, expected=yarn)
 
 
 def _made(folder: Path, source: str, yarn: str, options: argparse.Namespace) -> bool:

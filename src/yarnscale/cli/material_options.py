@@ -6,6 +6,8 @@ from pathlib import Path
 
 from yarnscale.cli.shared_options import (
     PATTERN,
+    PATTERNS,
+    SHELL,
     Add,
     add_as_drawn,
     add_dask,
@@ -21,8 +23,6 @@ from yarnscale.cli.shared_options import (
     add_yarns,
 )
 from yarnscale.cli.values import number, number_list, numbers, size
-
-MATERIAL = "ours or published HYLC JSON"
 
 
 def add_material_commands(add: Add) -> None:
@@ -60,8 +60,7 @@ def add_material_commands(add: Add) -> None:
 
     about = "Patterns in several yarns, each homogenized and tested: a folder of shell materials and a page of them."
     option = add("library", "library", about, add_material, add_solves, add_workers, add_overwrite, add_json)
-    names = "names of built-in patterns and .chart, .wif or .k files (default: all built-in ones)"
-    option("patterns", nargs="*", metavar="PATTERN", help=names)
+    option("patterns", nargs="*", metavar="PATTERN", help=PATTERNS)
     option("--out", type=Path, required=True, metavar="DIR", help="folder with a folder for every material")
 
     option = add("fit", "samples", "Fit a shell material to a store of samples.", add_json)
@@ -70,7 +69,7 @@ def add_material_commands(add: Add) -> None:
 
     about = "Write a shell material for other programs: HYLC JSON, C or NVIDIA Warp source, Newton's cloth."
     option = add("export", "export", about, add_json)
-    option("material", type=Path, metavar="MATERIAL.json", help=MATERIAL)
+    option("material", type=Path, metavar="SHELL", help=SHELL)
     form = "published layout, one C file, a function of NVIDIA Warp, or parameters of Newton's cloth with their errors"
     option("--format", "--to", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
     option("--out", type=Path, required=True, metavar="FILE", help="file to write, .json, .c or .py")
@@ -79,7 +78,7 @@ def add_material_commands(add: Add) -> None:
 
     about = "Energy density and stress of a shell material at a strain."
     option = add("evaluate", "materials", about, add_json)
-    option("material", type=Path, metavar="MATERIAL.json", help=MATERIAL)
+    option("material", type=Path, metavar="SHELL", help=SHELL)
     option(
         "--strain", type=numbers(6, "sx,sa,sy,II11,II12,II22"), required=True, metavar="sx,sa,sy,II11,II12,II22",
         help="stretches and shear [-], second fundamental form [1/m]",
@@ -87,7 +86,7 @@ def add_material_commands(add: Add) -> None:
 
     about = "Virtual tests of a fabric: tension, shear, bending, curl, drape; a page and numbers."
     option = add("test", "laboratory", about, add_as_drawn, add_material, add_radius, add_overwrite, add_json)
-    option("subject", metavar="SUBJECT", help=f"{PATTERN}; or a shell material file (.json)")
+    option("subject", metavar="SUBJECT", help=f"{PATTERN}; or a {SHELL}")
     option("--out", type=Path, required=True, metavar="DIR", help="folder for page and numbers")
     option("--against", metavar="OTHER", help="a second pattern or shell material to compare with")
     option(

@@ -21,6 +21,8 @@ class Add(Protocol):
 
 
 PATTERN = "name of a built-in pattern (see 'yarnscale patterns'), or a .pyp, .json, .chart, .wif or .k file"
+PATTERNS = "names of built-in patterns and .chart, .wif or .k files (default: all built-in ones)"
+SHELL = "shell material: a name of the library (see 'yarnscale patterns') or a file, ours or published HYLC JSON"
 YARN_MATERIAL = (
     "yarn material: a preset or a TOML file (default: the one in the pattern file or, for 'detail', of the run; else "
     "one for the built-in pattern, for knits, for weaves, or for splines, which is printed); repeat it to give each "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from yarnscale.cli.shared_options import (
+    PATTERNS,
     Add,
     add_as_drawn,
     add_cell_strain,
@@ -20,7 +21,7 @@ from yarnscale.cli.values import size, sizes
 
 def add_yarn_commands(add: Add) -> None:
     """Patterns, gallery, relax, study."""
-    add("patterns", "yarns", "List the built-in patterns and yarn materials.", add_json)
+    add("patterns", "yarns", "List the built-in patterns, yarn materials and shell materials.", add_json)
 
     about = "Write a built-in pattern, chart or draft, brought to rest with its yarn, to a file."
     option = add("pattern", "yarns", about, add_yarns, add_as_drawn, add_json)
@@ -35,8 +36,7 @@ def add_yarn_commands(add: Add) -> None:
 
     about = "Write a page of patterns, each drawn, at rest and stretched."
     option = add("gallery", "gallery", about, add_as_drawn, add_processes, add_overwrite, add_json)
-    names = "names of built-in patterns and .chart, .wif or .k files (default: all built-in ones)"
-    option("patterns", nargs="*", metavar="PATTERN", help=names)
+    option("patterns", nargs="*", metavar="PATTERN", help=PATTERNS)
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the page and its pictures")
 
     cell = (add_yarns, add_as_drawn, add_cell_strain, add_free_sliding, add_json)

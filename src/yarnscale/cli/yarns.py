@@ -12,6 +12,7 @@ from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
+from yarnscale.files import material_library
 from yarnscale.files.equilibrium_file import write_equilibrium
 from yarnscale.files.patterns import WRITERS, is_drawing, read_pattern, structure_of, write_pattern
 from yarnscale.kinematics import COMPONENTS, ShellStrain
@@ -24,8 +25,8 @@ LARGE = 1500
 
 
 def patterns(options: argparse.Namespace) -> int:
-    """List patterns and materials."""
-    known = {"patterns": list(library.names()), "materials": list(PRESETS)}
+    """List patterns, and materials of yarns and of shells."""
+    known = {"patterns": list(library.names()), "materials": list(PRESETS), "shells": list(material_library.names())}
     report(options, known, *(f"{kind}: {', '.join(names)}" for kind, names in known.items()))
     return 0
 

@@ -41,4 +41,5 @@ def tests(name: str, folder: Path = LIBRARY) -> tuple[FabricTests, FabricTests]:
         known = names(folder)
         raise InputError("unknown material", expected=", ".join(known), found=misspelt(name, known))
     content = read_json(folder / name / TESTS)
-    return FabricTests.of(content), FabricTests.of(content["against"])
+    cell, shell = (FabricTests.of({**found, "subject": name}) for found in (content, content["against"]))
+    return cell, shell

@@ -14,7 +14,7 @@ from yarnscale.errors import InputError, misspelt
 from yarnscale.files import pattern_json
 from yarnscale.files.chart import read_chart
 from yarnscale.files.knitout import read_knitout
-from yarnscale.files.material_library import PATTERN, file_of
+from yarnscale.files.material_library import PATTERN, file_of, names
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.pyp import read_pyp, write_pyp
 from yarnscale.files.source_text import read_source
@@ -95,7 +95,7 @@ def _format(source: str | os.PathLike[str]) -> str:
         return path.suffix.lower()
     if not os.path.exists(path) and path.suffix == "" and len(path.parts) <= 1:
         expected = f"a .pyp, .json, .chart, .wif or .k file or one of {', '.join(library.names())}"
-        raise InputError("unknown pattern", expected=expected, found=misspelt(source, library.names()))
+        raise InputError("unknown pattern", expected=expected, found=misspelt(source, (*library.names(), *names())))
     text = read_source(path, other_encodings=True)
     start = text.lstrip()[:1]
     if start == "{":

@@ -12,17 +12,18 @@ for M = B κ is (B/w)^(1/3) to 1 %.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from collections.abc import Callable
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.optimize import root_scalar
 
 from yarnscale.arrays import Array
 from yarnscale.kinematics import GRAVITY
 
 FALL = math.radians(41.5)
-_TRIES = 40
+_TRIES, _ROUNDS = 40, (5, 1, 1)
+"""Slopes of the tip that are tried at once; how many steps are one, when slopes about the best pair are tried again."""
+_STEP, _LONGEST = 0.01, 20.0
+"""Step and longest overhang, over (B/w)^(1/3)."""
 
 
 def bending_length(curvatures: Array, moments: Array, density: float) -> float | None:
@@ -40,36 +41,59 @@ def bending_length(curvatures: Array, moments: Array, density: float) -> float |
         return None
     weight = density * GRAVITY
     stiffness = (moment[-1] - moment[0]) / (kappa[-1] - kappa[0])
-    scale = (stiffness / weight) ** (1 / 3)
+    ends = [(moment[1] - moment[0]) / (kappa[1] - kappa[0]), (moment[-1] - moment[-2]) / (kappa[-1] - kappa[-2])]
 
-    def curvature(value: float) -> float:
-        if value > moment[-1]:
-            return kappa[-1] + (value - moment[-1]) * (kappa[-1] - kappa[-2]) / (moment[-1] - moment[-2])
-        if value < moment[0]:
-            return kappa[0] + (value - moment[0]) * (kappa[1] - kappa[0]) / (moment[1] - moment[0])
-        return float(np.interp(value, moment, kappa))
+    def curvature(torque: Array) -> Array:
+        beyond = np.minimum(torque - moment[0], 0.0) / ends[0] + np.maximum(torque - moment[-1], 0.0) / ends[1]
+        return np.interp(torque, moment, kappa) + beyond
 
-    def miss(tip_slope: float) -> tuple[float, float]:
-        """Overhang at which a strip with this slope at its tip is level, and by how much its chord misses 41.5°."""
-
-        def along(_: float, y: Array) -> list[float]:
-            theta, torque, _x, _z, s = y
-            return [-curvature(torque), weight * s * math.cos(theta), math.cos(theta), math.sin(theta), 1.0]
-
-        def level(_: float, y: Array) -> float:
-            return y[0]
-
-        level.terminal, level.direction = True, -1  # type: ignore[attr-defined]
-        run = solve_ivp(along, (0, 20 * scale), [tip_slope, 0.0, 0.0, 0.0, 0.0], events=level, rtol=1e-7)
-        if not len(run.t_events[0]):
-            return math.nan, math.nan
-        _, _, x, z, length = run.y_events[0][0]
-        return length, math.atan2(z, x) - FALL
-
+    step = _STEP * (stiffness / weight) ** (1 / 3)
     slopes = np.linspace(0.02, 0.5 * math.pi - 1e-3, _TRIES)
-    misses = [miss(slope)[1] for slope in slopes]
-    for (a, low), (b, high) in pairwise(zip(slopes, misses, strict=True)):
-        if low <= 0 < high:  # false of NaN too
-            slope = root_scalar(lambda value: miss(value)[1], bracket=(a, b), xtol=1e-6).root
-            return 0.5 * miss(float(slope))[0]
-    return None
+    for longer in _ROUNDS:
+        length, fall = _level(slopes, curvature, weight, longer * step, round(_LONGEST / _STEP / longer))
+        found = np.flatnonzero((fall[:-1] <= FALL) & (fall[1:] > FALL))  # false of NaN too
+        if not len(found):
+            return None
+        lengths, falls = length[found[0] :][:2], fall[found[0] :][:2]
+        slopes = np.linspace(slopes[max(found[0] - 1, 0)], slopes[min(found[0] + 2, _TRIES - 1)], _TRIES)
+    return float(0.5 * np.interp(FALL, falls, lengths))
+
+
+def _level(
+    slopes: Array, curvature: Callable[[Array], Array], weight: float, step: float, count: int
+) -> tuple[Array, Array]:
+    """Overhangs [m] at which strips with these slopes at their tips (n,) are level, and the fall of their chords [rad].
+
+    Integrated from the tip with at most ``count`` steps [m] of the classical Runge-Kutta method; NaN where a strip is
+    nowhere level.
+    """
+
+    def along(state: Array) -> Array:
+        theta, torque, _x, _z, s = state
+        level = np.cos(theta)
+        return np.stack([-curvature(torque), weight * s * level, level, np.sin(theta), np.ones_like(s)])
+
+    def after(state: Array, h: Array) -> Array:
+        a = along(state)
+        b = along(state + 0.5 * h * a)
+        c = along(state + 0.5 * h * b)
+        return state + h / 6.0 * (a + 2.0 * (b + c) + along(state + h * c))
+
+    state = np.vstack([slopes, np.zeros((4, len(slopes)))])
+    ended = np.full((5, len(slopes)), np.nan)
+    for _ in range(count):
+        new = after(state, np.full(len(slopes), step))
+        crossed = (state[0] > 0.0) & (new[0] <= 0.0) & np.isnan(ended[0])
+        if crossed.any():
+            # Newton's method for the part of the step after which the strip is level.
+            old = state[:, crossed]
+            part = step * old[0] / (old[0] - new[0, crossed])
+            for _ in range(3):
+                end = after(old, part)
+                part = part + end[0] / curvature(end[1])
+            ended[:, crossed] = after(old, part)
+        if not np.isnan(ended[0]).any():
+            break
+        state = new
+    _, _, x, z, length = ended
+    return length, np.arctan2(z, x)

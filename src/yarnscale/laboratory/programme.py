@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -137,7 +137,7 @@ class FabricTests:
         """Tensile numbers of every direction."""
         return [tensile_summary(self.pulled(d), self.first_cycle("tension", d)) for d in self.directions]
 
-    @property
+    @cached_property
     def bend(self) -> list[BendingSummary]:
         """Bending numbers of every direction."""
         directions = dict.fromkeys(p.direction for p in self.bending)
