@@ -35,6 +35,7 @@ SMALLER: dict[str, list[str]] = {
 PARSED_ONLY = (
     "register",
     "estimate",
+    "library",
     "test stockinette",
     "test knit/material.json --drape",
     "sample ",

@@ -28,7 +28,7 @@ from yarnscale.yarn.material import PRESETS
 
 
 def test_the_library_has_fabrics_and_is_small() -> None:
-    assert len(names()) >= 12 and "stockinette-wool" in names()
+    assert len(names()) >= 6 and "stockinette-wool" in names()
     sizes = [path.stat().st_size for path in LIBRARY.rglob("*.json")]
     assert max(sizes) < 100_000 and sum(sizes) < 3_000_000
 
@@ -45,8 +45,6 @@ def test_a_material_its_fabric_and_its_tests_belong_together(name: str) -> None:
     cell, shell = kept_tests(name)
     assert (cell.kind, shell.kind, cell.subject) == ("cell", "shell", name)
     assert cell.density == pytest.approx(material.density, rel=1e-5)
-    entry = LibraryMaterial(name)
-    assert len(entry.row()) == len(COLUMNS) and ("poor fit" in str(entry.row()[0])) == entry.poor
     text = (LIBRARY / name / TESTS).read_text() + (LIBRARY / name / MATERIAL).read_text()
     assert "/" not in json.loads(text.partition("\n")[0])["against"]["subject"] and "/work" not in text
 
@@ -111,7 +109,7 @@ def test_a_library_is_made_resumed_and_replaced(run, refused, prepared: list[str
     assert run("library", "stockinette", "--out", out, "--resume").status == 0
     assert prepared == []
     yarn, again = tmp_path / "own.toml", ("--out", out, "--resume")
-    yarn.write_text((SAMPLES / "yarn.toml").read_text().replace("soft wool", "wool"))
+    yarn.write_text((SAMPLES / "yarn.toml").read_text().replace("soft wool", "wool").replace("1.0e7", "2e7"))
     assert "cannot resume: another yarn" in refused("library", "stockinette", "--material", yarn, *again)
     assert "two materials are called" in refused("library", "plain", "--material", yarn, "--material", "wool", *again)
     assert "unknown pattern" in refused("library", "lace", "--out", tmp_path / "new")
@@ -122,5 +120,6 @@ def test_a_library_is_made_resumed_and_replaced(run, refused, prepared: list[str
 def test_errors_of_a_fit_are_called_poor_where_they_are() -> None:
     entry = LibraryMaterial("stockinette-wool")
     vars(entry)["provenance"] = {**entry.provenance, "unseen": {"states": 40, "median": 0.5, "high": 2.0, "mean": 1.0}}
+    assert len(entry.row()) == len(COLUMNS) and "poor fit" in str(entry.row()[0])
     assert entry.poor and "Poor fit: the stress at 40 unseen states is off by 50 %" in entry.remarks()[0]
     assert not np.isnan(entry.bending_error)

@@ -38,6 +38,8 @@ def library(options: argparse.Namespace) -> int:
         if name in wanted:
             raise InputError(f"two materials are called {name}", expected="patterns and yarns of different names")
         wanted[name] = source, yarn
+        if options.resume and (options.out / name / TESTS).is_file():
+            _check_yarn(options.out / name / MATERIAL, yarn)
     makes = ["index.html", *(f"{name}/" for name in wanted)]
     results = RunFolder(
         options.out, "library", makes, overwrite=options.overwrite, resume=options.resume, goes_on_from=makes[1:],
@@ -46,9 +48,7 @@ def library(options: argparse.Namespace) -> int:
     with results as folder:
         for number, (name, (source, yarn)) in enumerate(wanted.items()):
             line.show(number, len(wanted), name)
-            if (folder / name / TESTS).is_file():
-                _check_yarn(folder / name / MATERIAL, yarn)
-            elif not _made(folder / name, source, yarn, options):
+            if not (folder / name / TESTS).is_file() and not _made(folder / name, source, yarn, options):
                 failed.append(name)
         line.show(len(wanted), len(wanted))
         shown = write_library(folder)
@@ -69,7 +69,7 @@ def _check_yarn(path: Path, yarn: str) -> None:
 def _made(folder: Path, source: str, yarn: str, options: argparse.Namespace) -> bool:
     """Make one material; False where some state has no equilibrium. A pattern that cannot be one is told and passed."""
     solves = [] if options.solves is None else ["--solves", str(options.solves)]
-    workers = ["--workers", str(worker_count(options))]
+    workers = ["--workers", str(worker_count(options)), *([] if options.dask is None else ["--dask", options.dask])]
     good = True
     try:
         if not (folder / MATERIAL).is_file():

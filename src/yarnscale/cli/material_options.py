@@ -59,8 +59,10 @@ def add_material_commands(add: Add) -> None:
     option("--size", type=size, default=(1, 1), metavar="NxM", help="sample N by M tiles as one cell (1x1)")
 
     about = "Patterns in several yarns, each homogenized and tested: a folder of shell materials and a page of them."
-    option = add("library", "library", about, add_material, add_solves, add_workers, add_overwrite, add_json)
+    option = add("library", "library", about, add_solves, add_dask, add_workers, add_overwrite, add_json)
     option("patterns", nargs="*", metavar="PATTERN", help=PATTERNS)
+    yarn = "yarn of all patterns, a preset or a TOML file; several times: every pattern in each of them (wool)"
+    option("--material", action="append", metavar="YARN", help=yarn)
     option("--out", type=Path, required=True, metavar="DIR", help="folder with a folder for every material")
 
     option = add("fit", "samples", "Fit a shell material to a store of samples.", add_json)
