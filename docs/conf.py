@@ -60,6 +60,7 @@ def rst(section: Section) -> str:
     for paragraph in section.text:
         parts += [plain(paragraph), ""]
     for picture in section.pictures:
+        assert picture.path is not None
         width = [] if picture.wide else ["   :width: 480px"]
         parts += [f".. figure:: {picture.path.name}", *width, "", f"   {plain(picture.caption)}", ""]
     for table in section.tables:
@@ -93,7 +94,23 @@ def library(folder: Path) -> None:
     table = rst(Section("All materials", [], [Table(COLUMNS, rows, CAPTION)]))
     table = re.sub(r"REF (\S+)", r":doc:`\1`", table)
     entries = [f"   {material.name}" for material in materials]
-    head = ["Materials", "=========", "", INTRODUCTION, "", ".. toctree::", "   :hidden:", "", *entries, "", table]
+    seen = [f".. |{m.name}| image:: {m.name}.png\n   :width: 150px\n   :target: {m.name}.html" for m in materials]
+    shown = [" ".join(f"|{material.name}|" for material in materials), "", *seen]
+    head = [
+        "Materials",
+        "=========",
+        "",
+        INTRODUCTION,
+        "",
+        ".. toctree::",
+        "   :hidden:",
+        "",
+        *entries,
+        "",
+        *shown,
+        "",
+        table,
+    ]
     (folder / "index.rst").write_text("\n".join(head), encoding="utf-8")
 
 

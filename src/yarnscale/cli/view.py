@@ -21,6 +21,7 @@ from yarnscale.files.curve_frames import CURVES
 from yarnscale.files.equilibrium_file import read_equilibrium
 from yarnscale.files.fields import read_json
 from yarnscale.files.material_json import is_material, read_material
+from yarnscale.files.material_library import MATERIAL, file_of
 from yarnscale.files.patterns import WRITERS, read_pattern
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS
@@ -93,7 +94,7 @@ def view(options: argparse.Namespace) -> int:
 
 def view_of(options: argparse.Namespace) -> View:
     """What the command line names; InputError where it is nothing that can be seen."""
-    target, path = options.thing, Path(options.thing)
+    target, path = options.thing, Path(file_of(options.thing, MATERIAL))
     if target in library.names():
         return _pattern(options, target)
     if path.is_dir():
