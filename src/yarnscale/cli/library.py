@@ -16,7 +16,7 @@ from yarnscale.drawing import library as built_in
 from yarnscale.errors import InputError
 from yarnscale.files.cell_origin import CellOrigin
 from yarnscale.files.material_library import MATERIAL, PATTERN, TESTS
-from yarnscale.files.material_toml import read_material
+from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.run_folder import RunFolder, note_result
 from yarnscale.show.canvas import require_renderer
 from yarnscale.show.gallery import checked_names
@@ -34,7 +34,7 @@ def library(options: argparse.Namespace) -> int:
     require_renderer()
     wanted: dict[str, tuple[str, str]] = {}
     for source, yarn in product(sources, yarns):
-        name = re.sub(r"[^\w.+-]+", "-", f"{Path(source).stem}-{read_material(yarn).name}")
+        name = re.sub(r"[^\w.+-]+", "-", f"{Path(source).stem}-{read_yarn_material(yarn).name}")
         if name in wanted:
             raise InputError(f"two materials are called {name}", expected="patterns and yarns of different names")
         wanted[name] = source, yarn
@@ -62,7 +62,7 @@ def library(options: argparse.Namespace) -> int:
 def _check_yarn(path: Path, yarn: str) -> None:
     """InputError where a finished material is of another yarn of this name."""
     origin = CellOrigin.of_material(path)
-    if origin is None or not same_yarns(origin.yarns, read_material(yarn)):
+    if origin is None or not same_yarns(origin.yarns, read_yarn_material(yarn)):
         raise InputError("cannot resume: another yarn", where=path, expected=yarn)
 
 
