@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
+from yarnscale.shell.materials.friction import Sliders
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
 from yarnscale.shell.materials.stiffening import StiffeningMaterial
 
@@ -61,6 +63,22 @@ def test_a_compact_material_comes_back_to_the_last_bit(tmp_path, counts):
     strains = np.random.default_rng(0).uniform(-0.3, 0.5, (20, 6)) * [1, 1, 1, 200, 200, 200]
     np.testing.assert_array_equal(back.energy_density(strains), material.energy_density(strains))
     np.testing.assert_allclose(back.outside(strains), material.outside(strains), rtol=1e-3, atol=1e-3)
+
+
+def test_friction_comes_back_and_is_refused_where_it_is_broken(tmp_path):
+    sliders = Sliders.checked(np.eye(6)[:2], [3.0, 1 / 3], np.full((2, 6), 0.01))
+    material, path = replace(compact_material(1, 1, 0), sliders=sliders), tmp_path / "material.json"
+    write_material(path, material)
+    back = read_material(path)
+    assert isinstance(back, CompactMaterial) and back.sliders is not None
+    for ours, theirs in zip(sliders, back.sliders, strict=True):
+        np.testing.assert_allclose(theirs, ours, rtol=1e-8)
+    write_changed(path, material, lambda c: c["friction"].update(growth=[[1.0]]))
+    with pytest.raises(InputError, match="growth"):
+        read_material(path)
+    write_changed(path, material, lambda c: c["friction"]["units"].update(growth="m/N"))
+    with pytest.raises(InputError, match="m\\^2/J"):
+        read_material(path)
 
 
 def test_a_spline_of_an_older_version_is_refused_with_what_to_do(tmp_path):

@@ -19,6 +19,7 @@ from yarnscale.files.fields import Fields, read_json
 from yarnscale.files.hylc_json import hylc_material, hylc_text, is_hylc
 from yarnscale.files.material_library import MATERIAL, file_of, names
 from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
+from yarnscale.shell.materials.friction import Sliders
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial, OrthotropicMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -30,6 +31,7 @@ VERSION = 3
 
 COMPACT_UNITS = {"terms": "J/m^2", "scale, samples": "1, 1, 1, 1/m, 1/m, 1/m", "density": "kg/m^2"}
 """Another set of units in a file is refused, not converted."""
+FRICTION_UNITS = {"stiffnesses": "J/m^2", "growth": "m^2/J"}
 DIRECTIONAL: dict[str, tuple[type[DirectionalMaterial], dict[str, str]]] = {
     "orthotropic": (OrthotropicMaterial, {"stretch, shear, area": "N/m", "bend": "J", "density": "kg/m^2"}),
     "stiffening": (
@@ -113,7 +115,12 @@ def _compact_content(material: CompactMaterial) -> dict[str, object]:
         "scale": material.scale.tolist(),
         "terms": {"constant": float(material.constant), **springs},
         "trusted": {"spacing": float(material.spacing), "samples": _short(material.samples, digits=5)},
+        **({} if material.sliders is None else {"friction": _friction_content(material.sliders)}),
     }
+
+
+def _friction_content(sliders: Sliders) -> dict[str, object]:
+    return {"units": FRICTION_UNITS, **{name: _short(array, digits=9) for name, array in sliders._asdict().items()}}
 
 
 def _short(array: Array, *, digits: int = 17) -> object:
@@ -139,7 +146,15 @@ def _read_compact(fields: Fields) -> CompactMaterial:
             samples=trusted.numbers("samples", shape=(rows, 6)),
             spacing=trusted.number("spacing", positive=True),
             provenance=fields.fields("provenance").content,
+            sliders=_read_friction(fields.fields("friction")) if "friction" in fields.content else None,
         )
+
+
+def _read_friction(fields: Fields) -> Sliders:
+    _check_units(fields, FRICTION_UNITS)
+    count = len(fields.numbers("stiffnesses"))
+    shapes = {"directions": (count, 6), "stiffnesses": (count,), "growth": (count, 6)}
+    return Sliders.checked(*(fields.numbers(name, shape=shape) for name, shape in shapes.items()))
 
 
 def _matrix(terms: Fields, name: str, shape: tuple[int, ...]) -> Array:

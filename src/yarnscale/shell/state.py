@@ -33,7 +33,7 @@ class ClothState:
     energy [rad], needed only for cloth folded by more than π (None: computed from the positions). before: the
     state one step earlier, for two-step integrators (None: they begin with one step of implicit Euler).
     obstacles: actual points of moving obstacles [m] (None: as prescribed). slips: of contacts
-    with friction (None: none).
+    with friction (None: none). memory: of friction inside the fabric, (blocks, M, BLOCK) of its elements (None: slack).
     """
 
     positions: Array
@@ -43,6 +43,7 @@ class ClothState:
     before: Earlier | None = None
     obstacles: Array | None = None
     slips: Slips | None = None
+    memory: Array | None = None
 
     @classmethod
     def flat(cls, mesh: TriangleMesh, *, height: float = 0.0) -> ClothState:

@@ -138,6 +138,7 @@ class ClothSolver(Body[ClothState]):
             remembered(integrator, state.positions, state.velocities, duration) if inertia else None,
             obstacles if len(obstacles) else None,
             self.contact.slips(solution.x.reshape(-1, 3)),
+            self.energy.remembered(positions),
         )
         inertial = masses.weight * (positions - centre).ravel()
         return Step.of(new, solution, duration, float(np.linalg.norm(inertial)) / self.scale)
@@ -224,6 +225,7 @@ class ClothSolver(Body[ClothState]):
         if state.fold_angles is not None:
             self.energy.elements.set_reference_angles(state.fold_angles)
         self._follow(state.positions)
+        self.energy.begin_step(state.positions, state.memory)
 
     def _follow(self, x: Array) -> None:
         self.energy.follow(x.reshape(-1, 3)[: len(self.masses)])

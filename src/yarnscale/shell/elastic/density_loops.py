@@ -40,6 +40,24 @@ def shared_densities(
 
 
 @numba.njit(**FAST)
+def remembered_densities(
+    constants: NDArray, memory: NDArray, address: int, forms: NDArray, densities: NDArray, stress: NDArray,
+    moduli: NDArray,
+) -> None:  # fmt: skip
+    """The same of a material whose elements also have a memory each, (nb, M, B)."""
+    lanes = forms.shape[2]
+    pointers = np.empty(6, np.int64)
+    for b in range(forms.shape[0]):
+        pointers[0], pointers[1], pointers[2] = (forms[b].ctypes.data, constants.ctypes.data, memory[b].ctypes.data)
+        pointers[3] = densities[b].ctypes.data
+        if len(stress):
+            pointers[4] = stress[b].ctypes.data
+        if len(moduli):
+            pointers[5] = moduli[b].ctypes.data
+        call_kernel(address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
+
+
+@numba.njit(**FAST)
 def _run(
     address: int,
     forms: NDArray,

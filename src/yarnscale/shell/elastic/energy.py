@@ -18,7 +18,7 @@ from yarnscale.arrays import Array
 from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
 from yarnscale.numerics.kernel import BLOCK, Kernel
 from yarnscale.numerics.threads import available_threads, run_parts
-from yarnscale.shell.elastic.density_loops import shared_densities, spline_densities
+from yarnscale.shell.elastic.density_loops import remembered_densities, shared_densities, spline_densities
 from yarnscale.shell.elastic.element_loops import (
     add_positive_hessian,
     exact_hessian_of_blocks,
@@ -28,6 +28,7 @@ from yarnscale.shell.elastic.element_loops import (
 from yarnscale.shell.elastic.elements import FreeEdges, shell_elements
 from yarnscale.shell.elastic.moduli import positive_moduli
 from yarnscale.shell.elastic.strain import follow_angles, form_kernels
+from yarnscale.shell.materials.history import ElementFriction
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.mesh import TriangleMesh
 
@@ -60,7 +61,8 @@ class ElementMaterial(Protocol):
 class ShellEnergy:
     """Elastic energy of a mesh of one material at positions (nv, 3) [m].
 
-    Fold angles are relative to reference angles stored here; call ``follow`` after every accepted step.
+    Fold angles are relative to reference angles stored here; call ``follow`` after every accepted step. Of a material
+    with friction it is the energy of the next step, whose beginning ``begin_step`` sets.
     threads: parts of the mesh that are evaluated in parallel, None for the number of processors.
     """
 
@@ -83,6 +85,8 @@ class ShellEnergy:
         self.pattern = blocks.pattern
         self._slots = np.ascontiguousarray(blocks.slots(unknowns).transpose(0, 2, 1))
         count = self.elements.blocks
+        self.friction = ElementFriction.of(material)
+        self.memory = np.empty((count, 0, BLOCK))
         self._forms, self._densities = np.empty((count, 6, BLOCK)), np.empty((count, BLOCK))
         self._nothing = np.empty((0, 0, 0))
         parts = min(available_threads() if threads is None else threads, max(1, count // LEAST_BLOCKS))
@@ -103,6 +107,17 @@ class ShellEnergy:
 
         return max(run_parts(part, self._parts))
 
+    def begin_step(self, positions: Array, memory: Array | None) -> None:
+        """Let the next step begin with what friction remembers; None: with slack springs at positions (nv, 3)."""
+        if self.friction is not None:
+            if memory is None:
+                memory = self.friction.slack(self.elements.forms(positions))
+            self.memory = np.ascontiguousarray(memory)
+
+    def remembered(self, positions: Array) -> Array | None:
+        """What friction remembers (blocks, M, BLOCK) after the step to positions (nv, 3); None without friction."""
+        return None if self.friction is None else self.friction.after(self.elements.forms(positions), self.memory)[0]
+
     def value(self, positions: Array) -> float:
         """Energy [J]; inf for inadmissible states."""
         total = float(np.vdot(self._evaluated(positions), self.elements.areas))
@@ -119,7 +134,7 @@ class ShellEnergy:
         def part(blocks: slice) -> None:
             stencils, geometry = elements.stencils[blocks], elements.geometry[blocks]
             forms_of_blocks(positions, stencils, geometry, address, nothing, self._forms[blocks])
-            self._evaluate(self._forms[blocks], self._densities[blocks], nothing, nothing)
+            self._evaluate(blocks, self._densities[blocks], nothing, nothing)
 
         run_parts(part, self._parts)
         return self._densities
@@ -136,7 +151,7 @@ class ShellEnergy:
             jacobian, stress = result.jacobian[blocks], result.stress[blocks]
             forms_of_blocks(result.positions, stencils, geometry, address, jacobian, self._forms[blocks])
             second = result.moduli[blocks] if moduli else self._nothing
-            self._evaluate(self._forms[blocks], self._densities[blocks], stress, second)
+            self._evaluate(blocks, self._densities[blocks], stress, second)
             gradient = np.zeros_like(result.positions)
             gradient_of_blocks(jacobian, stress, elements.areas[blocks], stencils, gradient)
             return gradient
@@ -188,15 +203,19 @@ class ShellEnergy:
         found = run_parts(part, self._parts)
         return sum_of([values for values, _ in found])[:-1], sum(count for _, count in found)
 
-    def _evaluate(self, forms: Array, densities: Array, stress: Array, moduli: Array) -> None:
+    def _evaluate(self, blocks: slice, densities: Array, stress: Array, moduli: Array) -> None:
         """Densities of blocks and, where there is room for them, their derivatives."""
-        material, kernels = self.material, self.material.kernels()
+        material, forms = self.material, self._forms[blocks]
+        kernels = material.kernels() if self.friction is None else self.friction.kernels.step
         kernel = kernels.second if len(moduli) else kernels.first if len(stress) else kernels.value
         if isinstance(material, SplineMaterial):
             spline_densities(material.packed, kernel.address, forms, densities, stress, moduli)
-            return
-        constants = np.ascontiguousarray(material.parameters(forms[0]))
-        shared_densities(constants, kernel.address, forms, densities, stress, moduli)
+        elif self.friction is not None:
+            constants, memory = self.friction.parameters, self.memory[blocks]
+            remembered_densities(constants, memory, kernel.address, forms, densities, stress, moduli)
+        else:
+            constants = np.ascontiguousarray(material.parameters(forms[0]))
+            shared_densities(constants, kernel.address, forms, densities, stress, moduli)
 
 
 LEAST_BLOCKS = 4

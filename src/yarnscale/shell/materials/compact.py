@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
+from yarnscale.shell.materials.friction import Sliders
 from yarnscale.shell.materials.material import (
     MaterialKernels,
     ShellMaterial,
@@ -76,7 +77,8 @@ class CompactMaterial(ShellMaterial):
     constant: c [J/m²]. scale: strains for which x is 1, (6,) [-, 1/m]. springs: the numbers. mirrored: whether both
     mirror images count. samples: some of the fitted states, (m, 6) strains [-, 1/m], which say where the energy may be
     trusted. spacing: how far in x a state may lie from the nearest of them. density: mass per area [kg/m²].
-    provenance: plain JSON values. Raises InputError on arrays that do not match or energies that fall without bound.
+    provenance: plain JSON values. sliders: friction inside the fabric (``shell.materials.friction``); energy, stress
+    and moduli are those without it. Raises InputError on arrays that do not match or energies that fall without bound.
     """
 
     constant: float
@@ -87,6 +89,7 @@ class CompactMaterial(ShellMaterial):
     samples: Array = field(default_factory=lambda: np.zeros((1, 6)))
     spacing: float = 1.0
     provenance: Mapping[str, object] = field(default_factory=dict)
+    sliders: Sliders | None = None
 
     def __post_init__(self) -> None:
         given = SpringNetwork(*(np.array(array, dtype=np.float64) for array in self.springs))

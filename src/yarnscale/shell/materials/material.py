@@ -40,19 +40,21 @@ class MaterialKernels:
 
 
 def compile_material(
-    energy: Callable[[ca.SX, ca.SX], ca.SX] | Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX, ca.SX]],
+    energy: Callable[..., ca.SX | tuple[ca.SX, ca.SX, ca.SX]],
     parameter_count: int,
     name: str,
     *,
     shared: bool = False,
+    memory_count: int = 0,
 ) -> MaterialKernels:
     """Kernels of an energy density given as a symbolic function of forms (6) and parameters.
 
     Where the function returns a tuple, it is ψ with its gradient (6) and second derivative (6, 6) by the strains.
-    shared: all elements have the same parameters.
+    shared: all elements have the same parameters. memory_count: numbers that each element remembers, a third argument.
     """
     forms, parameters = ca.SX.sym("forms", 6), ca.SX.sym("parameters", parameter_count)
-    found = energy(forms, parameters)
+    given = [forms, parameters, *([ca.SX.sym("memory", memory_count)] if memory_count else [])]
+    found = energy(*given)
     if isinstance(found, tuple):
         density, gradient, hessian = _by_form(forms, *found)
     else:
@@ -62,7 +64,6 @@ def compile_material(
     outputs, places = [density, ca.densify(gradient), ca.densify(lower)], (1,) if shared else ()
 
     def compiled(order: int, suffix: str) -> Kernel:
-        given = [forms, parameters]
         function = ca.Function(f"{name}_{suffix}", given, outputs[: order + 1], {"cse": True})
         return compile_kernel(function, function.name(), shared=places)
 
@@ -99,6 +100,10 @@ class ShellMaterial(ABC):
     @abstractmethod
     def kernels(self) -> MaterialKernels:
         """Compiled energy and derivatives, the same object for every material of a kind."""
+
+    def remembered(self, count: int) -> tuple[Array, ...]:
+        """What kernels take beside forms and parameters, for so many elements: nothing."""
+        return ()
 
     def __reduce__(self) -> tuple[object, ...]:
         """Copy and pickle by fields, since read-only mappings cannot be pickled."""
@@ -144,11 +149,11 @@ class ShellMaterial(ABC):
         forms[:, :count] = forms_of_strains(strains).T
         parameters = self.parameters(forms)
         psi, gradient, lower = np.empty((1, stride)), np.zeros((6, stride)), np.zeros((21, stride))
-        kernels = self.kernels()
+        kernels, given = self.kernels(), (forms, parameters, *self.remembered(stride))
         if order == 0:
-            kernels.value(stride, stride, forms, parameters, psi)
+            kernels.value(stride, stride, *given, psi)
         else:
-            kernels.second(stride, stride, forms, parameters, psi, gradient, lower)
+            kernels.second(stride, stride, *given, psi, gradient, lower)
         return psi[0, :count], gradient[:, :count], lower[:, :count]
 
 

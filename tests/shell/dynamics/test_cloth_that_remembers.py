@@ -1,0 +1,82 @@
+"""Cloth with friction inside: forces of loading and unloading, and resumed runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from yarnscale.files.checkpoint_file import CheckpointFile
+from yarnscale.motion.handles import Handle
+from yarnscale.motion.rigid import Motion
+from yarnscale.motion.run import simulate
+from yarnscale.motion.schedule import Schedule
+from yarnscale.shell.dynamics.cloth import Cloth
+from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
+from yarnscale.shell.materials.friction import Sliders
+from yarnscale.shell.materials.history import MaterialHistory
+from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.state import ClothState
+
+SCALE = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
+LENGTH, WIDTH, PULL = 0.06, 0.03, 0.006
+
+
+@pytest.fixture(scope="module")
+def material() -> CompactMaterial:
+    """10 N/m along the course, and a slider of 3/10 of the elastic stress."""
+    none = SpringNetwork(*(np.zeros(tuple(shape)) for shape in shapes_of(1, 1, 1)))
+    sliders = Sliders.checked(np.eye(6)[:1], np.array([30.0]), 0.01 * np.eye(6)[:1])
+    return CompactMaterial(0.0, SCALE, none._replace(background=np.full(6, 2.5)), density=0.2, sliders=sliders)
+
+
+def strip(material: CompactMaterial) -> tuple[Cloth, ClothState]:
+    """A strip whose end moves out within a second."""
+    mesh = rectangle(LENGTH, WIDTH, 0.01)
+    start, ends = ClothState.flat(mesh), []
+    for name, side, pull in (("left", -1.0, 0.0), ("right", 1.0, PULL)):
+        vertices = np.flatnonzero(side * mesh.panel[:, 0] > 0.5 * LENGTH - 1e-6)
+        ends.append(Handle(name, vertices, start.positions[vertices], Motion((pull, 0.0, 0.0), 0.0, 1.0, ease=False)))
+    return Cloth(mesh, material, tuple(ends), gravity=(0.0, 0.0, 0.0)), start
+
+
+def test_a_strip_pulled_out_and_back_has_the_forces_of_its_material(material: CompactMaterial) -> None:
+    cloth, state = strip(material)
+    solver, right = ClothSolver(cloth, SolverOptions(tolerance=1e-5)), cloth.handles[1]
+    history, lost = MaterialHistory.begin(material, np.zeros(6)), 0.0
+    forces = []
+    for time in [*np.linspace(0, 1, 9)[1:], *np.linspace(1, 0, 9)[1:]]:
+        step = solver.step(state, math.inf, until=float(time))
+        assert solver.keeps(step)
+        state, history = step.state, history.after(np.array([PULL * time / LENGTH, 0, 0, 0, 0, 0]))
+        lost += history.dissipated
+        forces.append(float(solver.pull(right, state)[0]))
+        assert forces[-1] == pytest.approx(WIDTH * history.force[0], abs=1e-3 * WIDTH)
+    assert lost > 0.0 and forces[8] < 0.7 * forces[6] and forces[-1] < 0.0
+    elastic = ClothSolver(strip(replace(material, sliders=None))[0])
+    assert elastic.energy.remembered(state.positions) is None
+
+
+def test_a_resumed_run_remembers(material: CompactMaterial, tmp_path) -> None:
+    cloth, start = strip(material)
+    schedule = Schedule(0.3, 0.05, to_rest=False, frame_interval=0.05)
+    file = CheckpointFile(tmp_path / "checkpoint.npz", ClothState, {"cloth": "strip"}, interval=0.0)
+    whole = simulate(ClothSolver(cloth), start, schedule)
+
+    class Killed(Exception):
+        pass
+
+    def stop(run) -> None:
+        file.write(run)
+        if run.steps == 3:
+            raise Killed
+
+    with pytest.raises(Killed):
+        simulate(ClothSolver(cloth), start, schedule, on_checkpoint=stop)
+    resumed = simulate(ClothSolver(cloth), start, schedule, resume=file.read())
+    assert whole.converged and whole.state.memory is not None
+    np.testing.assert_array_equal(resumed.state.positions, whole.state.positions)
+    np.testing.assert_array_equal(resumed.state.memory, whole.state.memory)
