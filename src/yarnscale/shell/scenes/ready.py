@@ -18,6 +18,7 @@ READY: dict[str, Callable[..., Scene]] = {
     "drape": partial(scene.drape, frame_interval=FRAME),
     "drape-on-ball": sheet_scenes.drape_on_ball,
     "hang": sheet_scenes.hang,
+    "bagging": sheet_scenes.bagging,
     "twist": sheet_scenes.twist,
     "ring": sheet_scenes.pull_through,
     "scarf": body_scenes.scarf,

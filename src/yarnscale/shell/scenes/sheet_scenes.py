@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,11 +17,15 @@ from yarnscale.motion.rigid import Motion
 from yarnscale.motion.schedule import FRAME, Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
+from yarnscale.shell.dynamics.solver import ClothSolver
 from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
+
+_KNEE = 0.02
+"""Radius of the ball that makes a bag [m]."""
 
 
 def _scene(
@@ -62,6 +67,35 @@ def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, durati
         Sphere((0.0, 0.0, -0.04), 0.03),
     )
     return _scene("drape-on-ball", mesh, start, material, duration, contact, pins, (ball,))
+
+
+@checked
+def bagging(material: ElementMaterial, *, spacing: float = 0.006, depth: float = 0.03, duration: float = 2.0) -> Scene:
+    """A sheet of 12 cm held at its edges, through which a ball swings like a knee; what remains is its bag.
+
+    depth: of the ball's lowest point [m], below 0.045; 0: it passes above. Measures: ``sag``, depth of the middle, and
+    ``mean_sag`` of the whole sheet [m]. An elastic sheet hangs as if there had been no ball.
+    """
+    if not (math.isfinite(depth) and 0.0 <= depth <= 0.045):
+        raise InputError("depth of the ball", expected="between 0 and 0.045 m", found=depth)
+    mesh = rectangle(0.12, 0.12, spacing)
+    start = ClothState.flat(mesh)
+    settings = ContactSettings(cloth_thickness(material, mesh), friction=0.2)
+    rim = np.flatnonzero(np.abs(mesh.panel).max(axis=1) > 0.06 - 0.5 * spacing)
+    height = _KNEE + 0.005
+    arm = height - _KNEE + depth if depth else 0.01
+    pivot = (0.0, 0.0, height if depth else height + arm)
+    swing = Motion((0.0, 0.0, 0.0), 0.2 * duration, 0.4 * duration, rotation=(0.0, -math.pi, 0.0), pivot=pivot)
+    ball = Sphere((-arm, 0.0, pivot[2]), _KNEE, swing)
+    handle = Handle("rim", rim, start.positions[rim])
+    scene = _scene("bagging", mesh, start, material, duration, settings, (handle,), (ball,))
+    middle = mesh.nearest_vertex(np.zeros(2))
+
+    def measure(solver: ClothSolver, state: ClothState) -> dict[str, float]:
+        heights = state.positions[:, 2]
+        return {"sag": -float(heights[middle]), "mean_sag": -float(solver.masses @ heights / solver.masses.sum())}
+
+    return replace(scene, measure=measure)
 
 
 @checked
