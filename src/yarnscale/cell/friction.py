@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,20 @@ from yarnscale.yarn.friction import Rubbing, YarnFriction
 
 Solve = Callable[[PeriodicCell, Equilibrium], Equilibrium | None]
 Control = TypeVar("Control", float, Array)
+
+
+class History(Protocol):
+    """Fabric with friction at the end of a step, a frozen dataclass; dissipated: in the step [J/m²]."""
+
+    @property
+    def dissipated(self) -> float: ...
+
+    def step(self, solve: Any) -> Any:
+        """The history after the next step; None where a solve found no equilibrium."""
+        ...
+
+
+Followed = TypeVar("Followed", bound=History)
 
 _HALVINGS = 4
 
@@ -101,13 +115,13 @@ def path_with_friction(start: CellHistory, strains: Iterable[ShellStrain]) -> It
 
 
 def followed(
-    start: CellHistory,
+    start: Followed,
     first: Control,
     values: Iterable[Control],
-    solver: Callable[[Control], Solve],
-) -> Iterator[CellHistory]:
+    solver: Callable[[Control], Any],
+) -> Iterator[Followed]:
     """``path_with_friction`` through values of what a step solves for, loads for instance; first: that of the start."""
-    here: CellHistory | None = start
+    here: Followed | None = start
     for value in values:
         here = _stepped(here, first, value, solver, _HALVINGS)
         if here is None:
@@ -117,12 +131,12 @@ def followed(
 
 
 def _stepped(
-    here: CellHistory,
+    here: Followed,
     before: Control,
     value: Control,
-    solver: Callable[[Control], Solve],
+    solver: Callable[[Control], Any],
     halvings: int,
-) -> CellHistory | None:
+) -> Followed | None:
     """The history one step on, through the state half-way where that fails; its dissipation is that of both."""
     found = here.step(solver(value))
     if found is not None or halvings == 0:
@@ -130,4 +144,6 @@ def _stepped(
     middle = 0.5 * (before + value)
     half = _stepped(here, before, middle, solver, halvings - 1)
     end = None if half is None else _stepped(half, middle, value, solver, halvings - 1)
-    return None if end is None or half is None else replace(end, dissipated=half.dissipated + end.dissipated)
+    if end is None or half is None:
+        return None
+    return replace(end, dissipated=half.dissipated + end.dissipated)  # type: ignore[type-var]

@@ -11,6 +11,7 @@ from yarnscale.cli.console import ProgressLine, plain_json, report, say
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
+from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material
 from yarnscale.files.newton_cloth import write_tests_table
@@ -20,6 +21,7 @@ from yarnscale.homogeneous.fabrics import fabric_of
 from yarnscale.laboratory.drape import drape_test
 from yarnscale.laboratory.homogeneous_tests import LOADS, default_curvatures
 from yarnscale.laboratory.programme import Difference, FabricTests, Programme, difference, run_tests
+from yarnscale.shell.materials.history import ElementFriction
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
@@ -28,8 +30,6 @@ def test(options: argparse.Namespace) -> int:
     """Test one fabric, or two side by side; write ``tests.json``, ``tests.csv`` and ``index.html``."""
     from yarnscale.show.laboratory import write_page
 
-    if options.friction is None:
-        refuse(options, ("cycles",), "--friction too")
     programme = Programme(
         options.directions, options.loads or LOADS, "free" if options.free_curvature else "flat", options.curvatures,
         None if options.friction is None else YarnFriction(options.friction), options.cycles,
@@ -40,9 +40,15 @@ def test(options: argparse.Namespace) -> int:
     yarns = {name: yarn_for(name, pattern, options.material) for name, pattern in drawn.items()}
     if not drawn:
         refuse(options, ("material", "radius"), "a pattern to test, not shell materials alone")
-    if shells:
-        refuse(options, ("friction",), "a pattern to test, not a shell material, which has no memory")
-    else:
+    elif programme.cycles is not None and options.friction is None:
+        refuse(options, ("cycles",), "--friction too, for yarns")
+    if not drawn:
+        refuse(options, ("friction",), "a pattern to test; a shell material has its own friction")
+    for name, shell in shells.items():
+        if programme.cycles is not None and ElementFriction.of(shell) is None:
+            expected = "a shell material with friction, which 'yarnscale homogenize --friction' makes"
+            raise InputError("cycles", where=name, expected=expected, found="one without")
+    if not shells:
         refuse(options, ("drape",), "a shell material, which 'yarnscale homogenize' makes, not a cell")
     makes = ("tests.json", "tests.csv", "index.html", "tension.png", "bending.png", "cycles.png", "drape.png")
     results = RunFolder(options.out, "test", makes, overwrite=options.overwrite)

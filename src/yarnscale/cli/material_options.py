@@ -31,6 +31,8 @@ def add_material_commands(add: Add) -> None:
     about = "From a yarn pattern to a shell material, with pictures and a page."
     option = add("homogenize", "materials", about, *sampling)
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    friction = "coefficient of friction of yarns: the material remembers how it was loaded (none)"
+    option("--friction", type=number, metavar="MU", help=friction)
     visited = "sample where this simulation went, too; with --resume"
     option("--visited", type=Path, metavar="RUN", help=visited)
     option(
@@ -103,5 +105,6 @@ def add_material_commands(add: Add) -> None:
     option("--free-curvature", action="store_true", help=free)
     friction = "coefficient of friction of yarns: tension, shear and bending in cycles, and no other test"
     option("--friction", type=number, metavar="MU", help=friction)
-    option("--cycles", type=int, default=1, metavar="N", help="cycles with friction (1)")
+    cycles = "cycles with friction (1), of yarns or of a shell material that 'homogenize --friction' made"
+    option("--cycles", type=int, metavar="N", help=cycles)
     option("--drape", action="store_true", help="simulate the Cusick drape test (shell materials)")

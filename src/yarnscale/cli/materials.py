@@ -34,6 +34,7 @@ from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 from yarnscale.shell.materials.spline_patches import PLANES
 from yarnscale.show.report import Picture, Section, Table, write_report
+from yarnscale.yarn.friction import YarnFriction
 
 PATTERN = "pattern.json"
 """In the folder of a homogenized pattern: what was sampled, a drawing as fabric at rest, with its yarn."""
@@ -75,10 +76,12 @@ def _settings(options: argparse.Namespace) -> dict[str, object]:
         {name: value for name in names if (value := getattr(options, name)) is not None}
         for names in (("solves",), _LOADS, _RANGES)
     )
+    if options.friction is not None:
+        loads["friction"] = YarnFriction(options.friction)
     if options.form == "compact":
         refuse(options, (*_RANGES, *_ABLATIONS), "--form hylc2020 with it")
     else:
-        refuse(options, _LOADS, "--form compact with it")
+        refuse(options, (*_LOADS, "friction"), "--form compact with it")
         settings = {"pairs": not options.one_dimensional, "even_knots": options.even_knots}
         if options.smoothing is not None:
             settings["smoothing"] = options.smoothing
@@ -126,6 +129,9 @@ def homogenize(options: argparse.Namespace) -> int:
         f"  error of the stress at {errors.states} unseen states, each over its own size: median "
         f"{100 * errors.median:.2g} %, 95th percentile {100 * errors.high:.2g} %",
     ]
+    missed = _friction_error(outcome)
+    if missed is not None:
+        lines.append(f"  friction {missed[0]:g}: its stress in cycles differs by {100 * missed[1]:.0f} % of its size")
     if summary.ended:
         lines.append(f"  {summary.ended} rays of loads ended early, where the fabric is unstable or rolls up")
     if summary.pending:
@@ -136,8 +142,19 @@ def homogenize(options: argparse.Namespace) -> int:
         "stress_error_median": errors.median, "stress_error_95": errors.high,
         "material_file": str(folder / "material.json"),
     }  # fmt: skip
+    if missed is not None:
+        found |= {"friction": missed[0], "friction_error": missed[1]}
     report(options, yarn.summary | found, *lines, f"{folder / 'index.html'}: pictures and numbers")
     return 1 if failed else 0
+
+
+def _friction_error(outcome: Homogenization) -> tuple[float, float] | None:
+    """Coefficient of friction and error of its stress in cycles; None where the material has none."""
+    material = outcome.material
+    if not isinstance(material, CompactMaterial) or material.sliders is None:
+        return None
+    record: Any = material.provenance["friction"]
+    return float(record["coefficient"]), float(record["error"])
 
 
 def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool = False) -> RunFolder:
@@ -240,6 +257,11 @@ def _section(outcome: Homogenization, pictures: list[Picture]) -> Section:
         "the yarn radius), at states that the fit has not seen.",
     )
     text = ["One energy of one-sided springs, fitted to energies, stresses and moduli of cells under loads."]
+    missed = _friction_error(outcome)
+    if missed is not None:
+        text.append(
+            f"Friction of yarns {missed[0]:g}: its stress in cycles differs by {100 * missed[1]:.0f} % of its size."
+        )
     if not isinstance(outcome.material, CompactMaterial):
         text = ["A sum of one- and two-dimensional splines (HYLC20 eq. 31–32)."]
     return Section("Shell material", text, [table], pictures)

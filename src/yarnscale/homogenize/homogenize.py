@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +15,8 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_compact_material
+from yarnscale.homogenize.friction_fit import with_friction
+from yarnscale.homogenize.friction_paths import friction_paths
 from yarnscale.homogenize.load_samples import UNSEEN_SHARE, sample_loads
 from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
 from yarnscale.homogenize.published_fit import (
@@ -22,7 +25,7 @@ from yarnscale.homogenize.published_fit import (
     fit_spline_material,
     strains_of,
 )
-from yarnscale.homogenize.rays import SOLVES
+from yarnscale.homogenize.rays import SOLVES, largest_load
 from yarnscale.homogenize.sample import SampleSummary, SamplingProgress, check_resumable, create_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
@@ -30,6 +33,7 @@ from yarnscale.kinematics import strain_units
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.yarn.friction import YarnFriction
 
 Form = Literal["compact", "hylc2020"]
 FEWEST_UNSEEN = 10
@@ -90,6 +94,7 @@ def homogenize(
     workers: int = 2,
     dask: str | None = None,
     resume: bool = False,
+    friction: YarnFriction | None = None,
     progress: Callable[[SamplingProgress], None] | None = None,
 ) -> Homogenization:
     """Sample a cell, fit a material, and judge it on states that it has not seen.
@@ -97,8 +102,9 @@ def homogenize(
     form: "compact" samples along loads up to ``limit`` [N/m] and where a simulation went (strains ``visited``, (n, 6));
     "hylc2020" samples axes and planes of a ``range`` of strains for the published splines. solves: about how many
     equilibria. options: of the fit of that form. folder: gets the stores ``samples`` and ``unseen``. resume: go on with
-    the stores that are there. dask: address of a scheduler, whose workers take the place of processes. Raises
-    InputError for a store of another run.
+    the stores that are there. friction: of the yarns, in the form "compact": the material has sliders then, see
+    ``friction_fit``. dask: address of a scheduler, whose workers take the place of processes. Raises InputError for a
+    store of another run.
     """
     if form == "compact":
         if range is not None:
@@ -111,7 +117,12 @@ def homogenize(
         )  # fmt: skip
         samples, unseen, summary = found.samples, found.unseen, found.summary
         material: CompactMaterial | SplineMaterial = fit(found.store, options=options)
+        if friction is not None and friction.coefficient > 0:
+            largest = limit or largest_load(cell)
+            material = remembering(cell, material, friction, limit=largest, workers=workers, progress=progress)
     else:
+        if friction is not None:
+            raise InputError("friction", expected="the form compact with it", found=form)
         if limit is not None or visited is not None:
             raise InputError("loads", expected="the form compact with them; a range of strains is sampled")
         if not isinstance(options, PublishedOptions | None):
@@ -123,6 +134,22 @@ def homogenize(
     if errors.states:
         material = replace(material, provenance={**material.provenance, "unseen": errors._asdict()})
     return Homogenization(material, samples, unseen, errors, summary)
+
+
+def remembering(
+    cell: PeriodicCell, material: CompactMaterial, friction: YarnFriction, *, limit: float, workers: int = 1,
+    progress: Callable[[SamplingProgress], None] | None = None,
+) -> CompactMaterial:  # fmt: skip
+    """The elastic material with friction fitted to paths of its cell up to loads of ``limit`` [N/m]."""
+    begun = time.monotonic()
+
+    def walked(done: int, total: int) -> None:
+        if progress is not None:
+            spent = time.monotonic() - begun
+            progress(SamplingProgress(done, total, done, spent, spent * (total - done) / done))
+
+    paths = friction_paths(cell, material, friction, limit=limit, workers=workers, progress=walked)
+    return with_friction(material, paths, friction.coefficient)
 
 
 def errors_at(material: ShellMaterial, states: FabricStates) -> StressErrors:

@@ -97,7 +97,7 @@ def load_rays(
     """
     least = _LEAST * GRAVITY * 0.01 * cell.area_density
     most = doubling_load(cell)
-    limit = min(LIMIT, 0.25 * most) if limit is None else limit
+    limit = largest_load(cell) if limit is None else limit
     if not 10 * least < limit <= most:
         expected = f"between {10 * least:.2g} and {most:.3g}, at which the yarn is twice as long"
         raise InputError("largest load [N/m]", expected=expected, found=limit)
@@ -117,6 +117,11 @@ def load_rays(
         rays.append(ray)
         spent += len(ray.levels) * (1.0 if ray.kind == "strain" else _PER_LEVEL)
     return rays
+
+
+def largest_load(cell: PeriodicCell) -> float:
+    """Largest load by default [N/m]."""
+    return min(LIMIT, 0.25 * doubling_load(cell))
 
 
 def doubling_load(cell: PeriodicCell) -> float:

@@ -1,4 +1,4 @@
-"""Cycles of tension, shear and bending of a cell with friction: loops, and how much of the work comes back.
+"""Cycles of tension, shear and bending of fabric with friction: loops, and how much of the work comes back.
 
 A cycle of tension goes from no load through rising loads and back; one of shear or bending to one side and back, then
 to the other. Every test begins at rest with slack contacts; cycles follow each other without a pause.
@@ -8,27 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from yarnscale.arrays import Array
-from yarnscale.cell.equilibrium import Equilibrium
-from yarnscale.cell.friction import CellHistory, Solve, followed
+from yarnscale.cell.friction import followed
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.homogeneous.fabrics import CellFabric, Response
-from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under
+from yarnscale.homogeneous.fabrics import HomogeneousFabric
+from yarnscale.homogeneous.histories import FabricHistory, history_of, loaded_state, under_loads
+from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed
 from yarnscale.laboratory import homogeneous_tests as tests
-from yarnscale.numerics.newton import Status
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
 STEPS = 4
 """Steps between the values at which points are measured."""
 _PRE_TENSION_STEPS = 4
-_KEPT = 5
-"""Responses that have the same moduli."""
 _UNITS = {"tension": "N/m", "shear": "degrees", "bending": "1/m"}
 """Of the values at which points are measured."""
 _OPTIONS = {"tension": "loads", "bending": "curvatures"}
@@ -106,21 +103,22 @@ class CycledTest:
     name: str
     direction: float
     sides: tuple[tuple[float, ...], ...]
-    solver: Callable[[float], Solve]
+    solver: Callable[[float], Any]
     point: Callable[[float, LoadedState], Any]
     read: Callable[[Any], Pair]
     held: Prescribed
     pre_tension: float = 0.0
     unit: float = 1.0
 
-    def run(self, cell: PeriodicCell, friction: YarnFriction, cycles: int) -> tuple[list[Any], list[Cycle]]:
-        """Points of the first leg from zero, and the cycles."""
-        rest = equilibrium_under(CellFabric(cell), Loads(), prescribed=self.held)
-        here = CellHistory.begin(cell, friction, rest.response.state) if rest.converged else None
+    def run(
+        self, subject: PeriodicCell | ShellMaterial, friction: YarnFriction | None, cycles: int
+    ) -> tuple[list[Any], list[Cycle]]:
+        """Points of the first leg from zero, and the cycles; friction: of a cell's yarns."""
+        here = history_of(subject, friction, self.held)
         stopped = "" if here is not None else "no equilibrium without load; relax the pattern first (yarnscale pattern)"
         if here is not None and self.pre_tension:
             pulls = np.linspace(0.0, self.pre_tension, _PRE_TENSION_STEPS + 1)[1:].tolist()
-            found = list(followed(here, 0.0, pulls, lambda pull: loaded(tests.both_ways(pull, pull), self.held)))
+            found = list(followed(here, 0.0, pulls, lambda pull: under_loads(tests.both_ways(pull, pull), self.held)))
             here = found[-1] if len(found) == len(pulls) else None
             stopped = "" if here is not None else f"no equilibrium under the tension of {pulls[len(found)]:.4g} N/m"
         first: list[Any] = []
@@ -137,8 +135,8 @@ class CycledTest:
         return first, done
 
     def _leg(
-        self, here: CellHistory | None, values: Sequence[float]
-    ) -> tuple[list[Any], list[Any], CellHistory | None, float | None]:
+        self, here: FabricHistory | None, values: Sequence[float]
+    ) -> tuple[list[Any], list[Any], FabricHistory | None, float | None]:
         """Points at values after the first; of all steps displacement, force, dissipated, measured; the end; the value
         that was not reached from the one before."""
         points, trace, lost = [], [], None
@@ -153,7 +151,7 @@ class CycledTest:
             ]
             lost = steps[len(found)] if here is not None and len(found) < STEPS else lost
             here = found[-1] if len(found) == STEPS else None
-            points.append(self.point(last, _loaded_state(here)))
+            points.append(self.point(last, loaded_state(here)))
         return points, trace, here, lost
 
     def _stopped(self, number: int, leg: int, value: float) -> str:
@@ -164,8 +162,8 @@ class CycledTest:
         leg_name = ("loading", "unloading")[leg]
         return f"no equilibrium at {value:.4g} {_UNITS[self.name]}, {leg_name} of cycle {number}{option}"
 
-    def _read(self, value: float, history: CellHistory) -> Pair:
-        return self.read(self.point(value, _loaded_state(history)))
+    def _read(self, value: float, history: FabricHistory) -> Pair:
+        return self.read(self.point(value, loaded_state(history)))
 
     def _cycle(self, number: int, legs: Sequence[Sequence[Sequence[tuple[Pair, float, bool]]]], stopped: str) -> Cycle:
         steps = [sum(1 + STEPS * len(side) for side in self.sides)] * 2
@@ -183,59 +181,8 @@ class CycledTest:
         return Cycle(self.name, self.direction, number, measured[0], measured[1], there, back, lost, status, where)
 
 
-@dataclass(frozen=True, eq=False)
-class _RareModuli(CellFabric):
-    """A cell whose moduli, which cost several solves, are those of an earlier response most of the time."""
-
-    known: list[Array]
-
-    def moduli(self, response: Response) -> Array:
-        """Moduli (6, 6) there, or at one of the last responses."""
-        fresh = len(self.known) % _KEPT == 0
-        self.known.append(super().moduli(response) if fresh else self.known[-1])
-        return self.known[-1]
-
-
-def loaded(loads: Loads, prescribed: Prescribed) -> Solve:
-    """The solve of a step under loads with some strains prescribed.
-
-    Its iterations use moduli of earlier responses; whether it ends at a minimum, its own moduli decide.
-    """
-    known: list[Array] = []
-
-    def solve(cell: PeriodicCell, near: Equilibrium) -> Equilibrium | None:
-        fabric, strain = _RareModuli(cell, known), near.strain.vector
-        start = fabric.response(strain, Response(strain, near.energy_density, near.stress, state=near))
-        found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start)
-        if not found.converged:
-            return None
-        known[:] = [_moduli(cell, found.response.state)]
-        found = replace(found, moduli=known[0])
-        found = equilibrium_under(CellFabric(cell), loads, prescribed=prescribed, start=found)
-        return found.response.state if found.converged else None
-
-    return solve
-
-
-def _moduli(cell: PeriodicCell, state: Equilibrium) -> Array:
-    """Moduli (6, 6), NaN on the verge of buckling."""
-    try:
-        return cell.moduli(state)
-    except ArithmeticError:
-        return np.full((6, 6), np.nan)
-
-
-def _loaded_state(history: CellHistory | None) -> LoadedState:
-    """A step's end as the tests without friction know it; None: it was not reached."""
-    nothing = np.full((6, 6), np.nan)
-    if history is None:
-        return LoadedState(Response(nothing[0], np.nan, nothing[0]), nothing, np.nan, Status.STALLED, 0)
-    state = history.state
-    return LoadedState(Response(state.strain.vector, history.stored, state.stress), nothing, 0.0, Status.CONVERGED, 0)
-
-
 def cycled_tests(
-    cell: PeriodicCell,
+    fabric: HomogeneousFabric,
     directions: Sequence[float],
     loads: Sequence[float],
     curvature: str,
@@ -246,24 +193,25 @@ def cycled_tests(
     for direction in directions:
         angle = math.radians(direction)
         yield CycledTest(
-            "tension", direction, (tuple(loads),), lambda load, angle=angle: loaded(Loads.tension(angle, load), held),
+            "tension", direction, (tuple(loads),),
+            lambda load, angle=angle: under_loads(Loads.tension(angle, load), held),
             lambda load, state, direction=direction: tests.tension_point(direction, load, state),
             lambda point: (point.stretch, point.load), held,
         )  # fmt: skip
     angles, pull = tests.SHEAR_ANGLES, tests.SHEAR_TENSION
     pulls = tests.both_ways(pull, pull)
     yield CycledTest(
-        "shear", 0.0, (angles, tuple(-a for a in angles)), lambda angle: loaded(pulls, tests.sheared(angle)),
+        "shear", 0.0, (angles, tuple(-a for a in angles)), lambda angle: under_loads(pulls, tests.sheared(angle)),
         lambda angle, state: tests.shear_point(angle, pull, state), lambda point: (point.angle, point.force),
         tests.sheared(0.0), pull, math.radians(1.0),
     )  # fmt: skip
-    values = tests.default_curvatures(CellFabric(cell)) if curvatures is None else curvatures
+    values = tests.default_curvatures(fabric) if curvatures is None else curvatures
     sides = tuple(tuple(sorted((v for v in values if side * v > 0), key=abs)) for side in (1.0, -1.0))
     for direction in tests.BENDING_DIRECTIONS:
         angle = math.radians(direction)
         yield CycledTest(
             "bending", direction, tuple(side for side in sides if side),
-            lambda value, angle=angle: loaded(Loads(), Prescribed.bent(angle, value)),
+            lambda value, angle=angle: under_loads(Loads(), Prescribed.bent(angle, value)),
             lambda value, state, direction=direction: tests.bending_point(direction, value, state),
             lambda point: (point.curvature, point.moment), FLAT,
         )  # fmt: skip

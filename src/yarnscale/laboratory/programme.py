@@ -32,6 +32,7 @@ from yarnscale.laboratory.summary import (
     shear_summary,
     tensile_summary,
 )
+from yarnscale.shell.materials.history import ElementFriction
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
@@ -48,8 +49,8 @@ class Programme:
     """Which tests: ``directions`` [degrees from the course] and ``loads`` [N/m] of the tension tests.
 
     curvature: "flat" or "free" under tension, see ``tension``. curvatures: [1/m] of bending and twist; None:
-    ``default_curvatures`` of the fabric. friction: of yarns; with it tension, shear under tension and bending go
-    through ``cycles``, and nothing else is tested.
+    ``default_curvatures`` of the fabric. cycles: of tension, shear under tension and bending, instead of all other
+    tests; None: no cycles, or one where there is friction. friction: of a cell's yarns; a shell material has its own.
     """
 
     directions: tuple[float, ...] = tests.DIRECTIONS
@@ -57,7 +58,7 @@ class Programme:
     curvature: str = "flat"
     curvatures: tuple[float, ...] | None = None
     friction: YarnFriction | None = None
-    cycles: int = 1
+    cycles: int | None = None
 
     def __post_init__(self) -> None:
         tests.checked_loads(self.loads)
@@ -67,7 +68,9 @@ class Programme:
             raise InputError("curvature", expected="flat or free", found=self.curvature)
         if self.curvatures is not None and not np.isfinite(self.curvatures).all():
             raise InputError("curvatures", expected="finite numbers [1/m]", found=self.curvatures)
-        if self.cycles < 1:
+        if self.friction is not None and self.cycles is None:
+            object.__setattr__(self, "cycles", 1)
+        if self.cycles is not None and self.cycles < 1:
             raise InputError("cycles", expected="one or more", found=self.cycles)
 
     def steps(self) -> Iterator[tuple[str, Callable[[HomogeneousFabric], list[Any]]]]:
@@ -178,6 +181,7 @@ class FabricTests:
         }
         if self.friction is not None:
             content["friction"] = self.friction
+        if self.cycles:
             content["cycles"] = {
                 name: [c.plain() for c in self.cycles if c.test == name] for name in ("tension", "shear", "bending")
             }
@@ -222,12 +226,12 @@ def run_tests(
         fabric = fabric_of(subject) if isinstance(subject, ShellMaterial) else subject
         density, own = subject.density, type(subject).__name__
     programme, found = programme or Programme(), defaultdict[str, list[Any]](list)
-    steps = list(programme.steps()) if programme.friction is None else list(_cycled_steps(subject, programme))
+    steps = list(programme.steps()) if programme.cycles is None else list(_cycled_steps(subject, fabric, programme))
     for number, (test_name, test) in enumerate(steps):
         if progress is not None:
             progress(number, len(steps))
         points = test(fabric)
-        if programme.friction is not None:
+        if programme.cycles is not None:
             points, cycles = points
             found["cycles"] += cycles
         found[test_name] += points
@@ -240,14 +244,18 @@ def run_tests(
     )  # fmt: skip
 
 
-def _cycled_steps(subject: object, programme: Programme) -> Iterator[tuple[str, Callable[[Any], Any]]]:
-    """The tests of a cell with friction; each gives its points and its cycles."""
-    friction = programme.friction
-    if not isinstance(subject, PeriodicCell) or friction is None:
-        raise InputError("friction", expected="yarns: a pattern", found="a shell material, which has no memory")
+def _cycled_steps(
+    subject: object, fabric: HomogeneousFabric, programme: Programme
+) -> Iterator[tuple[str, Callable[[Any], Any]]]:
+    """The tests of fabric with friction; each gives its points and its cycles."""
+    if isinstance(subject, PeriodicCell):
+        if programme.friction is None:
+            raise InputError("cycles", expected="friction of the yarns with them", found="none")
+    elif not isinstance(subject, ShellMaterial) or ElementFriction.of(subject) is None:
+        raise InputError("cycles", expected="yarns, or a shell material with friction", found="one without memory")
     options = (programme.directions, programme.loads, programme.curvature, programme.curvatures)
-    for test in cycled_tests(subject, *options):
-        yield test.name, lambda _, test=test: test.run(subject, friction, programme.cycles)
+    for test in cycled_tests(fabric, *options):
+        yield test.name, lambda _, test=test: test.run(subject, programme.friction, programme.cycles or 1)
 
 
 @dataclass(frozen=True)

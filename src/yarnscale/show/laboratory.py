@@ -175,8 +175,9 @@ def numbers_section(tests: FabricTests) -> Section:
         drape: list[list[Cell]] = [[100 * tests.drape.coefficient, tests.drape.folds, tests.drape.status]]
         tables.append(Table(["drape coefficient [%]", "folds", "status"], drape, "Cusick drape, 30 cm on 18 cm."))
     text = ["Yarns without friction return all work: hysteresis and resilience (2HG, 2HB, RT) are not known."]
-    if tests.friction is not None:
-        text = [f"Friction of yarns {tests.friction:g}; hysteresis and resilience are those of the first cycle."]
+    if tests.cycles:
+        yarns = "" if tests.friction is None else f"Friction of yarns {tests.friction:g}. "
+        text = [f"{yarns}Hysteresis and resilience are those of the first cycle."]
     return Section(f"{tests.subject} ({tests.kind})", text, tables)
 
 

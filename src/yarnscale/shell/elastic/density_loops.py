@@ -54,7 +54,7 @@ def remembered_densities(
             pointers[4] = stress[b].ctypes.data
         if len(moduli):
             pointers[5] = moduli[b].ctypes.data
-        call_kernel(address, lanes, lanes, pointers)  # pyright: ignore[reportCallIssue]
+        call_address(address, (lanes, lanes, pointers))
 
 
 @numba.njit(**FAST)

@@ -1,0 +1,102 @@
+"""Fabric with friction under loads, step by step: a periodic cell of yarns, or a shell material that remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from yarnscale.arrays import Array
+from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.friction import CellHistory
+from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.homogeneous.fabrics import CellFabric, MaterialFabric, Response
+from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
+from yarnscale.numerics.newton import Status
+from yarnscale.shell.materials.history import MaterialHistory
+from yarnscale.shell.materials.material import ShellMaterial
+from yarnscale.yarn.friction import YarnFriction
+
+FabricHistory = CellHistory | MaterialHistory
+_KEPT = 5
+"""Responses that have the same moduli."""
+
+
+def history_of(
+    subject: PeriodicCell | ShellMaterial, friction: YarnFriction | None, prescribed: Prescribed
+) -> FabricHistory | None:
+    """A history that begins without load under prescribed strains, with slack contacts; None where it has no rest.
+
+    friction: of the yarns of a cell; a shell material has its own. Raises InputError for one without friction.
+    """
+    if isinstance(subject, PeriodicCell) and friction is not None:
+        rest = equilibrium_under(CellFabric(subject), Loads(), prescribed=prescribed)
+        return CellHistory.begin(subject, friction, rest.response.state) if rest.converged else None
+    if not isinstance(subject, ShellMaterial):
+        raise TypeError(f"no friction of a {type(subject).__name__}")
+    begun = MaterialHistory.begin(subject, np.zeros(6))
+    rest = equilibrium_under(MaterialFabric(subject), Loads(), prescribed=prescribed)
+    return MaterialHistory.begin(begun.material, rest.strain) if rest.converged else None
+
+
+@dataclass(frozen=True, eq=False)
+class _RareModuli(CellFabric):
+    """A cell whose moduli, which cost several solves, are those of an earlier response most of the time."""
+
+    known: list[Array]
+
+    def moduli(self, response: Response) -> Array:
+        """Moduli (6, 6) there, or at one of the last responses."""
+        fresh = len(self.known) % _KEPT == 0
+        self.known.append(super().moduli(response) if fresh else self.known[-1])
+        return self.known[-1]
+
+
+def under_loads(loads: Loads, prescribed: Prescribed) -> Callable[[Any, Any], Any]:
+    """The solve of a step (``step`` of either history) under loads with some strains prescribed.
+
+    Iterations of a cell use moduli of earlier responses; whether it ends at a minimum, its own moduli decide.
+    """
+    known: list[Array] = []
+
+    def of_cell(cell: PeriodicCell, near: Equilibrium) -> Equilibrium | None:
+        fabric, strain = _RareModuli(cell, known), near.strain.vector
+        start = fabric.response(strain, Response(strain, near.energy_density, near.stress, state=near))
+        found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start)
+        if not found.converged:
+            return None
+        known[:] = [_moduli(cell, found.response.state)]
+        found = replace(found, moduli=known[0])
+        found = equilibrium_under(CellFabric(cell), loads, prescribed=prescribed, start=found)
+        return found.response.state if found.converged else None
+
+    def solve(subject: PeriodicCell | MaterialHistory, near: Any) -> Any:
+        if isinstance(subject, PeriodicCell):
+            return of_cell(subject, near)
+        fabric = MaterialFabric(subject)
+        found = equilibrium_under(fabric, loads, prescribed=prescribed, start=fabric.response(near))
+        return found.strain if found.converged else None
+
+    return solve
+
+
+def _moduli(cell: PeriodicCell, state: Equilibrium) -> Array:
+    """Moduli (6, 6), NaN on the verge of buckling."""
+    try:
+        return cell.moduli(state)
+    except ArithmeticError:
+        return np.full((6, 6), np.nan)
+
+
+def loaded_state(history: FabricHistory | None) -> LoadedState:
+    """A step's end as tests without friction know it; None: it was not reached."""
+    nothing = np.full((6, 6), np.nan)
+    if history is None:
+        return LoadedState(Response(nothing[0], np.nan, nothing[0]), nothing, np.nan, Status.STALLED, 0)
+    if isinstance(history, CellHistory):
+        strain, stress = history.state.strain.vector, history.state.stress
+    else:
+        strain, stress = history.strain, history.force
+    return LoadedState(Response(strain, history.stored, stress), nothing, 0.0, Status.CONVERGED, 0)
