@@ -15,6 +15,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from knit_interior import interior
 from scipy.optimize import root, root_scalar
 
 from yarnscale.cell import PeriodicCell
@@ -22,7 +23,6 @@ from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_static import Holds, Rest, rod_equilibrium, safe_path
-from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.kkt import ConstrainedSolver

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +13,12 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.material import YarnMaterial
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from knit_interior import interior
 
 PATTERN = library.build("stockinette")
 SOFT = YarnMaterial.preset("hylc2020-stockinette")

@@ -85,9 +85,9 @@ class SampleStore:
     strains are found, NaN. ``rays``: their plain descriptions.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: str | Path) -> None:
         """Open an existing store; InputError where there is none or it has other contents."""
-        self.path = path
+        self.path = path = Path(path)
         try:
             group = zarr.open_group(str(path), mode="r")
         except Exception as error:

@@ -1,5 +1,7 @@
 """What a knit does away from its edges: strain, stress and yarn of its stitches, to compare with a periodic cell.
 
+Part of ``direct_stretch.py``.
+
 Yarns slide through a knit, so that a vertex does not identify its stitch. Stitches are found by the
 legs of their loops, which run up and down the wale; from the middle between the legs of one loop to that of the next is
 one stitch. Its middle is the mean of its yarn, as the middle surface of a cell; its stress the virial of the forces in
