@@ -24,8 +24,8 @@ from yarnscale.files.repeats import one_repeat
 from yarnscale.files.source_text import read_source
 from yarnscale.files.structure_file import StructureFile
 
-LARGEST_PIECE = 20_000
-"""Most courses of a file; needles have numbers from -1999 to 1999."""
+LARGEST_PIECE, LONGEST_FILE = 20_000, 1_000_000
+"""Most courses and most instructions of a file; needles have numbers from -1999 to 1999."""
 EDGE = 2
 """Wales at either edge that need not belong to the repeat, and that a course may leave out."""
 TWO_BEDS = {"wale_spacing": 5.0, "course_spacing": 3.5}
@@ -40,13 +40,13 @@ _FORMS = {
     "split": (_WAY + 2 * _NEEDLE + _CARRIERS, "split + f1 b1 1"),
     "xfer": (2 * _NEEDLE, "xfer f1 b1"),
     "drop": (_NEEDLE, "drop f1"),
-    "rack": (r" (?P<rack>[+-]?(\d{1,3}\.?\d*|\.\d+))", "rack 1"),
+    "rack": (r" (?P<rack>[+-]?(\d{1,3}(\.\d*)?|\.\d+))", "rack 1"),
     **dict.fromkeys(["in", "out", "inhook", "outhook", "releasehook", "stitch", "pause", "amiss"], (".*", "")),
 }
 """Parameters of each instruction, and an example."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Instruction:
     """A line; needles: bed and number. rack: of the beds when it is carried out [needles]."""
 
@@ -122,14 +122,16 @@ def read_knitout(path: str | os.PathLike[str]) -> StructureFile:
 
 def _instructions(path: Path) -> Iterator[_Instruction]:
     """The lines with instructions, checked."""
-    rack, known = 0.0, None
+    rack, known, count = 0.0, None, 0
     for number, line in enumerate(read_source(path, other_encodings=True).splitlines(), start=1):
         if line.startswith(";;Carriers:"):
             known = line.partition(":")[2].split()
         code, *words = line.split(";", 1)[0].split() or [""]
         if not code or code.startswith("x-"):
             continue
-        where, text = f"{path}:{number}", " ".join([code, *words])
+        where, text, count = f"{path}:{number}", " ".join([code, *words]), count + 1
+        if count > LONGEST_FILE:
+            raise InputError("file is too long", where=where, expected=f"at most {LONGEST_FILE} instructions")
         if code not in _FORMS:
             expected = ", ".join(_FORMS)
             raise InputError("unknown instruction", where=where, expected=expected, found=quoted(code))

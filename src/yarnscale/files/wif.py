@@ -99,6 +99,10 @@ class _Wif:
                     fault = "occurs twice" if equals else "is no setting"
                     expected = "key=value, every key once"
                     raise InputError(f"[{section}] {quoted(text)} {fault}", where=where, expected=expected)
+                if len(self.sections[section]) == LARGEST_WEB:
+                    raise InputError(
+                        f"[{section}] is too long", where=where, expected=f"at most {LARGEST_WEB} settings"
+                    )
                 self.sections[section][key.lower()] = (number, value)
         if "WIF" not in self.sections:
             raise InputError("file is no weaving draft", where=path, expected="a section [WIF]")

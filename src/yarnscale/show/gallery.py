@@ -94,9 +94,12 @@ def write_gallery(
 
 
 def checked_names(names: Sequence[str]) -> list[str]:
-    """Names of library patterns and files of structures, each once; InputError for anything else."""
+    """Names of library patterns and files of structures, each once; InputError for anything else, and as ``read_pattern``."""
     for name in names:
-        if not is_drawing(name):
+        drawn = is_drawing(name)
+        if drawn and name not in library.names():
+            read_pattern(name)  # refuses what cannot be drawn
+        if not drawn:
             raise InputError(
                 "the gallery draws",
                 expected="built-in patterns, charts, drafts and knitout",
