@@ -90,3 +90,6 @@ def test_states_that_lack_a_part_are_refused(tmp_path: Path, capsys: pytest.Capt
         capsys.readouterr()
         assert main(["view", str(state), "--export", str(tmp_path / "page.html")]) == 2
         assert said in capsys.readouterr().err and not (tmp_path / "page.html").exists()
+    np.savez_compressed(state, **(whole | {"stress": np.zeros(20_000_000)}))
+    assert main(["view", str(state), "--export", str(tmp_path / "page.html")]) == 2
+    assert "0.2 GB once unpacked" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.visited import visited_strains
-from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.state import ClothState
 
 
@@ -34,3 +34,20 @@ def test_strains_of_a_stretched_and_a_rolled_frame(tmp_path: Path) -> None:
 def test_folders_without_frames_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nothing"):
         visited_strains(tmp_path / "nothing")
+
+
+def test_of_panels_that_are_sewn_together(tmp_path: Path) -> None:
+    """Two unit squares that share an edge in space; the second one is stretched by a tenth."""
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    corners = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    triangles = np.array([0, 1, 2, 3, 1, 4, 5, 2])[corners]
+    places = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
+    mesh = TriangleMesh(
+        np.vstack([square, square + np.array([3.0, 0.0])]), triangles, corners=corners, assembled=places
+    )
+    writer = FrameFolder(tmp_path, mesh)
+    pulled = places + 0.1 * np.maximum(places[:, :1] - 1.0, 0.0) * np.array([1.0, 0.0, 0.0])
+    for number, positions in enumerate((places, pulled)):
+        writer.write(number, ClothState(positions, np.zeros_like(positions), float(number)))
+    strains = visited_strains(tmp_path)
+    assert strains[:, 0].max() == pytest.approx(0.1) and strains[:, 0].min() == pytest.approx(0.0, abs=1e-9)

@@ -18,6 +18,9 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_bytes
 
+_UNPACKED, _LARGEST_RATIO = 100_000_000, 30
+"""Largest size of arrays [bytes], and how many times that of their file is added to it."""
+
 
 def write_arrays(path: str | os.PathLike[str], **arrays: ArrayLike) -> None:
     """Replace a file by these arrays in one step; InputError where it cannot be written."""
@@ -52,8 +55,11 @@ def _opened(path: str | os.PathLike[str], what: str) -> Iterator[NpzFile]:
         with np.load(path, allow_pickle=False) as file:
             if not isinstance(file, NpzFile):
                 raise ValueError("a single array")
+            size = sum(entry.file_size for entry in file.zip.infolist())  # type: ignore[union-attr]
+            if size > _UNPACKED + _LARGEST_RATIO * Path(path).stat().st_size:
+                raise ValueError(f"{size / 1e9:.1f} GB once unpacked")
             yield file
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"file is no {what}", where=path, found=str(error)[:80]) from None

@@ -22,8 +22,11 @@ def visited_strains(folder: str | os.PathLike[str]) -> Array:
     Triangles that are nearly folded flat are left out. Raises InputError where there are no frames.
     """
     stored = read_cloth_frames(folder)
-    elements = shell_elements(TriangleMesh(stored.material, stored.triangles, corners=stored.corners))
     numbers = list(stored.paths)
+    # Seams join panels in the first frame.
+    assembled = stored.state(numbers[0]).positions
+    mesh = TriangleMesh(stored.material, stored.triangles, corners=stored.corners, assembled=assembled)
+    elements = shell_elements(mesh)
     taken = {numbers[int(i)] for i in np.linspace(0, len(numbers) - 1, min(FRAMES, len(numbers)))}
     found = []
     for number in numbers:

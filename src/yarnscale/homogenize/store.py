@@ -248,7 +248,11 @@ class SampleStore:
             raw = self._chunk(name, index, len(shape)).read_bytes()
         except FileNotFoundError:
             return np.full(shape, entry.fill, np.dtype(entry.dtype))
-        return np.frombuffer(raw, np.dtype(entry.dtype)).reshape(shape)
+        try:
+            return np.frombuffer(raw, np.dtype(entry.dtype)).reshape(shape)
+        except ValueError:
+            where, found = self._chunk(name, index, len(shape)), f"{len(raw)} bytes"
+            raise InputError("damaged sample store", where=where, expected=f"shape {shape}", found=found) from None
 
     def dataset(self) -> xarray.Dataset:
         """Everything as an ``xarray.Dataset``, loaded."""

@@ -88,7 +88,7 @@ def report_page(
     )
     environment.filters["cell"] = cell_text
     environment.filters["is_number"] = _is_number
-    environment.filters["source"] = lambda picture: _source(picture.path)
+    environment.filters["source"] = lambda picture: picture_source(picture.path)
     panes = [picture.pane for section in sections for picture in section.pictures if picture.pane is not None]
     return environment.get_template("report.html").render(
         title=title, summary=summary, facts=facts or {}, sections=sections, version=__version__, panes=panes,
@@ -117,7 +117,7 @@ def _check(table: Table) -> None:
             raise InputError("row of a table", where=table.caption or None, expected=len(table.columns), found=len(row))
 
 
-def _source(path: Path) -> str:
+def picture_source(path: Path) -> str:
     """What an ``img`` refers to: the picture itself as base64; large PNG as WebP, a sixth of their size."""
     kind = MIME.get(Path(path).suffix.lower())
     if kind is None:

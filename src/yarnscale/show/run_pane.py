@@ -25,7 +25,7 @@ from yarnscale.show.pane import Pane, framed
 
 MEGABYTES = 3.0
 """Of a pane in its page, about."""
-_FRAMES, _FEWEST = 120, 12
+_FRAMES, _FEWEST = 60, 12
 """Most frames of a pane, and as many as yarns are thinned for."""
 _POINTS = 150_000
 """Most points of yarns that a browser draws at a bearable speed."""
@@ -111,10 +111,16 @@ def _pane(
     axes = view_axes(camera)
     header |= {
         "times": [moment.time for moment in moments], "grid": {"low": low.tolist(), "step": step}, "colours": colours,
-        "eye": axes[2].tolist(), "up": [0.0, 1.0, 0.0] if axes[2][1] > 0 or abs(axes[2][2]) > 0.99 else [0.0, 0.0, 1.0],
+        "eye": axes[2].tolist(), "up": _nearest_axis(axes[1]),
         "box": [*fabric.min(axis=0).tolist(), *fabric.max(axis=0).tolist()], **framed(fabric),
     }  # fmt: skip
     return Pane(title, header, arrays)
+
+
+def _nearest_axis(direction: Array) -> list[float]:
+    """The coordinate axis, or its opposite, that is nearest to a direction (3,)."""
+    place = int(np.abs(direction).argmax())
+    return [float(np.sign(direction[k])) if k == place else 0.0 for k in range(3)]
 
 
 def _planes(frames: Array, low: Array, step: float) -> NDArray[np.uint8]:
@@ -139,7 +145,7 @@ def _field(
 def _outside(surface: Surface, frames: Array, material: CompactMaterial) -> Array:
     """Distance from the samples, the largest of a vertex's triangles, (nf, nv)."""
     assert surface.material is not None and surface.corners is not None
-    mesh = TriangleMesh(surface.material, surface.triangles, corners=surface.corners)
+    mesh = TriangleMesh(surface.material, surface.triangles, corners=surface.corners, assembled=frames[0])
     elements, values = shell_elements(mesh), np.zeros(frames.shape[:2])
     there, vertices = elements.areas.ravel() > 0.0, surface.triangles[elements.triangles.ravel()]
     for row, positions in zip(values, frames, strict=True):

@@ -72,6 +72,7 @@ class States:
     def stored(cls, store: SampleStore, woven: bool) -> States:
         """The converged states of a store, and the first rays of loads as paths from rest."""
         good = np.flatnonzero(store.status() == CODE_OF["converged"])
+        good = good[[bool(np.isfinite(store.read(int(i), "fluctuation")).all()) for i in good]]
         if store.rays:
             strains = np.array([store.read(int(i), "strain") for i in good]).reshape(-1, 6)
         else:

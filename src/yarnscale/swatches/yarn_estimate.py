@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
+from yarnscale.displayed import Displayed
 from yarnscale.kinematics import ShellStrain
 from yarnscale.laboratory.programme import FabricTests
 from yarnscale.swatches.cloth_check import ClothCheck, without_own_clamps
@@ -42,7 +43,7 @@ Follow = Literal["measured", "shell"]
 
 
 @dataclass(frozen=True, eq=False)
-class FabricEstimate:
+class FabricEstimate(Displayed):
     """The estimated yarn of a fabric, and how far it is from the measurement.
 
     follow: what the yarn was fitted to. shell: fitted to the directions that the yarn was fitted to. measured: the

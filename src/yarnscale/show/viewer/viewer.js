@@ -505,9 +505,9 @@ class Pane {
     if (!field) return;
     const wide = 150 * ratio, right = width - 14 * ratio - wide, fill = pen.createLinearGradient(right, 0, right + wide, 0);
     this.header.map.forEach((hex, k) => fill.addColorStop(k / (this.header.map.length - 1), hex));
-    pen.fillText(field.label, right, low - 34 * ratio);
     pen.fillText(text(field.factor * field.low), right, low);
     pen.textAlign = "right";
+    pen.fillText(field.label, right + wide, low - 34 * ratio);
     pen.fillText(`${text(field.factor * field.high)} ${field.unit}`, right + wide, low);
     pen.fillStyle = fill;
     pen.fillRect(right, low - 28 * ratio, wide, 12 * ratio);
