@@ -21,8 +21,8 @@ from yarnscale.homogenize.friction_paths import COUNT, FrictionPath
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial
 from yarnscale.shell.materials.friction import LEAST_LIMIT, ROUNDING, Sliders
 
-STARTS, EVALUATIONS = 2, 40
-"""Starts of the search, and evaluations of each."""
+STARTS, FIRST, LAST = 3, 25, 100
+"""Starts of the search, evaluations of each, and further ones of the best."""
 FLOOR = 0.1
 """Elastic stress over scaled strains that counts as large [J/m²]: 0.2 N/m."""
 _AT_REST = 0.3
@@ -59,7 +59,8 @@ def with_friction(
         )
     images = (np.ones(6), MIRROR) if material.mirrored else (np.ones(6),)
     problem, rng = _Problem(traces, images), np.random.default_rng(seed)
-    best = min((problem.search(rng) for _ in range(STARTS)), key=problem.error)
+    best = min((problem.search(_start(rng), FIRST) for _ in range(STARTS)), key=problem.error)
+    best = problem.search(best, LAST)
     record = {
         "coefficient": friction,
         "states": states,
@@ -87,6 +88,16 @@ def _trace(material: CompactMaterial, path: FrictionPath) -> _Trace:
     return _Trace(steps, np.abs(fitted * material.scale), wanted, weights)
 
 
+def _start(rng: np.random.Generator) -> Array:
+    """Unknowns (COUNT, 12) of random directions, from sliders that move at once to ones that hardly do."""
+    directions = rng.normal(size=(COUNT, 6))
+    slips = np.geomspace(_NARROW, _WIDE, COUNT)
+    roots = np.sqrt(_GUESS / slips / COUNT)
+    directions *= (roots / np.linalg.norm(directions, axis=1))[:, None]
+    growth = np.sqrt(slips * roots / np.sqrt(6.0))[:, None] * np.ones((1, 6))
+    return np.concatenate([directions, growth], axis=1)
+
+
 class _Problem:
     """Unknowns of each slider: √c a (6) and the roots (6) of the growth of √c y."""
 
@@ -94,16 +105,11 @@ class _Problem:
         self.traces, self.images = traces, images
         self.wanted = np.concatenate([(t.wanted * t.weights)[1:].ravel() for t in traces])
 
-    def search(self, rng: np.random.Generator) -> Array:
-        """Unknowns (COUNT, 12) from a random start."""
-        directions = rng.normal(size=(COUNT, 6))
-        directions /= np.linalg.norm(directions, axis=1)[:, None]
-        slips = np.geomspace(_NARROW, _WIDE, COUNT)
-        roots = np.sqrt(_GUESS / slips / COUNT)
-        growth = np.sqrt(slips * roots / np.sqrt(6.0))[:, None] * np.ones((1, 6))
-        start = np.concatenate([directions * roots[:, None], growth], axis=1)
-        found = least_squares(self._residuals, start.ravel(), self._jacobian, max_nfev=EVALUATIONS)  # type: ignore[arg-type]
-        return found.x.reshape(COUNT, 12)
+    def search(self, start: Array, evaluations: int) -> Array:
+        """Better unknowns (COUNT, 12) than those of a start."""
+        options = {"method": "lm", "max_nfev": evaluations}
+        found = least_squares(self._residuals, start.ravel(), self._jacobian, **options)  # type: ignore[arg-type]
+        return found.x.reshape(start.shape)
 
     def error(self, unknowns: Array) -> float:
         """Norm of what is not met over that of all friction, both relative to elastic stresses."""
