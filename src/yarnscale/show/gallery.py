@@ -94,7 +94,7 @@ def write_gallery(
 
 
 def checked_names(names: Sequence[str]) -> list[str]:
-    """Names of library patterns and files of structures, each once; InputError for anything else, and as ``read_pattern``."""
+    """Names of library patterns and files of structures, each once; InputError as ``read_pattern`` and for others."""
     for name in names:
         drawn = is_drawing(name)
         if drawn and name not in library.names():
