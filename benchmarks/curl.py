@@ -15,6 +15,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+from yarnscale.fabric.interior import interior
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
@@ -22,7 +23,6 @@ from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_static import Holds, rod_equilibrium
-from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.run import simulate

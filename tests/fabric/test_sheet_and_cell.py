@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from yarnscale.fabric.interior import interior
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_static import Holds, rod_equilibrium, safe_path
-from yarnscale.fabric.interior import interior
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.friction import YarnFriction

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import webbrowser
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from yarnscale.cell.periodic import PeriodicCell
@@ -41,16 +41,18 @@ _KINDS = (
 
 @dataclass(frozen=True)
 class View:
-    """What a page shows: panes, facts in a strip on top, and tables below."""
+    """What a page shows: panes, facts in a strip on top, and tables and still pictures below."""
 
     title: str
     panes: tuple[Pane, ...]
     facts: Mapping[str, Cell]
     tables: tuple[Table, ...] = ()
+    stills: tuple[Path, ...] = ()
 
     def page(self, nonce: str = "") -> str:
         """HTML."""
         pictures = [Picture(None, pane.title, wide=True, pane=pane) for pane in self.panes]
+        pictures += [Picture(path, path.stem, wide=True) for path in self.stills]
         words = ["Drag to turn, right drag or Shift to move, wheel to come closer; arrow keys, + and − do the same."]
         sections = [Section("View", words, (), pictures)]
         sections += [Section(table.caption, (), [table]) for table in self.tables]
@@ -188,13 +190,11 @@ def _run(options: argparse.Namespace, path: Path) -> View:
     animation = read_animation(path)
     places = [place / MATERIAL for place in (path, path.parent)]
     material = next((read_material(place) for place in places if place.is_file()), None)
-    panes = [run_pane(animation, "yarns" if animation.cloth is None else "cloth", material=material)]
+    shown = {"yarns" if animation.cloth is None else "cloth": animation}
     if animation.cloth is not None and animation.yarns is not None:
         cloth = read_animation(path / "frames" if (path / "frames").is_dir() else path)
-        panes = [
-            run_pane(animation, "yarns of the cloth"),
-            run_pane(cloth, "cloth", material=material),
-        ]
+        shown = {"yarns of the cloth": animation, "cloth": cloth}
+    panes = [run_pane(one, name, material=material) for name, one in shown.items()]
     facts: dict[str, Cell] = {"frames": len(animation), "time [s]": float(animation.times[-1])}
     if animation.cloth is not None:
         facts["triangles"] = len(animation.cloth.triangles)
@@ -208,15 +208,11 @@ def _estimate(options: argparse.Namespace, path: Path) -> View:
     parameters = content.get("parameters")
     if not isinstance(parameters, dict):
         raise InputError("field 'parameters'", where=path / "estimate.json", expected="a table of numbers")
-    rows: list[list[Cell]] = [[str(name), value] for name, value in parameters.items()]
-    pattern = path / "pattern.json"
-    if (path / "homogenized" / "samples").is_dir():
-        found = _store(options, path / "homogenized" / "samples")
-    else:
-        found = _pattern(options, str(pattern))
-    return View(
-        f"estimated yarn of {path.name}", found.panes, found.facts, (Table(["", "SI units"], rows, "Parameters"),)
-    )
+    table = Table(["", "SI units"], [[str(name), value] for name, value in parameters.items()], "Parameters")
+    samples, curves = path / "homogenized" / "samples", path / "curves.png"
+    found = _store(options, samples) if samples.is_dir() else _pattern(options, str(path / "pattern.json"))
+    stills = (curves,) if curves.is_file() else ()
+    return replace(found, title=f"estimated yarn of {path.name}", tables=(table,), stills=stills)
 
 
 _FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[argparse.Namespace, Path], View]], ...] = (

@@ -68,14 +68,9 @@ def _pane(
     material: object,
     camera: Camera | Sequence[float],
 ) -> Pane:
-    parts = {
-        "cloth": [m.cloth for m in moments],
-        "yarns": [m.yarns for m in moments],
-        "bodies": [m.bodies for m in moments],
-    }
-    if animation.yarns is not None:
-        parts["cloth"] = [None]
-    seen = {name: np.stack(frames) for name, frames in parts.items() if frames[0] is not None}  # type: ignore[arg-type]
+    frames = {name: [getattr(moment, name) for moment in moments] for name in ("cloth", "yarns", "bodies")}
+    drawn = [name for name in frames if getattr(animation, name) is not None]
+    seen = {name: np.stack(frames[name]) for name in drawn}
     everything = np.vstack([frames.reshape(-1, 3) for frames in seen.values()])
     fabric = np.vstack([frames.reshape(-1, 3) for name, frames in seen.items() if name != "bodies"])
     low, high = everything.min(axis=0), everything.max(axis=0)
@@ -83,10 +78,8 @@ def _pane(
     arrays: dict[str, NDArray] = {name: _planes(frames, low, step) for name, frames in seen.items()}
     colours: list[dict[str, object]] = [{"name": "right and wrong side" if "cloth" in seen else "yarns"}]
     header: dict[str, object] = {"cloth_colours": [theme.CLOTH_FRONT, theme.CLOTH_BACK]}
-    if "cloth" in seen and animation.cloth is not None:
-        surface = animation.cloth
+    if (surface := animation.cloth) is not None:
         arrays["triangles"] = surface.triangles
-        header["cloth_vertices"] = seen["cloth"].shape[1]
         if surface.material is not None:
             values = np.stack([vertex_stretch(surface, frame) for frame in seen["cloth"]]) - 1.0
             words = {"factor": 100, "unit": "%", "label": "largest stretch"}
@@ -95,19 +88,17 @@ def _pane(
             values = _outside(surface, seen["cloth"], material)
             words = {"factor": 1, "unit": "spacings", "label": "distance from the samples"}
             colours.append(_field("distance from samples", "cloth", "outside", values, words, arrays))
-    if animation.yarns is not None:
-        curves = animation.yarns
+    if (curves := animation.yarns) is not None:
         arrays |= {
             "offsets": curves.offsets, "closed": curves.closed, "yarn": curves.yarn,
             "radius": curves.radii[curves.offsets[:-1]],
         }  # fmt: skip
-        values = _yarn_stretch(curves, seen["yarns"])
-        words = {"factor": 100, "unit": "%", "label": "stretch of yarn since the first frame"}
         if len(moments) > 1:
+            values = _yarn_stretch(curves, seen["yarns"])
+            words = {"factor": 100, "unit": "%", "label": "stretch of yarn since the first frame"}
             colours.append(_field("stretch of yarn", "yarns", "stretch", values, words, arrays))
-    if "bodies" in seen and animation.bodies is not None:
+    if animation.bodies is not None:
         arrays["body_triangles"] = animation.bodies.triangles
-        header["body_vertices"] = seen["bodies"].shape[1]
     axes = view_axes(camera)
     header |= {
         "times": [moment.time for moment in moments], "grid": {"low": low.tolist(), "step": step}, "colours": colours,

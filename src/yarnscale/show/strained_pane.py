@@ -19,8 +19,9 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.fabrics import HomogeneousFabric, fabric_of
 from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, path_under
 from yarnscale.homogenize.rays import LIMIT, Ray, box_strains, doubling_load
+from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
-from yarnscale.homogenize.worker import CODE_OF, strain_of
+from yarnscale.homogenize.worker import CODE_OF
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.show import theme
@@ -72,35 +73,25 @@ class States:
     def stored(cls, store: SampleStore, woven: bool) -> States:
         """The converged states of a store, and the first rays of loads as paths from rest."""
         good = np.flatnonzero(store.status() == CODE_OF["converged"])
-        good = good[[bool(np.isfinite(store.read(int(i), "fluctuation")).all()) for i in good]]
-        if store.rays:
-            strains = np.array([store.read(int(i), "strain") for i in good]).reshape(-1, 6)
-        else:
-            strains = np.array([strain_of(state).vector for state in store.states[good]]).reshape(-1, 6)
-        energies, stresses, moved = (
-            np.array([store.read(int(i), name).ravel() for i in good])
-            for name in ("energy_density", "stress", "fluctuation")
-        )
-        rest = strains[np.abs(strains).sum(axis=1).argmin()] if len(strains) else np.zeros(6)
+        found = FabricStates.of(store)
+        moved = np.array([store.read(int(i), "fluctuation").ravel() for i in good])
+        usable = np.isfinite(moved.reshape(len(good), -1)).all(axis=1)
         paths: dict[str, Array] = {}
         level = good // store.shape[-1]
-        last = np.append(level[1:] != level[:-1], True)
+        last = np.append(level[1:] != level[:-1], True) & usable
         for number, plain in enumerate(store.rays):
             # Of each level the last iterate.
-            own = np.flatnonzero(last & (level // store.shape[1] == number))
-            name = _named(Ray.from_plain(plain), strains[own[-1]], woven) if len(own) else ""
-            if name and name not in paths and len(own) > 1:
-                paths[name] = np.vstack([rest, strains[own]])
-        if not store.rays:
-            paths = _axes_as_paths(strains, woven)
-        return cls(strains, energies.ravel(), stresses.reshape(-1, 6), moved, paths)
+            strains = found.strains[last & (level // store.shape[1] == number)]
+            name = _named(Ray.from_plain(plain), strains[-1], woven) if len(strains) > 1 else ""
+            if name and name not in paths:
+                paths[name] = np.vstack([np.zeros(6), strains])
+        return cls(found.strains[usable], found.energies[usable], found.stresses[usable], moved[usable], paths)
 
     @classmethod
     def loaded(cls, cell: PeriodicCell, progress: Progress | None = None) -> States:
         """Relaxed here, along a few loads (seconds for small cells)."""
-        paths = load_paths(
-            cell, cell.pattern.radius, min(LIMIT, 0.25 * doubling_load(cell)), cell.pattern.woven, progress
-        )
+        pattern, limit = cell.pattern, min(LIMIT, 0.25 * doubling_load(cell))
+        paths = load_paths(cell, pattern.radius, limit, pattern.woven, progress)
         rest = cell.relax()
         found = {name: [rest, *(state.response.state for state in path)] for name, path in paths.items()}
         return cls.of([rest, *(state for path in found.values() for state in path[1:])], found)
@@ -207,7 +198,7 @@ def sheet_pane(material: ShellMaterial, states: States, title: str) -> Pane:
     }  # fmt: skip
     header = {
         "colours": [{"name": "fields"}], "eye": [0.45, -0.95, 0.9], "up": [0.0, 0.0, 1.0], "period": [0.0, 0.0],
-        "centre": [0.0, 0.0], "cloth_vertices": count, "cloth_colours": [theme.CLOTH_FRONT, theme.CLOTH_BACK],
+        "centre": [0.0, 0.0], "cloth_colours": [theme.CLOTH_FRONT, theme.CLOTH_BACK],
         **framed(1.4 * points),
     }  # fmt: skip
     return _pane(title, states, 0.1 / float(material.strain_scale[3]), False, header, arrays)
@@ -273,38 +264,12 @@ def _named(ray: Ray, end: Array, woven: bool) -> str:
     loads, _ = ray.levels[-1]
     if ray.kind == "tension" and loads.tensions:
         turn = round(math.degrees(loads.tensions[0][0]))
-        return (
-            f"tension along {along}"
-            if turn == 0
-            else f"tension along {across}"
-            if turn == 90
-            else f"tension at {turn}°"
-        )
-    if ray.kind == "bending":
-        place = int(np.abs(end[3:]).argmax())
-        if np.delete(np.abs(end[3:]), place).max() > 0.1 * abs(end[3 + place]):
-            return ""
-        side = "inwards" if end[3 + place] > 0 else "outwards"
-        return "twist" if place == 1 else f"bending of {(along, '', across)[place]}, {side}"
-    return ""
-
-
-def _axes_as_paths(strains: Array, woven: bool) -> dict[str, Array]:
-    """States with one strain only, of a grid."""
-    along, across = _threads(woven)
-    names = {
-        0: f"stretch of {along}",
-        1: "shear",
-        2: f"stretch of {across}",
-        3: f"bending of {along}",
-        5: f"bending of {across}",
-    }
-    found = {}
-    for place, name in names.items():
-        own = strains[(np.abs(np.delete(strains, place, axis=1)) < 1e-12).all(axis=1)]
-        if len(own) > 2:
-            found[name] = own[np.argsort(own[:, place])]
-    return found
+        return "tension " + {0: f"along {along}", 90: f"along {across}"}.get(turn, f"at {turn}°")
+    place = int(np.abs(end[3:]).argmax())
+    if ray.kind != "bending" or np.delete(np.abs(end[3:]), place).max() > 0.1 * abs(end[3 + place]):
+        return ""
+    side = "inwards" if end[3 + place] > 0 else "outwards"
+    return "twist" if place == 1 else f"bending of {(along, '', across)[place]}, {side}"
 
 
 def shown_states(states: Mapping[str, Equilibrium]) -> States:

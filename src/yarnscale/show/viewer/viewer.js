@@ -220,8 +220,8 @@ class Tubes {
 class Surface {
   constructor(triangles, colours, count) {
     this.geometry = new THREE.BufferGeometry();
-    this.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * count), 3));
-    this.geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * count).fill(1), 3));
+    this.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(count), 3));
+    this.geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(count).fill(1), 3));
     this.geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(triangles), 1));
     this.colours = colours;
     this.mesh = new THREE.Group();
@@ -272,6 +272,7 @@ class Pane {
     this.header = header;
     this.model = header.times ? new Frames(header, arrays) : new Strained(header, arrays);
     this.scale = 1 / header.radius;
+    this.box = new THREE.Box3();
     this.scene = new THREE.Scene();
     this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 0.01, 40);
     this.camera.up.set(...header.up);
@@ -294,8 +295,8 @@ class Pane {
       const smooth = points < 4000 ? 5 : points < 20000 ? 3 : points < 60000 ? 2 : 1, sides = points < 20000 ? 14 : points < 60000 ? 8 : 5;
       this.parts.push(["yarns", new Tubes(arrays, smooth, sides)]);
     }
-    if (arrays.triangles) this.parts.push(["cloth", new Surface(arrays.triangles, header.cloth_colours, header.cloth_vertices)]);
-    if (arrays.body_triangles) this.parts.push(["bodies", new Surface(arrays.body_triangles, [header.body_colour], header.body_vertices)]);
+    if (arrays.triangles) this.parts.push(["cloth", new Surface(arrays.triangles, header.cloth_colours, this.model.points("cloth").length)]);
+    if (arrays.body_triangles) this.parts.push(["bodies", new Surface(arrays.body_triangles, [header.body_colour], this.model.points("bodies").length)]);
     for (const [, part] of this.parts) this.scene.add(part.mesh);
     this.arrays = arrays;
     this.colour = header.colours[0];
@@ -312,19 +313,15 @@ class Pane {
   }
   // The camera in its first direction, as near as the box of what is shown allows.
   aim() {
-    const { camera, header: { eye }, box: { low, high } } = this, middle = low.map((value, k) => 0.5 * (value + high[k]));
-    this.controls.target.set(...middle);
-    camera.position.set(...eye).normalize().multiplyScalar(8).add(this.controls.target);
-    camera.zoom = 1;
-    this.controls.update();
+    const { camera, controls: { target } } = this;
+    this.box.getCenter(target);
+    camera.position.set(...this.header.eye).normalize().multiplyScalar(8).add(target);
+    camera.lookAt(target);
     camera.updateMatrixWorld();
-    let most = 0;
-    for (let corner = 0; corner < 8; corner++) {
-      const point = new THREE.Vector3(...low.map((value, k) => corner >> k & 1 ? value : high[k])).applyMatrix4(camera.matrixWorldInverse);
-      most = Math.max(most, Math.abs(point.x) / camera.right, Math.abs(point.y) / camera.top);
-    }
-    camera.zoom = 0.94 / most;
+    const { min, max } = this.box.clone().applyMatrix4(camera.matrixWorldInverse);
+    camera.zoom = 0.94 / Math.max(-min.x / camera.right, max.x / camera.right, -min.y / camera.top, max.y / camera.top);
     camera.updateProjectionMatrix();
+    this.controls.update();
     this.draw();
   }
   build() {
@@ -443,7 +440,9 @@ class Pane {
     for (const [name, part] of this.parts) {
       const points = model.points(name);
       part.update(points, this.scale, header.centre3);
-      if (name !== "bodies") this.box = this.boxOf(header.box || points);
+      if (name === "bodies") continue;
+      this.box.setFromArray(header.box || points).translate(new THREE.Vector3(...header.centre3).negate());
+      for (const end of [this.box.min, this.box.max]) end.multiplyScalar(this.scale);
       const field = (colour.fields || {})[name], values = field && model.values(name, field, points);
       if (name === "yarns") {
         const plain = arrays.yarn, faded = palette.map(own => own.map((value, i) => 0.25 * value + 0.75 * grey[i]));
@@ -463,15 +462,6 @@ class Pane {
     }
     rows.forEach(([, value], k) => { this.table.children[k].lastChild.textContent = value; });
     this.draw();
-  }
-  boxOf(points) {
-    const low = [Infinity, Infinity, Infinity], high = low.map(value => -value);
-    for (let k = 0; k < points.length; k++) {
-      low[k % 3] = Math.min(low[k % 3], points[k]);
-      high[k % 3] = Math.max(high[k % 3], points[k]);
-    }
-    const scaled = ends => ends.map((value, k) => this.scale * (value - this.header.centre3[k]));
-    return { low: scaled(low), high: scaled(high) };
   }
   draw() {
     if (this.waiting || !this.controls) return;
@@ -493,7 +483,11 @@ class Pane {
     const ratio = width / this.canvas.clientWidth, metre = width / (this.camera.right - this.camera.left) * this.camera.zoom * this.scale;
     const room = 0.22 * width / metre, power = 10 ** Math.floor(Math.log10(room)), length = [5, 2, 1].find(k => k * power <= room) * power;
     const size = 12 * ratio, left = 14 * ratio, low = height - 14 * ratio;
+    const field = Object.values(this.colour.fields || {})[0], wide = 150 * ratio, right = width - 14 * ratio - wide;
     pen.font = `${size}px system-ui, sans-serif`;
+    pen.fillStyle = "#ffffffc0";
+    pen.fillRect(left - 8 * ratio, low - 24 * ratio, length * metre + 16 * ratio, 32 * ratio);
+    if (field) pen.fillRect(right - 24 * ratio, low - 50 * ratio, wide + 32 * ratio, 58 * ratio);
     pen.fillStyle = pen.strokeStyle = "#22303c";
     pen.lineWidth = 2 * ratio;
     pen.beginPath();
@@ -501,9 +495,8 @@ class Pane {
     pen.stroke();
     pen.textAlign = "left";
     pen.fillText(length < 0.01 ? `${text(1e3 * length)} mm` : length < 1 ? `${text(1e2 * length)} cm` : `${text(length)} m`, left, low - 9 * ratio);
-    const field = Object.values(this.colour.fields || {})[0];
     if (!field) return;
-    const wide = 150 * ratio, right = width - 14 * ratio - wide, fill = pen.createLinearGradient(right, 0, right + wide, 0);
+    const fill = pen.createLinearGradient(right, 0, right + wide, 0);
     this.header.map.forEach((hex, k) => fill.addColorStop(k / (this.header.map.length - 1), hex));
     pen.fillText(text(field.factor * field.low), right, low);
     pen.textAlign = "right";
@@ -527,7 +520,9 @@ async function start(element) {
   const header = JSON.parse(document.getElementById(element.dataset.pane).textContent);
   const pane = new Pane(element, header, await unpacked(header));
   element.classList.add("alive");
+  pane.number = +element.dataset.pane.replace("pane-", "");
   window.panes.push(pane);
+  window.panes.sort((a, b) => a.number - b.number);
 }
 document.addEventListener("DOMContentLoaded", () => {
   try { sharedRenderer(); } catch { document.body.classList.add("still"); return; }
