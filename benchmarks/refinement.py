@@ -22,7 +22,7 @@ from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.scenes.scene import Scene, stretch
 from yarnscale.shell.scenes.sheet_scenes import drape_on_ball
@@ -33,13 +33,13 @@ THICKNESS = 1.5e-3
 STOCKINETTE = Path(__file__).resolve().parents[1] / "tests" / "fabrics" / "stockinette.json"
 
 
-def stretching(material: ElementMaterial, spacing: float) -> Scene:
+def stretching(material: ShellMaterial, spacing: float) -> Scene:
     """The published pull of stockinette along its course."""
     scene = stretch(material, travel=0.035, spacing=spacing)
     return replace(scene, cloth=replace(scene.cloth, contact=ContactSettings(THICKNESS)))
 
 
-def draping(material: ElementMaterial, spacing: float) -> Scene:
+def draping(material: ShellMaterial, spacing: float) -> Scene:
     """The published drape, brought to rest."""
     scene = drape_on_ball(material, spacing=spacing)
     contact = ContactSettings(THICKNESS, friction=0.0)
@@ -47,7 +47,7 @@ def draping(material: ElementMaterial, spacing: float) -> Scene:
     return replace(scene, cloth=replace(scene.cloth, contact=contact), schedule=schedule)
 
 
-def curling(material: ElementMaterial, spacing: float, *, finer_edges: float = 0.0) -> Scene:
+def curling(material: ShellMaterial, spacing: float, *, finer_edges: float = 0.0) -> Scene:
     """A weightless strip of 12 × 6 cm, held along its short sides, whose long sides roll."""
     mesh = rectangle(0.12, 0.06, spacing, finer_edges=finer_edges)
     start = ClothState.flat(mesh)
@@ -58,7 +58,7 @@ def curling(material: ElementMaterial, spacing: float, *, finer_edges: float = 0
     return Scene("curl", cloth, start, Schedule(0.4, 1 / 30, rough_iterations=30), SolverOptions())
 
 
-SCENES: Mapping[str, Callable[[ElementMaterial, float], Scene]] = {
+SCENES: Mapping[str, Callable[[ShellMaterial, float], Scene]] = {
     "stretch": stretching,
     "drape": draping,
     "curl": curling,

@@ -21,7 +21,7 @@ from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.run import RunProgress, simulate
 from yarnscale.shell.dynamics.solver import ClothSolver
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.orthotropic import JERSEY
 from yarnscale.shell.scenes.body_scenes import FRAME, sweater
 from yarnscale.shell.scenes.scene import Scene
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--picture", type=Path, help="contact sheet to draw")
     options = parser.parse_args()
-    material: ElementMaterial = read_material(options.material) if options.material else JERSEY
+    material: ShellMaterial = read_material(options.material) if options.material else JERSEY
     scene = sized(material, options.triangles)
     scene = replace(scene, schedule=replace(scene.schedule, duration=options.frames * FRAME))
     states = run(scene)
@@ -44,7 +44,7 @@ def main() -> None:
         draw(scene, states, options.picture)
 
 
-def sized(material: ElementMaterial, triangles: int) -> Scene:
+def sized(material: ShellMaterial, triangles: int) -> Scene:
     """The scene with at least so many triangles."""
     spacing = 0.01 * math.sqrt(21_000 / triangles)
     while True:

@@ -30,7 +30,6 @@ MAKERS = {
     "PeriodicCell": "PeriodicCell(pattern, material) makes one",
     "Start": "an Equilibrium is one",
     "ShellStrain": "ShellStrain(s_x=0.1) makes one",
-    "ElementMaterial": "a shell material, which read_material reads",
     "ShellMaterial": "read_material reads one",
     "Scene": "scenes.stretch and others make one",
     "SimulatedScene": "scenes.stretch, RodScene and others make one",

@@ -21,7 +21,7 @@ from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import SolverOptions
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.scenes.plausible import cloth_notices, size_notices, sizes_line
 from yarnscale.shell.scenes.ready import READY, ready_scene
@@ -87,7 +87,7 @@ def _may_give_way(root: SceneTable) -> bool:
     return root.flag_or("may_give_way", False)
 
 
-def _ready(root: SceneTable, material: ElementMaterial) -> Scene:
+def _ready(root: SceneTable, material: ShellMaterial) -> Scene:
     """A ready scene, with what the file says otherwise."""
     key = "scene" if "scene" in root.content else "garment"
     root.known("name", "material", "may_give_way", key, "spacing", "gravity", "damping", "air_drag", "schedule",

@@ -15,7 +15,7 @@ from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh, disk
 from yarnscale.shell.scenes.scene import Scene, SceneResult
 from yarnscale.shell.scenes.thickness import cloth_thickness
@@ -55,7 +55,7 @@ class DrapeTest:
         return "" if (status := self.result.run.status) is None else status.name.lower()
 
 
-def cusick(material: ElementMaterial, *, spacing: float = SPACING, seed: int = 0) -> Scene:
+def cusick(material: ShellMaterial, *, spacing: float = SPACING, seed: int = 0) -> Scene:
     """The scene: clamped between discs of 18 cm, the free ring falls and comes to rest, in contact with itself.
 
     seed: of the unevenness from which folds grow, in the mesh and in the height of its vertices (0.1 mm); other seeds
@@ -90,7 +90,7 @@ def _uneven(mesh: TriangleMesh, spacing: float, seed: int) -> TriangleMesh:
     return TriangleMesh(points @ np.array([[c, s], [-s, c]]), mesh.triangles)
 
 
-def drape_test(material: ElementMaterial, *, spacing: float = SPACING, seed: int = 0) -> DrapeTest:
+def drape_test(material: ShellMaterial, *, spacing: float = SPACING, seed: int = 0) -> DrapeTest:
     """Drape a shell material and measure its shadow."""
     result = run_scene(cusick(material, spacing=spacing, seed=seed))
     shadow = outline(result.state.positions, result.scene.cloth.mesh.edges)

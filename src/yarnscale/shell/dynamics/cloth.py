@@ -14,7 +14,7 @@ from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Plane, Sphere, ob
 from yarnscale.motion.rigid import Motion
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.elastic.elements import FreeEdges
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh
 
 
@@ -30,7 +30,7 @@ class Cloth:
     """
 
     mesh: TriangleMesh
-    material: ElementMaterial
+    material: ShellMaterial
     handles: tuple[Handle, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
     contact: ContactSettings | None = None

@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal
 
 import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
-from yarnscale.numerics.kernel import BLOCK, Kernel
+from yarnscale.numerics.kernel import BLOCK
 from yarnscale.numerics.threads import available_threads, run_parts
 from yarnscale.shell.elastic.density_loops import remembered_densities, shared_densities, spline_densities
 from yarnscale.shell.elastic.element_loops import (
@@ -29,33 +29,8 @@ from yarnscale.shell.elastic.elements import FreeEdges, shell_elements
 from yarnscale.shell.elastic.moduli import positive_moduli
 from yarnscale.shell.elastic.strain import follow_angles, form_kernels
 from yarnscale.shell.materials.history import ElementFriction
-from yarnscale.shell.materials.spline_material import SplineMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh
-
-
-class ElementKernels(Protocol):
-    """Compiled energy density: ``value`` → ψ; ``first`` also gradient (6); ``second`` also second derivative (21)."""
-
-    @property
-    def value(self) -> Kernel: ...
-
-    @property
-    def first(self) -> Kernel: ...
-
-    @property
-    def second(self) -> Kernel: ...
-
-
-@runtime_checkable
-class ElementMaterial(Protocol):
-    """A material as the cloth solver uses it, see ``shell.materials.material``."""
-
-    @property
-    def density(self) -> float: ...
-
-    def parameters(self, forms: Array) -> Array: ...
-
-    def kernels(self) -> ElementKernels: ...
 
 
 class ShellEnergy:
@@ -69,7 +44,7 @@ class ShellEnergy:
     def __init__(
         self,
         mesh: TriangleMesh,
-        material: ElementMaterial,
+        material: ShellMaterial,
         *,
         free_edges: FreeEdges = "extrapolate",
         threads: int | None = None,
@@ -208,7 +183,7 @@ class ShellEnergy:
         material, forms = self.material, self._forms[blocks]
         kernels = material.kernels() if self.friction is None else self.friction.kernels.step
         kernel = kernels.second if len(moduli) else kernels.first if len(stress) else kernels.value
-        if isinstance(material, SplineMaterial):
+        if material.packed is not None:
             spline_densities(material.packed, kernel.address, forms, densities, stress, moduli)
         elif self.friction is not None:
             constants, memory = self.friction.parameters, self.memory[blocks]

@@ -21,6 +21,7 @@ from yarnscale.displayed import Displayed
 from yarnscale.errors import InputError
 from yarnscale.kinematics import COMPONENTS, strain_units
 from yarnscale.numerics.kernel import LANES, Kernel, compile_kernel
+from yarnscale.shell.materials.spline_patches import PackedSplines
 
 LOWER = tuple((i, j) for i in range(6) for j in range(i + 1))
 """Rows and columns of the 21 entries in which kernels return the 6×6 second derivative."""
@@ -89,6 +90,11 @@ class ShellMaterial(Displayed, ABC):
     def strain_scale(self) -> Array:
         """Scale of the strains (6,): that of yarn of 1 mm if the yarn is unknown."""
         return strain_units(1e-3)
+
+    @property
+    def packed(self) -> PackedSplines | None:
+        """Splines of which every element takes its own pieces for its parameters; None where elements share them."""
+        return None
 
     @abstractmethod
     def parameters(self, forms: Array) -> Array:

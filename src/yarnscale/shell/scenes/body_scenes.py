@@ -17,9 +17,9 @@ from yarnscale.motion.schedule import FRAME, Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import SolverOptions
-from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.garments.mannequin import MovingMannequin, Pose, mannequin
 from yarnscale.shell.garments.wardrobe import SWEATER, T_SHIRT, ShirtCut, shirt
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import Scene, measure_sheet
 from yarnscale.shell.state import ClothState
@@ -46,7 +46,7 @@ _WAIT = (
 
 @checked
 def sweater(
-    material: ElementMaterial,
+    material: ShellMaterial,
     *,
     spacing: float = 0.02,
     cut: ShirtCut = SWEATER,
@@ -64,7 +64,7 @@ def sweater(
 
 @checked
 def t_shirt(
-    material: ElementMaterial,
+    material: ShellMaterial,
     *,
     spacing: float = 0.02,
     cut: ShirtCut = T_SHIRT,
@@ -79,7 +79,7 @@ def t_shirt(
 
 @checked
 def scarf(
-    material: ElementMaterial,
+    material: ShellMaterial,
     *,
     length: float = 1.5,
     width: float = 0.18,
@@ -104,7 +104,7 @@ def scarf(
 
 
 def _dressed(
-    name: str, cut: ShirtCut, material: ElementMaterial, spacing: float, duration: float, time_step: float,
+    name: str, cut: ShirtCut, material: ShellMaterial, spacing: float, duration: float, time_step: float,
     thickness: float, friction: float,
 ) -> Scene:  # fmt: skip
     mesh = shirt(name, cut, spacing).mesh
@@ -113,7 +113,7 @@ def _dressed(
 
 
 def _scene(
-    name: str, mesh: TriangleMesh, material: ElementMaterial, body: MovingMannequin, duration: float,
+    name: str, mesh: TriangleMesh, material: ShellMaterial, body: MovingMannequin, duration: float,
     time_step: float, thickness: float, friction: float,
 ) -> Scene:  # fmt: skip
     cloth = Cloth(

@@ -8,7 +8,7 @@ from functools import partial
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.motion.schedule import FRAME
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.scenes import body_scenes, scene, sheet_scenes
 from yarnscale.shell.scenes.scene import Scene
 
@@ -29,7 +29,7 @@ READY: dict[str, Callable[..., Scene]] = {
 
 
 @checked
-def ready_scene(name: str, material: ElementMaterial, *, spacing: float | None = None) -> Scene:
+def ready_scene(name: str, material: ShellMaterial, *, spacing: float | None = None) -> Scene:
     """A ready scene of a material; spacing: edge length of its triangles [m]. Raises InputError."""
     if name not in READY:
         raise InputError("ready scene", expected=" or ".join(READY), found=name)

@@ -21,8 +21,8 @@ from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
-from yarnscale.shell.elastic.energy import ElementMaterial
 from yarnscale.shell.elastic.out_of_range import OutOfRange, out_of_range
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
@@ -116,7 +116,7 @@ class SceneResult(SimulatedOutcome[ClothState]):
 
 @checked
 def stretch(
-    material: ElementMaterial,
+    material: ShellMaterial,
     *,
     direction: Literal["course", "wale"] = "course",
     amount: float = 0.2,
@@ -203,7 +203,7 @@ def bar_duration(travel: float) -> float:
 
 @checked
 def drape(
-    material: ElementMaterial,
+    material: ShellMaterial,
     *,
     radius: float = 0.07,
     spacing: float = SPACING,

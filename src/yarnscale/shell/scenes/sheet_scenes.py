@@ -18,7 +18,7 @@ from yarnscale.motion.schedule import FRAME, Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
 from yarnscale.shell.scenes.thickness import cloth_thickness
@@ -29,7 +29,7 @@ _KNEE = 0.02
 
 
 def _scene(
-    name: str, mesh: TriangleMesh, start: ClothState, material: ElementMaterial, duration: float,
+    name: str, mesh: TriangleMesh, start: ClothState, material: ShellMaterial, duration: float,
     contact: ContactSettings, handles: Sequence[Handle], obstacles: tuple[Obstacle, ...] = (),
 ) -> Scene:  # fmt: skip
     cloth = Cloth(mesh, material, tuple(handles), contact=contact, obstacles=obstacles, damping=2.0)
@@ -38,7 +38,7 @@ def _scene(
 
 
 @checked
-def hang(material: ElementMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
+def hang(material: ShellMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
     """A sheet that falls from its plane, held at two neighbouring corners 24 cm apart, and comes to rest."""
     mesh = rectangle(SHEET, SHEET, spacing)
     start = ClothState.flat(mesh)
@@ -54,7 +54,7 @@ def hang(material: ElementMaterial, *, spacing: float = SPACING, duration: float
 
 
 @checked
-def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
+def drape_on_ball(material: ShellMaterial, *, spacing: float = SPACING, duration: float = 1.5) -> Scene:
     """The published drape (HYLC20 Fig. 17): held within 1 cm of (−0.1, ±0.1) m, over a ball of 3 cm 4 cm below."""
     mesh = rectangle(SHEET, SHEET, spacing)
     start = ClothState.flat(mesh)
@@ -70,7 +70,7 @@ def drape_on_ball(material: ElementMaterial, *, spacing: float = SPACING, durati
 
 
 @checked
-def bagging(material: ElementMaterial, *, spacing: float = 0.006, depth: float = 0.03, duration: float = 2.0) -> Scene:
+def bagging(material: ShellMaterial, *, spacing: float = 0.006, depth: float = 0.03, duration: float = 2.0) -> Scene:
     """A sheet of 12 cm held at its edges, through which a ball swings like a knee; what remains is its bag.
 
     depth: of the ball's lowest point [m], below 0.045; 0: it passes above. Measures: ``sag``, depth of the middle, and
@@ -100,7 +100,7 @@ def bagging(material: ElementMaterial, *, spacing: float = 0.006, depth: float =
 
 @checked
 def twist(
-    material: ElementMaterial,
+    material: ShellMaterial,
     *,
     spacing: float = 0.01,
     turns: float = 1.0,
@@ -130,7 +130,7 @@ def twist(
 
 @checked
 def pull_through(
-    material: ElementMaterial,
+    material: ShellMaterial,
     *,
     spacing: float = 0.0085,
     opening: float | None = None,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
-from yarnscale.shell.elastic.energy import ElementMaterial
+from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.shell.state import ClothState
 
@@ -20,7 +20,7 @@ _LEAST_PART = 0.1
 """Of the thickness of cloth whose layers start closer to each other than that."""
 
 
-def garment_thickness(material: ElementMaterial, mesh: TriangleMesh, start: ClothState) -> float:
+def garment_thickness(material: ShellMaterial, mesh: TriangleMesh, start: ClothState) -> float:
     """``cloth_thickness`` [m] of a mesh with close layers at the start: at most their distance.
 
     Otherwise the layers would be pushed apart at the start. At least a tenth of the thickness of the cloth.
@@ -30,7 +30,7 @@ def garment_thickness(material: ElementMaterial, mesh: TriangleMesh, start: Clot
     return min(thickness, max(closest, _LEAST_PART * thickness))
 
 
-def cloth_thickness(material: ElementMaterial, mesh: TriangleMesh) -> float:
+def cloth_thickness(material: ShellMaterial, mesh: TriangleMesh) -> float:
     """Distance [m] at which layers of a cloth begin to repel each other.
 
     The thickness of the fabric from the provenance of a homogenized material (field ``thickness``), or 1 mm; at most
