@@ -19,6 +19,8 @@ from yarnscale.shell.materials.compact import MIRROR, SpringNetwork, shapes_of
 
 OUTPUTS = 13
 """Per state: energy, six slopes, six second derivatives."""
+_LEAST = 1e-12
+"""Stiffness [J/m²] of which there is a logarithm."""
 
 
 def sizes_of(steps: int, springs: int) -> list[int]:
@@ -29,7 +31,8 @@ def sizes_of(steps: int, springs: int) -> list[int]:
 
 def unknowns_of(springs: SpringNetwork, constant: float) -> Array:
     """The vector of unknowns of a network without walls."""
-    parts = [*springs[:5], np.log(springs.stiffnesses), np.log(springs.background), [constant]]
+    positive = (np.log(np.maximum(part, _LEAST)) for part in (springs.stiffnesses, springs.background))
+    parts = [*springs[:5], *positive, [constant]]
     return np.concatenate([np.ravel(part) for part in parts])
 
 
@@ -104,7 +107,7 @@ class _Pass:
         self.x, self.v, self.springs = x, v, springs
         self.sigma = step(springs.steps @ x + springs.step_offsets[:, None])
         self.a1 = np.tensordot(springs.steps, v, 1)
-        self.h1, self.h2 = self.sigma[1][:, None] * self.a1, self.sigma[2][:, None] * self.a1**2
+        self.h1, self.h2 = self.sigma[1][:, None] * self.a1, self.sigma[2][:, None] * self.a1 * self.a1
         u = springs.springs @ x + springs.spring_offsets[:, None] + springs.bends @ self.sigma[0]
         self.psi = [springs.stiffnesses[:, None] * part for part in _spring(u)]
         self.u1 = np.tensordot(springs.springs, v, 1) + np.tensordot(springs.bends, self.h1, 1)
@@ -113,7 +116,7 @@ class _Pass:
     def outputs(self) -> Array:
         """Of every spring, (S, 13, n)."""
         psi, psi1, psi2 = (part[:, None] for part in self.psi[:3])
-        return np.concatenate([psi, psi1 * self.u1, psi2 * self.u1**2 + psi1 * self.u2], axis=1)
+        return np.concatenate([psi, psi1 * self.u1, psi2 * self.u1 * self.u1 + psi1 * self.u2], axis=1)
 
     def jacobian(self) -> Array:
         """By P, p, Q, W, q, log e: (..., 13, n)."""
@@ -121,12 +124,12 @@ class _Pass:
         psi1, psi2, psi3 = (part[:, None] for part in self.psi[1:])
         sigma, sigma1, sigma2, sigma3 = (part[:, None] for part in self.sigma)
         # Adjoints of u, of u' (slopes and second derivatives) and of u'' (second derivatives).
-        by_u = np.concatenate([psi1, psi2 * self.u1, psi3 * self.u1**2 + psi2 * self.u2], axis=1)
+        by_u = np.concatenate([psi1, psi2 * self.u1, psi3 * self.u1 * self.u1 + psi2 * self.u2], axis=1)
         by_u1 = np.concatenate([np.repeat(psi1, 6, axis=1), 2 * psi2 * self.u1], axis=1)
         by_h, by_h1, by_h2 = (np.tensordot(bends, part, 1) for part in (by_u, by_u1, psi1))
         by_a, by_a1 = by_h * sigma1, by_h1 * sigma1
         by_a[:, 1:] += by_h1 * sigma2 * np.tile(self.a1, (1, 2, 1))
-        by_a[:, 7:] += by_h2 * sigma3 * self.a1**2
+        by_a[:, 7:] += by_h2 * sigma3 * self.a1 * self.a1
         by_a1[:, 6:] += 2 * by_h2 * sigma2 * self.a1
         x, v, h1 = self.x[:, None], np.tile(self.v, (1, 2, 1)), np.tile(self.h1, (1, 2, 1))
         through = _outer(by_u, sigma, by_u1, h1)
@@ -142,13 +145,13 @@ class _Pass:
         psi, psi1, psi2, psi3 = self.psi
         sigma, sigma1, sigma2, sigma3 = self.sigma
         once = (self.u1 * slopes + self.u2 * seconds).sum(axis=1)
-        twice = (self.u1**2 * seconds).sum(axis=1)
+        twice = (self.u1 * self.u1 * seconds).sum(axis=1)
         by_stiffness = psi * energy + psi1 * once + psi2 * twice
         by_u = psi1 * energy + psi2 * once + psi3 * twice
         by_u1 = psi1[:, None] * slopes + 2 * psi2[:, None] * self.u1 * seconds
         by_h1, by_h2 = np.tensordot(bends, by_u1, 1), bends @ psi1
         by_a = bends @ by_u * sigma1 + sigma2 * (by_h1 * self.a1).sum(axis=1)
-        by_a += sigma3 * by_h2 * (self.a1**2 * seconds).sum(axis=1)
+        by_a += sigma3 * by_h2 * (self.a1 * self.a1 * seconds).sum(axis=1)
         by_a1 = by_h1 * sigma1[:, None] + 2 * (by_h2 * sigma2)[:, None] * self.a1 * seconds
         through = by_u @ sigma.T + _paired(by_u1, self.h1) + psi1 @ (self.h2 * seconds).sum(axis=1).T
         parts = (
@@ -172,20 +175,26 @@ def _outer(by_value: Array, value: Array, by_slope: Array, slope: Array) -> Arra
 
 def step(u: Array) -> list[Array]:
     """σ(u) and three derivatives."""
+    # Products, since powers of arrays take ten times as long.
     inverse = 1.0 / np.sqrt(1.0 + u * u)
-    cube = inverse**3
-    fifth = cube * inverse * inverse
-    return [u * inverse, cube, -3.0 * u * fifth, (12.0 * u * u - 3.0) * fifth * inverse * inverse]
+    square = inverse * inverse
+    cube = inverse * square
+    slope = -3.0 * u * cube * square
+    return [u * inverse, cube, slope, (12.0 * u * u - 3.0) * cube * square * square]
 
 
 def _spring(u: Array) -> list[Array]:
     """τ(u)² and three derivatives."""
     root = np.sqrt(1.0 + u * u)
+    inverse = 1.0 / root
     # ρ without cancellation for u far below zero.
     rho = np.where(u > 0, 0.5 * (u + root), 0.5 / (root - np.minimum(u, 0.0)))
-    b, c, d = rho / root, 0.5 / root**3, -1.5 * u / root**5
+    b, c = rho * inverse, 0.5 * inverse * inverse * inverse
+    d = -3.0 * u * c * inverse * inverse
     part = 1.0 / (1.0 + rho)
-    share = rho * part
-    f1, f2, f3 = share**2 * (3 * part + share), 6 * share * part**3, 6 * (part - 3 * share) * part**4
-    r, r1, r2, r3 = rho * share**2, f1 * b, f2 * b * b + f1 * c, f3 * b**3 + 3 * f2 * b * c + f1 * d
+    share, square = rho * part, part * part
+    f1 = share * share * (3 * part + share)
+    f2, f3 = 6 * share * square * part, 6 * (part - 3 * share) * square * square
+    r, r1 = rho * share * share, f1 * b
+    r2, r3 = f2 * b * b + f1 * c, (f3 * b * b + 3 * f2 * c) * b + f1 * d
     return [r * r, 2 * r * r1, 2 * (r1 * r1 + r * r2), 2 * (3 * r1 * r2 + r * r3)]
