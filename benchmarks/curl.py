@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from yarnscale.fabric.interior import interior
+from knit_interior import interior
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled

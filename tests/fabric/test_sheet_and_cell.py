@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from yarnscale.fabric.interior import interior
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
@@ -17,6 +18,9 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.friction import YarnFriction
 from yarnscale.yarn.material import YarnMaterial
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from knit_interior import interior
 
 PATTERN = library.build("stockinette")
 SOFT = YarnMaterial.preset("hylc2020-stockinette")

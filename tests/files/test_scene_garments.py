@@ -236,7 +236,7 @@ def test_bad_garment_scenes_are_told_with_file_and_field(folder: Path, text: str
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["sweater"], "sweater: ready scene; expected --shell MATERIAL.json; found none"),
+        (["sweater"], "sweater: ready scene; expected --shell, a name of the library or a file; found none"),
         (["gown"], "no such scene; expected a scene file or one of stretch-course"),
         (["scene.toml", "--spacing", "0.1"], "--spacing; expected it in the scene file"),
     ],

@@ -47,7 +47,7 @@ def test_the_folder_is_complete(outcome: tuple[Path, int]) -> None:
     assert status == 0
     found = {path.name for path in folder.iterdir()}
     assert {"samples", "unseen", "material.json", "pattern.json", "pictures", "index.html"} <= found
-    assert {"tension.png", "bending.png", "stress.png", "errors.png"} == {
+    assert {"cell.png", "tension.png", "bending.png", "stress.png", "errors.png"} == {
         path.name for path in (folder / "pictures").iterdir()
     }
     assert (folder / "material.json").stat().st_size < 100_000
