@@ -119,6 +119,12 @@ def test_a_browser_draws_turns_stretches_and_plays(page: ViewPage, states: State
         0, lambda: browser.value(f"{slider}.value = {slider}.max; {slider}.dispatchEvent(new Event('input'))")
     )
     assert "10 %" in browser.value("document.querySelector('.sliders output').textContent")
+    # Colours of stretch count from rest, whatever is shown when they are chosen.
+    script = "((model, field) => [model.values('yarns', field, model.points())[0], field.high])"
+    share, high = browser.value(f"{script}(panes[0].model, panes[0].header.colours[2].fields.yarns)")
+    ends = (CELL.placement(CELL.relax(strain))(points[0][:2], points[1].reshape(-1, 2)[:2]) for strain in STRAINS[:2])
+    rest, pulled = (np.linalg.norm(end[1] - end[0]) for end in ends)
+    assert (2.0 * share - 1.0) * high == pytest.approx(pulled / rest - 1.0, abs=1e-4)
     shown = browser.value("document.querySelector('.numbers').innerText")
     assert "J/m²" in shown and "N/m" in shown
     assert changed(1, lambda: browser.value("document.querySelectorAll('.bar button')[1].click()"))

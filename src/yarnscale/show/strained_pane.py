@@ -1,7 +1,7 @@
 """Panes of fabric of one strain, a periodic cell of yarns or a piece of shell, which stretches and bends under sliders.
 
 The page interpolates between equilibria as ``detail.fluctuations`` does for yarns on cloth, by radial functions |Δz|
-and a linear polynomial; fluctuations are kept by their principal components, to a hundredth of the yarn's radius.
+and a linear polynomial; fluctuations are kept by their principal components, to 0.2 % of the yarn's radius.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Progress = Callable[[int, int], None]
 """Called with the number of load paths done and that of all."""
 BEND_SIZE = 0.2
 """Curvature times yarn radius that counts as a strain of one, as for yarns on cloth."""
-PRECISION = 0.01
+PRECISION = 0.002
 """Error of the kept fluctuations over the yarn's radius."""
 _BENDS, _SHEARS, _TENSIONS = (0.015, 0.04, 0.07), (0.1, 0.25), 6
 _SPREAD = 200
@@ -169,7 +169,7 @@ def cell_pane(cell: PeriodicCell, states: States, title: str, *, top: bool = Tru
         "yarn": np.array([curve.yarn for curve in curves]), "radius": np.array(radii, float),
         "solid": np.concatenate(solid),
     }  # fmt: skip
-    strain = {"low": -0.05, "high": 0.05, "factor": 100, "unit": "%", "label": "stretch of yarn since rest"}
+    strain = {"factor": 100, "unit": "%", "label": "stretch of yarn since rest"}
     header = {
         "colours": [
             {"name": "yarns"}, {"name": "one cell", "fade": True},

@@ -84,15 +84,27 @@ class Strained {
     }
     return out;
   }
-  values(part, field, points) {
-    // Stretch of the segment behind every point since the first state shown.
-    const { offsets } = this.arrays, lengths = new Float32Array(points.length / 3);
+  // Of the segment behind every point.
+  lengths(points) {
+    const { offsets } = this.arrays, found = new Float32Array(points.length / 3);
     for (let c = 0; c + 1 < offsets.length; c++) for (let k = offsets[c]; k < offsets[c + 1]; k++) {
       const i = 3 * Math.min(k, offsets[c + 1] - 2);
-      lengths[k] = Math.hypot(points[i + 3] - points[i], points[i + 4] - points[i + 1], points[i + 5] - points[i + 2]);
+      found[k] = Math.hypot(points[i + 3] - points[i], points[i + 4] - points[i + 1], points[i + 5] - points[i + 2]);
     }
-    this.first = this.first || lengths;
-    return lengths.map((length, k) => (length / this.first[k] - 1 - field.low) / (field.high - field.low));
+    return found;
+  }
+  // Stretch since the first state; colours reach as far as it does at the ends of the paths.
+  values(part, field, points) {
+    if (!this.rest) {
+      const { strain, header: { start, paths } } = this;
+      const ends = [start, ...paths.map(path => path.states.at(-1))].map(end => { this.strain = end; return this.lengths(this.points()); });
+      this.rest = ends[0];
+      field.high = ends.reduce((most, end) => end.reduce((high, length, k) => Math.max(high, Math.abs(length / this.rest[k] - 1)), most), 1e-3);
+      field.low = -field.high;
+      this.strain = strain;
+      this.points();
+    }
+    return this.lengths(points).map((length, k) => 0.5 + 0.5 * (length / this.rest[k] - 1) / field.high);
   }
   numbers() {
     const names = this.header.answers.map(([name, unit, factor], k) => [name, `${text(factor * this.answer[k], 1e-5)} ${unit}`]);
