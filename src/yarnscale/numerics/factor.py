@@ -9,18 +9,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.fronts import Fronts
-from yarnscale.numerics.multifrontal import (
-    CONSTANTS,
-    DGEMM,
-    DGEMV,
-    DPOTRF,
-    DSYRK,
-    DTRSM,
-    DTRSV,
-    factor_fronts,
-    scatter,
-    solve_fronts,
-)
+from yarnscale.numerics.multifrontal import BLAS, factor_fronts, scatter, solve_fronts
 from yarnscale.numerics.threads import available_threads, one_thread, run_parts
 
 
@@ -113,7 +102,7 @@ class Factorisation:
 
         def work(share: Integers) -> bool:
             places = fronts.raised, fronts.updates
-            return factor_fronts(share, *self._tree, *places, *data, *CONSTANTS, DPOTRF, DTRSM, DSYRK)
+            return factor_fronts(share, *self._tree, *places, *data, BLAS)
 
         *side_by_side, last = fronts.shares
         if side_by_side:
@@ -127,10 +116,7 @@ class Factorisation:
         order = self._fronts.order
         columns = np.asfortranarray(right.reshape(len(right), -1)[order], dtype=np.float64)
         fronts = self._fronts
-        solve_fronts(
-            fronts.first, fronts.starts, fronts.rows, fronts.factor, self._factor, columns, *CONSTANTS,
-            DTRSM, DGEMM, DTRSV, DGEMV,
-        )  # fmt: skip
+        solve_fronts(fronts.first, fronts.starts, fronts.rows, fronts.factor, self._factor, columns, BLAS)
         solution = np.empty_like(columns)
         solution[order] = columns
         return solution.reshape(right.shape)

@@ -6,21 +6,39 @@ its parent, in an order that does not depend on the number of threads.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 from numba.extending import get_cython_function_address
 
+from yarnscale.arrays import Array
 from yarnscale.numerics.address_call import call_address
 
 _JIT = {"cache": True, "error_model": "numpy", "nogil": True, "fastmath": {"nsz", "contract", "reassoc"}}
 
 
-CONSTANTS = np.frombuffer(b"LNRT", np.uint8), np.array([1.0, -1.0, 0.0])
-"""Arguments of BLAS. Not made inside compiled functions, which free an array after its last use by name."""
-DPOTRF = get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf")
-DTRSM, DSYRK, DGEMM, DTRSV, DGEMV = (
-    get_cython_function_address("scipy.linalg.cython_blas", name)
-    for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
+class Blas(NamedTuple):
+    """Routines by their addresses, and arguments for them: the letters L, N, R, T and the numbers 1, −1, 0.
+
+    The arrays are not made inside compiled functions, which free an array after its last use by name.
+    """
+
+    letters: Array
+    numbers: Array
+    dpotrf: int
+    dtrsm: int
+    dsyrk: int
+    dgemm: int
+    dtrsv: int
+    dgemv: int
+
+
+BLAS = Blas(
+    np.frombuffer(b"LNRT", np.uint8),
+    np.array([1.0, -1.0, 0.0]),
+    get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf"),
+    *(get_cython_function_address("scipy.linalg.cython_blas", name) for name in Blas._fields[3:]),
 )
 
 
@@ -45,14 +63,10 @@ def factor_fronts(
     lowered,
     updates,
     factor,
-    letter,
-    one,
-    dpotrf,
-    dtrsm,
-    dsyrk,
+    blas,
 ):
     """Factor fronts in their order; False as soon as a pivot is not positive."""
-    lower, none, right, transposed = [letter.ctypes.data + k for k in range(4)]
+    lower, none, right, transposed = [blas.letters.ctypes.data + k for k in range(4)]
     size = np.zeros(4, np.int32)  # width, rows below, rows, outcome
     for s in share:
         width, below = first[s + 1] - first[s], starts[s + 1] - starts[s]
@@ -67,16 +81,19 @@ def factor_fronts(
             _add_update(updates[lowered[c] :], places[starts[c] : starts[c + 1]], width, below, columns, update)
         data = columns.ctypes.data
         width_at, below_at, rows_at = size.ctypes.data, size.ctypes.data + 4, size.ctypes.data + 8
-        call_address(dpotrf, (lower, width_at, data, rows_at, size.ctypes.data + 12))
+        call_address(blas.dpotrf, (lower, width_at, data, rows_at, size.ctypes.data + 12))
         if size[3] != 0:
             return False
         if below == 0:
             continue
-        plus, minus, beta = one.ctypes.data, one.ctypes.data + 8, one.ctypes.data + (0 if many else 16)
+        plus = blas.numbers.ctypes.data
+        minus, beta = plus + 8, plus + (0 if many else 16)
         under = data + 8 * width
-        call_address(dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at))
         call_address(
-            dsyrk,
+            blas.dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at)
+        )
+        call_address(
+            blas.dsyrk,
             (lower, none, below_at, width_at, minus, under, rows_at, beta, update.ctypes.data, below_at),
         )
         if lowered[s] < raised[s]:
@@ -101,10 +118,11 @@ def _add_update(child, places, width, below, columns, update):
 
 
 @numba.njit(**_JIT)
-def solve_fronts(first, starts, rows, begin, factor, x, letter, one, dtrsm, dgemm, dtrsv, dgemv):
+def solve_fronts(first, starts, rows, begin, factor, x, blas):
     """Replace columns x in the order of elimination by the solution of L Lᵀ x = right."""
-    lower, none, _, transposed = [letter.ctypes.data + k for k in range(4)]
-    plus, minus, zero = one.ctypes.data, one.ctypes.data + 8, one.ctypes.data + 16
+    lower, none, _, transposed = [blas.letters.ctypes.data + k for k in range(4)]
+    plus = blas.numbers.ctypes.data
+    minus, zero = plus + 8, plus + 16
     size = np.zeros(6, np.int32)  # width, rows below, rows, of x: rows, columns; one
     width_at, below_at, rows_at, length_at, count_at = [size.ctypes.data + 4 * k for k in range(5)]
     count, step_at = x.shape[1], size.ctypes.data + 20
@@ -122,27 +140,29 @@ def solve_fronts(first, starts, rows, begin, factor, x, letter, one, dtrsm, dgem
                 for i in range(below):
                     others[c * below + i] = x[met[i], c]
             if count == 1:
-                call_address(dgemv, (
+                call_address(blas.dgemv, (
                     transposed, below_at, width_at, minus, under, rows_at, apart, step_at, plus, mine, step_at
                 ))  # fmt: skip
             else:
-                call_address(dgemm, (
+                call_address(blas.dgemm, (
                     transposed, none, width_at, count_at, below_at, minus, under, rows_at, apart, below_at, plus,
                     mine, length_at,
                 ))  # fmt: skip
         turned = none if forward else transposed
         if count == 1:
-            call_address(dtrsv, (lower, turned, none, width_at, data, rows_at, mine, step_at))
+            call_address(blas.dtrsv, (lower, turned, none, width_at, data, rows_at, mine, step_at))
         else:
-            call_address(dtrsm, (lower, lower, turned, none, width_at, count_at, plus, data, rows_at, mine, length_at))
+            call_address(
+                blas.dtrsm, (lower, lower, turned, none, width_at, count_at, plus, data, rows_at, mine, length_at)
+            )
         if forward and below:
             if count == 1:
                 call_address(
-                    dgemv,
+                    blas.dgemv,
                     (none, below_at, width_at, plus, under, rows_at, mine, step_at, zero, apart, step_at),
                 )
             else:
-                call_address(dgemm, (
+                call_address(blas.dgemm, (
                     none, none, below_at, count_at, width_at, plus, under, rows_at, mine, length_at, zero,
                     apart, below_at,
                 ))  # fmt: skip
