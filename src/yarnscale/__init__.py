@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+from yarnscale.version import __version__
 
 if TYPE_CHECKING:
     from yarnscale.cell.equilibrium import Equilibrium

@@ -12,7 +12,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
-from yarnscale import __version__
 from yarnscale.cli.cloth_options import add_cloth_commands
 from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.cli.fabric_options import add_fabric_options
@@ -22,6 +21,7 @@ from yarnscale.cli.shared_options import GROUPS, Add, Option, Share, add_json, a
 from yarnscale.cli.view_options import add_view_options
 from yarnscale.cli.yarn_options import add_yarn_commands
 from yarnscale.errors import misspelt
+from yarnscale.version import __version__
 
 _COMPLETING = "_ARGCOMPLETE" in os.environ
 """Whether a shell asks how a command line goes on."""

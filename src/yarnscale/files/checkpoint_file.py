@@ -14,7 +14,6 @@ from typing import Any, Generic
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale import __version__
 from yarnscale.errors import InputError
 from yarnscale.files.array_file import read_arrays, read_names, write_arrays
 from yarnscale.files.fingerprint import fingerprint
@@ -22,6 +21,7 @@ from yarnscale.motion.body import State
 from yarnscale.motion.run import Run
 from yarnscale.motion.unfulfilled import Unfulfilled, plain
 from yarnscale.numerics.newton import Status
+from yarnscale.version import __version__
 
 NAME = "checkpoint.npz"
 INTERVAL = 5.0

@@ -14,13 +14,13 @@ from typing import IO, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale import __version__
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError, system_errors
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
 from yarnscale.files.colours import colour_of, yarn_name
 from yarnscale.files.tube_detail import LARGEST_PIECE, TubeDetail, Tubes
+from yarnscale.version import __version__
 
 Shape = tuple[Array, Array | None]
 """Positions [m] and normals (n, 3) of a mesh in one frame; lines have no normals."""

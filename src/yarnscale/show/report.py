@@ -12,10 +12,10 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
-from yarnscale import __version__
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.show.pane import Pane, viewer_parts
+from yarnscale.version import __version__
 
 MIME = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
 
