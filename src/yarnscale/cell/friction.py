@@ -103,9 +103,9 @@ class CellHistory:
 
 
 def path_with_friction(start: CellHistory, strains: Iterable[ShellStrain]) -> Iterator[CellHistory]:
-    """Equilibria at one macroscopic state after the other, from a history on; it ends where none is found.
+    """Equilibria at one macroscopic state after the other, after a history; ends at a state that has no equilibrium.
 
-    Steps that fail are halved. Results are independent of the steps in the limit of short ones.
+    Steps that fail are halved. Results converge as the steps become shorter.
     """
 
     def solver(strain: Array) -> Solve:

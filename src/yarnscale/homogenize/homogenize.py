@@ -41,7 +41,7 @@ FEWEST_UNSEEN = 10
 
 @dataclass(frozen=True, eq=False)
 class Homogenization:
-    """Outcome: the material, the states behind it, the unseen states that judge it, and what the solves cost."""
+    """Outcome: the material, the states behind it, its errors at unseen states, and the cost of the solves."""
 
     material: CompactMaterial | SplineMaterial
     samples: FabricStates
@@ -53,7 +53,7 @@ class Homogenization:
 
 @checked
 def fit(store: SampleStore, *, options: CompactOptions | None = None) -> CompactMaterial:
-    """Compact shell material of a store's converged states: their energies, stresses and, where kept, moduli."""
+    """Fit a compact shell material to the converged states of a store: energies, stresses and, where kept, moduli."""
     states = _states_of(store)
     return fit_compact_material(
         states.strains, states.energies, states.stresses, states.moduli, kinds=states.kinds,
@@ -63,7 +63,7 @@ def fit(store: SampleStore, *, options: CompactOptions | None = None) -> Compact
 
 @checked
 def fit_published(store: SampleStore, *, options: PublishedOptions | None = None) -> SplineMaterial:
-    """The published pairwise splines (HYLC20 §6) of a store of strains: see ``published_fit``."""
+    """Fit the published pairwise splines (HYLC20 §6) to a store of strains: see ``published_fit``."""
     if store.rays:
         raise InputError("samples along loads", where=store.path, expected="a store of strains for the form hylc2020")
     states = _states_of(store)
@@ -97,7 +97,7 @@ def homogenize(
     friction: YarnFriction | None = None,
     progress: Callable[[SamplingProgress], None] | None = None,
 ) -> Homogenization:
-    """Sample a cell, fit a material, and judge it on states that it has not seen.
+    """Sample a cell, fit a material, and measure its errors at states that were not fitted.
 
     form: "compact" samples along loads up to ``limit`` [N/m] and where a simulation went (strains ``visited``, (n, 6));
     "hylc2020" samples axes and planes of a ``range`` of strains for the published splines. solves: about how many

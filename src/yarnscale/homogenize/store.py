@@ -167,7 +167,7 @@ class SampleStore:
         return cls(path)
 
     def extended(self, rays: Sequence[Mapping[str, object]]) -> SampleStore:
-        """This store with more rays (plain descriptions) behind its own, pending; what is finished stays.
+        """This store with further rays (plain descriptions), not yet computed; finished states stay.
 
         Killed at any moment, it leaves the store as it was or extended (``recover``). Raises InputError for
         a store without rays, or a folder that cannot be written.

@@ -91,7 +91,7 @@ class Programme:
 
 @dataclass(frozen=True, eq=False)
 class FabricTests:
-    """What the tests of one fabric found. density: [kg/m²]. drape: where it was asked for, of a shell alone.
+    """Results of the tests of one fabric. density: [kg/m²]. drape: of the Cusick test, if there was one; shells only.
 
     friction: of yarns; cycles: with it.
     """

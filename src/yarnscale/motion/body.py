@@ -58,7 +58,11 @@ class Step(Generic[State]):
 
 
 class Body(ABC, Generic[State]):
-    """What a run needs to know of something that moves.
+    """What a run needs to know of something that moves: cloth, rods, spline yarns or a volume around yarns.
+
+    Energy, mass and bounds of motion are not here, since a run never asks for them: each body minimises its own
+    ``numerics.sums.SumOfEnergies``, which holds energy, inertia and springs, and its safe step lengths come from its
+    contacts. A state carries its frames.
 
     tolerance: residual of a solved step; halvings: how often a step that is not kept is halved; off_place: distance
     from its place beyond which a motion was not carried out [m]; method: of steps.

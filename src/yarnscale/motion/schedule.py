@@ -39,8 +39,9 @@ class Schedule:
     duration: [s] of dynamics; time_step: [s]; to_rest: whether steps without inertia follow until the body rests.
     longest_step: of these [s]; rest_tolerance: unrest (inertial force per weight) that counts as rest.
     frame_interval: [s] between frames, None for the last only. rough_iterations: Newton iterations per step of the
-    dynamics, kept unconverged, where only the rest counts (None: all). max_rest_steps: then the body is declared
-    restless. statics: equilibria while what holds it moves for ``duration``, by ``load_steps``, instead of all this.
+    dynamics, kept unconverged, where only the rest counts (None: all). max_rest_steps: at most
+    so many steps to rest. statics: instead of all this, equilibria at ``load_steps`` of the motion of handles and
+    obstacles, which takes ``duration``.
     """
 
     duration: float

@@ -340,7 +340,7 @@ class SwatchMeasurements:
         return of_yarn if self.known.yarn_count is None else self.known.yarn_count
 
     def knowing(self, known: KnownConstruction) -> SwatchMeasurements:
-        """The same fabric with what is known of its construction besides; what is new counts."""
+        """A copy with more data on the construction; new values replace old ones."""
         said = {name: value for name, value in vars(known).items() if value is not None}
         density = said.get("area_density", self.area_density)
         return replace(self, area_density=density, known=replace(self.known, **said))

@@ -51,7 +51,7 @@ class FabricEstimate(Displayed):
     measured curves of the other directions, likewise, and what the yarn does there; None where there are none.
     short: strips shorter than wide, simulated as cloth of the shell, if any. cloth: the swatches simulated as cloth of
     the homogenized yarn, if any. tests: of the laboratory on the fabric at rest, if any.
-    clamps: what their effect on the measurement was taken from, the fitted shell or the cloth of an earlier fit.
+    clamps: with which cloth their effect on the measurement was computed, the fitted shell or that of an earlier fit.
     """
 
     measurements: SwatchMeasurements

@@ -95,7 +95,7 @@ class Rubbing:
 class YarnFriction:
     """Coefficient of friction μ [-], and the slip h [radii] within which a yarn sticks without sliding.
 
-    The slip is that of implicit steps; explicit ones let nothing slip that friction can hold.
+    Implicit steps use h; in explicit ones contacts do not slip at all below the force μ N.
     """
 
     coefficient: float

@@ -53,7 +53,7 @@ class YarnPattern(Displayed):
     radius: yarn radius [m], of the thickest yarn where there are several.
     name: a label; not part of the content.
     yarn_material: number of each yarn's material (0 is the first), in the order of `yarns`, shape (yarns,);
-        None stands for all 0.
+        None: all are 0.
     yarn_radius: radius of each yarn [m], shape (yarns,); None where all have ``radius``.
     polyline: whether yarns are the straight segments between their vertices, as in the published patterns, with the
         published convention of contact, or smooth curves (theory §1).

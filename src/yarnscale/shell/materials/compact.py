@@ -74,9 +74,10 @@ def shapes_of(steps: int, springs: int, walls: int) -> SpringNetwork:
 class CompactMaterial(ShellMaterial):
     """A network of one-sided springs over six strains (see the module's text).
 
-    constant: c [J/m²]. scale: strains for which x is 1, (6,) [-, 1/m]. springs: the numbers. mirrored: whether both
-    mirror images count. samples: some of the fitted states, (m, 6) strains [-, 1/m], which say where the energy may be
-    trusted. spacing: how far in x a state may lie from the nearest of them. density: mass per area [kg/m²].
+    constant: c [J/m²]. scale: of the strains, (6,) [-, 1/m]; x is the strain over it. springs: the fitted arrays.
+    mirrored: whether the energy of a state and of its mirror image are the same. samples: some of the fitted states,
+    (m, 6) strains [-, 1/m]; far from all of them the energy is an extrapolation. spacing: distance in x within which a
+    state counts as sampled. density: mass per area [kg/m²].
     provenance: plain JSON values. sliders: friction inside the fabric (``shell.materials.friction``); energy, stress
     and moduli are those without it. Raises InputError on arrays that do not match or energies that fall without bound.
     """
