@@ -67,7 +67,7 @@ def plated_truth() -> tuple[YarnModel, UniformData]:
         curves.append(UniformCurve(direction, found.stretch, found.contraction, found.stress, comfort))
     single = knit("k", radius=0.3e-3, wale_spacing=10.0, course_spacing=6.5)
     length = float(drawn.drawn_length.sum()) / 2
-    return yarn_model(single, STIFF[0], yarn_length=length, free_shape=True), UniformData("plated", tuple(curves))
+    return yarn_model(single, STIFF[0], yarn_length=length), UniformData("plated", tuple(curves))
 
 
 def _plain(stretch: float, bending: float, radius: float) -> YarnMaterial:
@@ -79,14 +79,33 @@ def _plain(stretch: float, bending: float, radius: float) -> YarnMaterial:
 
 
 def plated(options: argparse.Namespace, executor) -> None:
-    """Two plated yarns fitted by one, with two phases of stretch and with one."""
+    """Two plated yarns fitted by one, with two phases of stretch and with one, each from yarns that could be meant.
+
+    The soft phase of the plated yarns is the elastane's, its end the stretch at which it was fed; a linear yarn may be
+    either of both yarns, or between them.
+    """
     model, data = plated_truth()
-    for law in ("two phases", "linear"):
-        if made(options, "plated", law=law) is None:
+    middle = model.values(np.full(5, 0.5))
+    starts = {
+        "two phases": [{"k_s1": SOFT[0], "knee": OVERFEED}],
+        "linear": [{"k_s1": value} for value in (SOFT[0], np.sqrt(SOFT[0] * STIFF[0]), STIFF[0])],
+    }
+    for law, firsts in starts.items():
+        for first in firsts:
+            if made(options, "plated", law=law, first=first["k_s1"]) is not None:
+                continue
+            values = {
+                **dict(zip(model.names, middle, strict=True)),
+                "k_b": STIFF[1],
+                "R_1": model.pattern.radius,
+            } | first
             case = replace(model, two_phase=law == "two phases")
-            fit = fit_yarn(case, data, options=settings_of(options), executor=executor, store=store_of(options))
-            row = {"law": law, **_errors(fit.evaluation), "values": fit.values.tolist(), "objective": fit.objective}
-            tell(options, row | {"evaluations": fit.evaluations, "cpu_seconds": fit.cpu_seconds})
+            fit = fit_yarn(
+                case, data, options=replace(settings_of(options), samples=5), rule=RestRule(), executor=executor,
+                store=store_of(options), start=model.unknowns(np.array([values[name] for name in model.names])),
+            )  # fmt: skip
+            row = {"law": law, "first": first["k_s1"], **_errors(fit.evaluation), "values": fit.values.tolist()}
+            tell(options, row | {"objective": fit.objective, "cpu_seconds": fit.cpu_seconds})
 
 
 def bending(options: argparse.Namespace, executor) -> None:
@@ -154,10 +173,10 @@ def known(options: argparse.Namespace, executor) -> None:
 def tables(options: argparse.Namespace, _) -> None:
     """Print what was made as tables of Markdown."""
     three = ("comfort", "full", "compression")
-    print("\n| law | comfort | full range | contraction | k_s1 [N] | knee | objective |\n|---|---|---|---|---|---|---|")
+    print("\n| law | k_s1 at first | comfort | full range | contraction | k_s1 | knee |\n|---|---|---|---|---|---|---|")
     for row in rows_of(options, "plated"):
-        values = f"{row['values'][0]:.3g} | {row['values'][1]:.3f} | {row['objective']:.4f}"
-        print(f"| {row['law']} | {' | '.join(_percent(row[name]) for name in three)} | {values} |")
+        cells = [_percent(row[name]) for name in three] + [f"{row['values'][0]:.3g} N", f"{row['values'][1]:.3f}"]
+        print(f"| {row['law']} | {row['first']:.3g} N | {' | '.join(cells)} |")
     print("\n| weight of bending | fabric | comfort | full range | contraction | bending |\n|---|---|---|---|---|---|")
     rows = rows_of(options, "bending")
     for weight in sorted({row["weight"] for row in rows}):
