@@ -234,7 +234,7 @@ class _LoadedNewton:
             return self._outcome(here, Status.INVALID)
         moduli = self._moduli(here) if known is None else known
         self.last_moduli = moduli if np.isfinite(moduli).all() else self.last_moduli
-        radius, escapes = self.radius, 0
+        radius, escapes, least = self.radius, 0, math.inf
         for iteration in range(max_iterations + 1):
             gradient, hessian = self._gradient(here), self._hessian(here)
             gap = self.to_prescribed @ (self.prescribed.values - self.prescribed.matrix @ here.strain)
@@ -250,7 +250,8 @@ class _LoadedNewton:
                 gap = _shortened(gap, PRESCRIBED_RADIUS)
                 step = self._newton_step(gradient + hessian @ gap, hessian)
             step = _shortened(step, radius)
-            fraction, there = self._search(here, gradient, gap + step, moving=moving)
+            least = math.inf if moving else min(least, self._residual(gradient))
+            fraction, there = self._search(here, gradient, gap + step, least, moving=moving)
             if there is None:
                 return self._outcome(here, Status.STALLED, moduli)
             whole = float(np.abs(step).max())
@@ -305,10 +306,15 @@ class _LoadedNewton:
         downhill = -math.copysign(1.0, float(direction @ gradient))
         return downhill * direction / np.abs(direction).max()
 
-    def _search(self, here: Response, gradient: Array, step: Array, *, moving: bool) -> tuple[float, Response | None]:
-        """The first of ever shorter steps that lowers Π or the residual; any, while prescribed strains are moving."""
+    def _search(
+        self, here: Response, gradient: Array, step: Array, least: float, *, moving: bool
+    ) -> tuple[float, Response | None]:
+        """The first of ever shorter steps that lowers Π or the least residual; any, while prescribed strains move.
+
+        The least of all iterations, since Newton's method may go to and fro across a slider's limit.
+        """
         before, slope = here.energy - self.loads.work(here.strain)[0], float(gradient @ step)
-        residual, fraction = self._residual(gradient), 1.0
+        fraction = 1.0
         for _ in range(_HALVINGS):
             strain = here.strain + fraction * step * self.scale
             if _admissible(strain):
@@ -316,7 +322,7 @@ class _LoadedNewton:
                 if there.usable:
                     gained = before - (there.energy - self.loads.work(strain)[0])
                     lower = gained >= -_SUFFICIENT * fraction * min(slope, 0.0) and gained > 0
-                    if moving or lower or self._residual(self._gradient(there)) <= 0.9 * residual:
+                    if moving or lower or self._residual(self._gradient(there)) <= 0.9 * least:
                         return fraction, there
             fraction *= 0.5 if fraction > 0.3 else 0.3
         return 0.0, None
