@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 import yarnscale as ys
 from yarnscale.cli import main
+from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
+from yarnscale.shell.materials.friction import Sliders
 
 
 @pytest.fixture
@@ -82,6 +85,7 @@ def test_a_cell_with_friction_is_tested_in_cycles(tmp_path, capsys):
         (["stockinette", "--friction", "0.1", "--cycles", "0"], "cycles"),
         (["stockinette", "--cycles", "2"], "--cycles"),
         (["SHELL", "--friction", "0.1"], "shell material"),
+        (["SHELL", "--cycles", "1"], "a shell material with friction"),
     ],
 )
 def test_friction_that_cannot_be_tested_is_refused_in_one_line(shell, tmp_path, capsys, options, reason):
@@ -89,6 +93,25 @@ def test_friction_that_cannot_be_tested_is_refused_in_one_line(shell, tmp_path, 
     assert main(["test", *options, "--out", str(tmp_path / "tested")]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert reason in line and not (tmp_path / "tested").exists()
+
+
+def test_a_shell_that_remembers_is_tested_in_cycles_and_exported_without_friction(tmp_path, capsys):
+    none = SpringNetwork(*(np.zeros(tuple(shape)) for shape in shapes_of(1, 1, 1)))
+    springs = none._replace(background=np.array([8.0, 8.0, 8.0, 0.1, 0.1, 0.1]))
+    sliders = Sliders.checked(np.eye(6), np.full(6, 4.0), 0.02 * np.eye(6))
+    scale = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
+    file, out = tmp_path / "felt.json", tmp_path / "tested"
+    ys.write_material(file, CompactMaterial(0.0, scale, springs, density=0.2, sliders=sliders))
+    options = ["--directions", "0", "--loads", "1,4", "--curvatures", "-20,20", "--cycles", "2", "--out", str(out)]
+    assert main(["test", str(file), *options, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    first, second = content["cycles"]["tension"]
+    assert 0.5 < first["work_returned"] / first["work"] < 0.95 and second["dissipated"] > 0.0
+    assert first["unloading"][-1]["stretch"] > 0.0 and "friction" not in content
+    assert 0.0 < content["summary"]["tension"][0]["RT"] < 100.0 and content["summary"]["shear"]["2HG5"] > 0.0
+    assert (out / "cycles.png").exists()
+    assert main(["export", str(file), "--format", "c", "--out", str(tmp_path / "felt.c"), "--json"]) == 0
+    assert "friction" in json.loads(capsys.readouterr().out)["lost"][0]
 
 
 def test_what_cannot_be_tested_is_refused(shell, tmp_path, capsys):
