@@ -9,6 +9,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.files.curve_frames import CurveSet
+from yarnscale.yarn.frames import carried_along
 
 
 class TubeSweep:
@@ -87,15 +88,12 @@ def _transport(
         first = (tangents[low, 0], tangents[low, 1], tangents[low, 2])
         n = _square((starts[curve, 0], starts[curve, 1], starts[curve, 2]), first)
         starts[curve, 0], starts[curve, 1], starts[curve, 2] = n
-        normals[low, 0], normals[low, 1], normals[low, 2] = n
-        begin, before_it = n, first
-        for i in range(low + 1, high):
-            t = (tangents[i, 0], tangents[i, 1], tangents[i, 2])
-            n = _carried(n, before_it, t)
-            before_it = t
-            normals[i, 0], normals[i, 1], normals[i, 2] = n
+        line = np.concatenate((tangents[low:high], tangents[low : low + 1]))
+        carried = carried_along(np.array(n), line)
+        normals[low:high] = carried[:-1]
         if loop:
-            back, side = _carried(n, before_it, first), _cross(first, begin)
+            begin, back = carried[0], carried[-1]
+            side = _cross(first, begin)
             angle = np.arctan2(_dot(back, side), _dot(back, begin))
             for i in range(low + 1, high):
                 turn = -angle * (i - low) / (high - low)
@@ -152,21 +150,3 @@ def _square(vector, tangent):
         x, y, z = axis[0] - along * tangent[0], axis[1] - along * tangent[1], axis[2] - along * tangent[2]
         length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _carried(normal, tangent, following):
-    """The normal turned by the smallest rotation that takes a tangent to the following one."""
-    cosine = _dot(tangent, following)
-    if cosine < -0.999999:
-        return _square(normal, following)
-    axis = _cross(tangent, following)
-    turned, share = _cross(axis, normal), _dot(axis, normal) / (1.0 + cosine)
-    return _square(
-        (
-            cosine * normal[0] + turned[0] + axis[0] * share,
-            cosine * normal[1] + turned[1] + axis[1] * share,
-            cosine * normal[2] + turned[2] + axis[2] * share,
-        ),
-        following,
-    )
