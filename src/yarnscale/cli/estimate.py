@@ -35,6 +35,7 @@ from yarnscale.swatches.evaluations import Evaluations
 from yarnscale.swatches.fabric_fit import check_bending, fitted_directions, refitted
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.objective import ErrorWeights
+from yarnscale.swatches.uniform_data import ERRORS
 from yarnscale.swatches.yarn_estimate import FabricEstimate
 from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
 from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT, YarnModel
@@ -289,12 +290,7 @@ def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
         value = found.parameters[name]
         yield f"  {name:<12}{value:.4g}{'   at the end of its range' if name in fit.at_bounds else ''}"
     for name, errors, failed in found.error_rows():
-        values = {
-            "comfort range": errors.comfort,
-            "full range": errors.full,
-            "contraction": errors.compression,
-        }
-        said = ", ".join(f"{what} {_percent(value)}" for what, value in values.items())
+        said = ", ".join(f"{what} {_percent(getattr(errors, name))}" for name, what in ERRORS.items())
         yield f"  {name}: {said}" + (f", without {failed} states that are not at rest" if failed else "")
     if (deviation := found.deviation) is not None:
         yield f"  {deviation}"

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 
 from yarnscale.cli.shared_options import Add, add_dask, add_json, add_overwrite, add_radius, add_workers
-from yarnscale.cli.values import not_negative, positive, positive_integer
+from yarnscale.cli.values import not_negative, positive, positive_integer, two_lengths
 
 SOLVERS = ("sobol", "local", "paper")
 SOLVES = 600
@@ -23,14 +22,6 @@ def _directions(text: str) -> tuple[str, ...]:
     if not set(names) <= set(DIRECTIONS):
         raise argparse.ArgumentTypeError(f"expected some of {', '.join(DIRECTIONS)}; found {text!r}")
     return names
-
-
-def _swatch(text: str) -> tuple[float, float]:
-    """Length and width of a swatch [m] of a text such as 100x50, in mm."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)(?:mm)?", text.strip())
-    if match is None or not min(float(match[1]), float(match[2])) > 0:
-        raise argparse.ArgumentTypeError(f"expected LENGTHxWIDTH in mm, such as 100x50; found {text!r}")
-    return 1e-3 * float(match[1]), 1e-3 * float(match[2])
 
 
 def add_estimate_options(add: Add) -> None:
@@ -51,7 +42,7 @@ def add_estimate_options(add: Add) -> None:
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the report and the evaluations")
     option("--sample", metavar="NAME-PREFIX", help="the fabric, where a table holds several: how its name begins")
     option(
-        "--swatch", type=_swatch, metavar="LENGTHxWIDTH",
+        "--swatch", type=two_lengths, metavar="LENGTHxWIDTH",
         help="distance of the clamps before the test and width of the swatch [mm], where a log leaves them out",
     )  # fmt: skip
     counted = "of the fabric at rest, which fixes its size; with"

@@ -52,8 +52,9 @@ def register(options: argparse.Namespace) -> int:
 
     if not options.no_page:
         session = _corrected(options, session, photographs, pictures, write)
-    write(session)
-    _report(options, session.current.pattern(drawing), structure, session.current)
+    pattern = session.current.pattern(drawing)
+    write_pattern_json(pattern, options.out)
+    _report(options, pattern, structure, session.current)
     return 0
 
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from yarnscale.cli.shared_options import Add, add_json
-from yarnscale.cli.values import port, positive
+from yarnscale.cli.values import port, positive, two_lengths
 from yarnscale.errors import quoted
 
 _UNITS = {"px/mm": 1e-3, "px/cm": 1e-2, "dpi": 25.4e-3}
@@ -33,7 +33,7 @@ def add_register_options(add: Add) -> None:
         help="of photographs or of an SVG's units: 40px/mm, 600dpi, 1.8um/px, or a length in the picture, 820px=20mm",
     )  # fmt: skip
     about = "of the chart [mm]: nearly, where pictures mislead; exactly, of traced curves"
-    option("--period", type=_period, metavar="WxH", help=about)
+    option("--period", type=two_lengths, metavar="WxH", help=about)
     about = "of the yarn (default: from the width of bright ridges; traced curves need it)"
     option("--radius", type=positive, metavar="METRES", help=about)
     option("--no-page", action="store_true", help="no page in the browser: the automatic registration alone")
@@ -56,11 +56,3 @@ def pixel_size(text: str) -> float:
             return size * float(match[1])
     expected = "40px/mm, 600dpi, 1.8um/px or 820px=20mm"
     raise argparse.ArgumentTypeError(f"expected {expected}; found {quoted(text)}")
-
-
-def _period(text: str) -> tuple[float, float]:
-    """Two lengths [m] from millimetres."""
-    match = re.fullmatch(rf"{_NUMBER}x{_NUMBER}", text.replace(" ", "").removesuffix("mm"))
-    if match is None or not float(match[1]) or not float(match[2]):
-        raise argparse.ArgumentTypeError(f"expected WxH in mm, such as 12.5x8; found {quoted(text)}")
-    return 1e-3 * float(match[1]), 1e-3 * float(match[2])

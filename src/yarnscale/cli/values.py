@@ -82,6 +82,15 @@ def frames(text: str) -> FrameChoice:
     return FrameChoice(first, first if match[2] is None else last, int(match[5] or 1))
 
 
+def two_lengths(text: str) -> tuple[float, float]:
+    """Two lengths [m] of a text such as 100x50, in mm."""
+    number = r"(\d+(?:\.\d+)?|\.\d+)"
+    match = re.fullmatch(rf"{number}[x×]{number}(?:mm)?", text.replace(" ", ""))
+    if match is None or not float(match[1]) or not float(match[2]):
+        raise argparse.ArgumentTypeError(f"expected two lengths in mm, such as 100x50; found {quoted(text)}")
+    return 1e-3 * float(match[1]), 1e-3 * float(match[2])
+
+
 def refuse(options: argparse.Namespace, names: Sequence[str], expected: str) -> None:
     """InputError for the first of some options, by their names in Python, that is given and not at its default."""
     for name in names:

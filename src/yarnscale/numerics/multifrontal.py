@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 from numba.extending import get_cython_function_address
+from numpy.typing import NDArray
 
 from yarnscale.arrays import Array
 from yarnscale.numerics.address_call import call_address
@@ -24,7 +25,7 @@ class Blas(NamedTuple):
     The arrays are not made inside compiled functions, which free an array after its last use by name.
     """
 
-    letters: Array
+    letters: NDArray[np.uint8]
     numbers: Array
     dpotrf: int
     dtrsm: int

@@ -12,9 +12,8 @@ from yarnscale.arrays import Array
 from yarnscale.show import theme
 from yarnscale.show.plots import written_figure
 from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+from yarnscale.swatches.uniform_data import ERRORS
 
-ERRORS = {"comfort": "comfort range", "full": "full range", "compression": "contraction"}
-"""Errors of an estimate by name, as EST22 Fig. 15 shows them."""
 _UNITS = {"k_s1": "N", "k_s2": "N", "k_b": "N m²", "R_1": "m", "R_est": "m", "k_c1": "kg/s²"}
 
 

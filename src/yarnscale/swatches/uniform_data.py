@@ -82,6 +82,10 @@ class UniformBend:
     stiffness: float
 
 
+ERRORS = {"comfort": "comfort range", "full": "full range", "compression": "contraction"}
+"""Fields of ``UniformErrors`` and what they are called."""
+
+
 @dataclass(frozen=True)
 class UniformErrors:
     """Mean errors over the largest target of the comfort range (EST22 §7.3.1, Fig. 15), as fractions.
@@ -97,7 +101,7 @@ class UniformErrors:
 
     def summary(self) -> dict[str, object]:
         """Numbers by name; None where no state is at rest."""
-        numbers = {"comfort": self.comfort, "full": self.full, "compression": self.compression}
+        numbers = {name: getattr(self, name) for name in ERRORS}
         values: dict[str, object] = {
             name: value if value is not None and np.isfinite(value) else None for name, value in numbers.items()
         }
