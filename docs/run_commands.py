@@ -1,8 +1,8 @@
 """Run what README.md and the pages of docs say: `python docs/run_commands.py README.md docs/guide/fabric.md`.
 
 Every command of a block and every block of Python is run in a folder that holds the samples, in the order of the page,
-costly ones with the smaller numbers of ``SMALLER``. ``PARSED_ONLY`` are only parsed: they take minutes whatever is made
-smaller, and the tests of these commands run them on their own inputs.
+costly ones with the smaller numbers of ``SMALLER``. Pages that homogenize alike share the result. ``PARSED_ONLY`` are
+only parsed.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -32,14 +33,16 @@ SMALLER: dict[str, list[str]] = {
     "view": ["--as-drawn"],
 }
 """Beginning of a command -> options that make it small; the longest beginning counts."""
-PARSED_ONLY = (
-    "register",
-    "estimate",
-    "library",
-    "test stockinette",
-    "test knit/material.json --drape",
-    "sample ",
-)
+PARSED_ONLY = {
+    "register": "waits for a person, or takes photographs; tests/cli/test_register.py",
+    "estimate": "minutes to hours; tests/cli/test_estimate.py",
+    "library": "minutes for a material; tests/cli/test_library.py",
+    "homogenize stockinette --friction": "minutes of cycles; tests/homogenize/test_friction_fit.py",
+    "test stockinette": "a minute of cells; tests/laboratory",
+    "test knit/material.json --drape": "a minute of cloth; tests/laboratory/test_summary.py",
+    "sample ": "minutes of cells; tests/cli/test_sample.py",
+}
+"""Beginning of a command that takes minutes whatever is made smaller -> why, and which tests run the command."""
 INSTEAD = {"simulate sweater": "simulate hang"}
 """Beginning of a command that takes minutes -> what is run in its place, so that the commands after it have a run."""
 BEFORE = {
@@ -77,49 +80,54 @@ def small(arguments: list[str]) -> list[str] | None:
         if text.startswith(key):
             arguments = [*other.split(), *arguments[len(key.split()) :]]
             text = " ".join(arguments)
-    if text.startswith(PARSED_ONLY):
+    if text.startswith(tuple(PARSED_ONLY)):
         return None
     known = sorted((key for key in SMALLER if text.startswith(key)), key=len)
     return [*arguments, *(SMALLER[known[-1]] if known else [])]
 
 
-def run(page: Path, folder: Path) -> list[str]:
-    """Run a page in a folder; returns what failed."""
+def run(page: Path, folder: Path, kept: Path) -> list[str]:
+    """Run a page in a folder; returns what failed. kept: folder of what earlier pages homogenized."""
     environment = os.environ | {
         "PYTHONPATH": str(ROOT / "src"),
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
     }
-    program = [sys.executable, "-m", "yarnscale"]
-    tasks = [(0, [*program, "samples", "--out", "."], "samples")]
-    for text in BEFORE.get(page.stem, []):
-        wanted = small(shlex.split(text)[1:])
-        tasks.append((0, [*program, *(wanted or [])], text))
-    for line, arguments in commands(page):
-        if (wanted := small(arguments)) is not None:
-            tasks.append((line, [*program, *wanted], " ".join(["yarnscale", *wanted])))
-    for line, language, content in blocks(page):
-        if language == "python":
-            tasks.append((line, [sys.executable, "-c", content], f"Python: {content.splitlines()[0]} …"))
+    before = ["yarnscale samples --out .", *BEFORE.get(page.stem, [])]
+    wanted = [(0, small(shlex.split(text)[1:])) for text in before]
+    wanted += [(line, small(arguments)) for line, arguments in commands(page)]
+    tasks = [(line, f"yarnscale {shlex.join(a)}", [sys.executable, "-m", "yarnscale", *a]) for line, a in wanted if a]
+    tasks += [
+        (line, f"Python: {content.splitlines()[0]} …", [sys.executable, "-c", content])
+        for line, language, content in blocks(page)
+        if language == "python"
+    ]
     failed = []
-    for line, command, name in tasks:
+    for line, name, command in tasks:
+        out = folder / command[command.index("--out") + 1] if "homogenize" in command else None
+        copy = kept / re.sub(r"\W+", "-", name)
+        if out is not None and copy.is_dir():
+            shutil.copytree(copy, out)
+            continue
         began = time.perf_counter()
-        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-        print(
-            f"{page.name}:{line}: {name}: status {done.returncode}, {time.perf_counter() - began:.0f} s",
-            flush=True,
-        )
-        if done.returncode:
-            failed.append(f"{page.name}:{line}: {name}\n{done.stderr[-2000:]}")
+        ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        print(f"{page.name}:{line}: {name}: status {ended.returncode}, {time.perf_counter() - began:.0f} s", flush=True)
+        if ended.returncode:
+            failed.append(f"{page.name}:{line}: {name}\n{ended.stderr[-2000:]}")
+        elif out is not None:
+            shutil.copytree(out, copy)
     return failed
 
 
 def main() -> int:
     """Run the pages named, each in a folder of its own."""
     failed = []
-    for name in sys.argv[1:]:
-        with tempfile.TemporaryDirectory() as folder:
-            failed += run(Path(name), Path(folder))
+    with tempfile.TemporaryDirectory() as kept:
+        for name in sys.argv[1:]:
+            with tempfile.TemporaryDirectory() as folder:
+                page = Path(name)
+                if commands(page) or any(language == "python" for _, language, _ in blocks(page)):
+                    failed += run(page, Path(folder), Path(kept))
     print("\n".join(failed))
     return 1 if failed else 0
 

@@ -28,12 +28,6 @@ assert _spec is not None and _spec.loader is not None
 run_commands = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(run_commands)
 COMMANDS = [(page.name, line, text) for page in PAGES for line, text in run_commands.commands(page)]
-WITH_BLOCKS = [
-    page
-    for page in PAGES
-    if page.name != "README.md"
-    and (run_commands.commands(page) or any(language == "python" for _, language, _ in run_commands.blocks(page)))
-]
 
 
 @pytest.mark.parametrize(("page", "line", "arguments"), COMMANDS, ids=[f"{p}-{n}" for p, n, _ in COMMANDS])
@@ -44,7 +38,9 @@ def test_commands_parse_as_they_stand_and_made_small(page: str, line: int, argum
 
 
 def test_there_are_commands() -> None:
-    assert len(COMMANDS) > 25 and len(WITH_BLOCKS) >= 4
+    assert len(COMMANDS) > 25
+    for reason in run_commands.PARSED_ONLY.values():
+        assert (ROOT / reason.rpartition("; ")[2]).exists()
 
 
 def test_files_that_commands_name_are_samples_or_made_before() -> None:
@@ -61,16 +57,36 @@ def test_files_that_commands_name_are_samples_or_made_before() -> None:
                 assert word in there or word in made, (page, line, word)
 
 
-COSTLY = ("cloth", "homogenize", "virtual_tests", "yarn_detail", "researcher", "engineer", "artist")
-"""Pages whose commands take minutes: README and the tutorials run the same commands in ``.ci/run``."""
-QUICK = [page for page in WITH_BLOCKS if page.stem not in COSTLY]
+def test_other_lines_of_consoles_name_what_is_there() -> None:
+    """Commands of yarnscale are run in ``.ci/run`` (docs/run_commands.py); benchmarks and targets are looked up."""
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    for page in PAGES:
+        for line, language, content in run_commands.blocks(page):
+            for text in content.splitlines() if language == "console" else ():
+                program, *words = text.split("#")[0].split()
+                assert program in ("yarnscale", "make", "python"), (page.name, line, text)
+                if program == "make":
+                    assert words[0] in targets, (page.name, line, text)
+                if program == "python":
+                    source = (ROOT / words[0]).read_text(encoding="utf-8")
+                    assert all(f'"{word}"' in source for word in words if word.startswith("--")), (
+                        page.name,
+                        line,
+                        text,
+                    )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", QUICK, ids=lambda page: page.stem)
-def test_pages_run(page: Path, tmp_path: Path) -> None:
-    """README's own commands are the last step of ``.ci/run``."""
-    assert run_commands.run(page, tmp_path) == []
+def test_files_of_pages_are_what_readers_take(tmp_path: Path) -> None:
+    chart = 0
+    for page in PAGES:
+        for line, language, content in run_commands.blocks(page):
+            if language == "toml":
+                tomllib.loads(content)
+            if language == "" and "kind = " in content:
+                (tmp_path / f"c{line}.chart").write_text(content)
+                assert len(read_pattern(tmp_path / f"c{line}.chart").edges)
+                chart += 1
+    assert chart >= 2
 
 
 def test_links_lead_to_files() -> None:

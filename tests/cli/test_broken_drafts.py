@@ -27,7 +27,7 @@ WIF: dict[str, tuple[str, str]] = {
     "words": (TWILL.replace("4=1,4", "4=all"), ":15: [TIEUP] 4"),
     "ten million digits": (TWILL + "5=" + "1" * 10_000_000 + "\n", ":21: [TREADLING] 5"),
     "key beyond the largest web": (TWILL + "4097=1\n", ":21: [TREADLING] 4097"),
-    "a million picks": (TWILL + "".join(f"{n}=1\n" for n in range(5, 1_000_000)), ":4113: [TREADLING] is too long"),
+    "many picks": (TWILL + "".join(f"{n}=1\n" for n in range(5, 300_000)), ":4113: [TREADLING] is too long"),
     "count beyond the largest web": (TWILL + "[WEFT]\nThreads=5000\n", ":22: [WEFT] threads"),
     "negative count": (TWILL + "[WARP]\nThreads=-4\n", ":22: [WARP] threads"),
     "fewer threads than keys": (TWILL + "[WEFT]\nThreads=2\n", ":19: [TREADLING] 3"),

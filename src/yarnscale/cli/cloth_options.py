@@ -33,7 +33,7 @@ def add_cloth_commands(add: Add) -> None:
     travel = "displacement of each bar [m]; published: 0.035 stockinette, 0.02 basket, 0.04 rib"
     option("--travel", type=number, metavar="M", help=travel)
     duration = "of the pull [s] (as published: 0.05 + way / 0.1 m/s)"
-    option("--duration", type=positive, metavar="S", help=duration)
+    option("--duration", type=positive, metavar="SECONDS", help=duration)
     option("--air-drag", type=number, metavar="D", help="[kg/m³], quadratic (10)")
 
     add("drape", "cloth", "Drape a 30 × 30 cm sheet over a sphere.", *sheet)
