@@ -17,7 +17,7 @@ from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.fabrics import HomogeneousFabric, fabric_of
-from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, path_under
+from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed, equilibrium_under
 from yarnscale.homogenize.rays import LIMIT, Ray, box_strains, doubling_load
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
@@ -35,6 +35,8 @@ BEND_SIZE = 0.2
 PRECISION = 0.002
 """Error of the kept fluctuations over the yarn's radius."""
 _BENDS, _SHEARS, _TENSIONS = (0.015, 0.04, 0.07), (0.1, 0.25), 6
+_TOLERANCE, _FLOOR = 0.02, 5e-4
+"""Residual that counts as equilibrium in a view, over the loads and over the largest of all."""
 _SPREAD = 200
 """States of a shell material without samples."""
 _SHEET, _CHECKS = 0.05, 20
@@ -136,7 +138,9 @@ def load_paths(
     for done, (name, plan) in enumerate(plans.items(), start=1):
         states, start = [], None
         for loads, prescribed in plan:
-            (state,) = path_under(fabric, [loads], start=start, prescribed=prescribed)
+            state = equilibrium_under(
+                fabric, loads, start=start, prescribed=prescribed, tolerance=_TOLERANCE, floor=_FLOOR * limit
+            )
             if not state.converged:
                 break
             states.append(state)
