@@ -38,6 +38,7 @@ PARSED_ONLY = {
     "estimate": "minutes to hours; tests/cli/test_estimate.py",
     "library": "minutes for a material; tests/cli/test_library.py",
     "homogenize stockinette --friction": "minutes of cycles; tests/homogenize/test_friction_fit.py",
+    "test m/material.json": "minutes of cycles; tests/laboratory/test_cycles.py",
     "test stockinette": "a minute of cells; tests/laboratory",
     "test knit/material.json --drape": "a minute of cloth; tests/laboratory/test_summary.py",
     "sample ": "minutes of cells; tests/cli/test_sample.py",
@@ -64,10 +65,10 @@ def blocks(page: Path) -> list[tuple[int, str, str]]:
 
 
 def commands(page: Path) -> list[tuple[int, list[str]]]:
-    """Line and arguments of every command ``yarnscale …`` of a page's blocks."""
+    """Line and arguments of every command ``yarnscale …`` of a page's blocks; a backslash continues a line."""
     found = []
     for line, _, content in blocks(page):
-        for number, text in enumerate(content.splitlines(), start=line + 1):
+        for number, text in enumerate(content.replace("\\\n", " ").splitlines(), start=line + 1):
             if text.startswith("yarnscale "):
                 found.append((number, shlex.split(text, comments=True)[1:]))
     return found

@@ -62,7 +62,7 @@ def test_other_lines_of_consoles_name_what_is_there() -> None:
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
     for page in PAGES:
         for line, language, content in run_commands.blocks(page):
-            for text in content.splitlines() if language == "console" else ():
+            for text in content.replace("\\\n", " ").splitlines() if language == "console" else ():
                 program, *words = text.split("#")[0].split()
                 assert program in ("yarnscale", "make", "python"), (page.name, line, text)
                 if program == "make":
