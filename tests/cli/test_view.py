@@ -9,10 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from yarnscale.cell import PeriodicCell
 from yarnscale.cli import main
+from yarnscale.drawing import library
 from yarnscale.files.equilibrium_file import read_equilibrium
 from yarnscale.files.material_json import write_material
+from yarnscale.files.patterns import write_pattern
+from yarnscale.homogenize.plan import scattered_axes
+from yarnscale.homogenize.sample import create_store
+from yarnscale.homogenize.worker import record, strain_of
 from yarnscale.shell.materials.orthotropic import OrthotropicMaterial
+from yarnscale.yarn.material import YarnMaterial
 
 
 def _exported(thing: Path | str, folder: Path, *more: str) -> dict:
@@ -39,6 +46,21 @@ def test_a_state_and_a_material_become_pages(tmp_path: Path, capsys: pytest.Capt
     pane = _exported(tmp_path / "cloth.json", tmp_path, "--json")
     assert json.loads(capsys.readouterr().out)["panes"] == ["shell material cloth.json"]
     assert pane["states"] > 100 and len(pane["paths"]) > 5
+
+
+def test_an_estimate_shows_the_samples_of_its_yarn(tmp_path: Path) -> None:
+    folder, states = tmp_path / "found", np.array([[0.0] * 5, [0.1, 0.0, 0.0, 0.0, 0.0]])
+    for place, scale in (("samples", 1.0), ("refitted/samples", 1.1)):
+        cell = PeriodicCell(library.build("plain").scaled(scale), YarnMaterial.preset("wool"))
+        store = create_store(folder / "homogenized" / place, cell, scattered_axes(states), scattered=True)
+        for number, state in enumerate(states):
+            store.write(number, record(cell.relax(strain_of(state))))
+        write_pattern(cell.pattern, folder / "pattern.json")
+    (folder / "estimate.json").write_text('{"parameters": {"k_b": 1e-9}}')
+    pane = _exported(folder, tmp_path)
+    assert pane["states"] == 2 and pane["range"][0] == [0.0, 0.1]
+    assert pane["period"][0] == pytest.approx(1.1 * library.build("plain").period[0])
+    assert "k_b" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

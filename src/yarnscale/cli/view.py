@@ -154,9 +154,8 @@ def _equilibrium(path: Path) -> View:
     return View(f"{cell.pattern.name}, relaxed", (pane,), _facts(cell), (table,))
 
 
-def _store(options: argparse.Namespace, path: Path) -> View:
-    store = SampleStore(path)
-    source = path.parent / "pattern.json"
+def _store(options: argparse.Namespace, path: Path, source: Path | None = None) -> View:
+    store, source = SampleStore(path), source or path.parent / "pattern.json"
     origin = CellOrigin.of(store.attributes["provenance"], path)
     if origin is None or not (source.is_file() or origin.name in library.names()):
         raise InputError("pattern of the samples", where=path, expected=f"{source}, or a built-in pattern")
@@ -209,8 +208,14 @@ def _estimate(options: argparse.Namespace, path: Path) -> View:
     if not isinstance(parameters, dict):
         raise InputError("field 'parameters'", where=path / "estimate.json", expected="a table of numbers")
     table = Table(["", "SI units"], [[str(name), value] for name, value in parameters.items()], "Parameters")
-    samples, curves = path / "homogenized" / "samples", path / "curves.png"
-    found = _store(options, samples) if samples.is_dir() else _pattern(options, str(path / "pattern.json"))
+    source, curves, found = path / "pattern.json", path / "curves.png", None
+    pattern_hash = read_pattern(source).content_hash()
+    for samples in (path / "homogenized" / place / "samples" for place in ("refitted", "")):
+        if found is None and samples.is_dir():
+            origin = CellOrigin.of(SampleStore(samples).attributes["provenance"], samples)
+            if origin is not None and origin.pattern_hash == pattern_hash:
+                found = _store(options, samples, source)
+    found = found or _pattern(options, str(source))
     stills = (curves,) if curves.is_file() else ()
     return replace(found, title=f"estimated yarn of {path.name}", tables=(table,), stills=stills)
 
