@@ -14,7 +14,7 @@ def test_main_objects_show_a_picture_and_a_table() -> None:
     cloth = ys.OrthotropicMaterial(10.0, 1.0, 10.0, 0.2, bend_weft=1e-5, bend_warp=1e-5)
     cases = (
         (cell, "area density [g/m²]</td><td>"),
-        (cell.relax(ys.ShellStrain(s_x=0.1)), "<td>s_x</td><td>0.1</td>"),
+        (cell.relax(ys.ShellStrain(s_x=0.1)), "<td>s_x; stress [N/m]</td><td>0.1; "),
         (cloth, "OrthotropicMaterial"),
         (ys.run(ys.scenes.hang(cloth, spacing=0.1)), "<td>status</td>"),
     )

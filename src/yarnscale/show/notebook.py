@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import astuple
 from functools import singledispatch
 from pathlib import Path
 
@@ -83,12 +82,12 @@ def _(cell: PeriodicCell) -> tuple[Draw, Mapping[str, Cell]]:
 
 @shown.register
 def _(state: Equilibrium) -> tuple[Draw, Mapping[str, Cell]]:
-    rows: dict[str, Cell] = {"state": state.outcome}
-    rows |= {f"{name}{' [1/m]' if k > 2 else ''}": value for k, (name, value) in _nonzero(state.strain)}
-    rows["energy [J/m²]"] = state.energy_density
-    rows |= {
-        f"stress by {name} [{'N/m' if k < 3 else 'N'}]": float(state.stress[k]) for k, name in enumerate(COMPONENTS)
-    }
+    rows: dict[str, Cell] = {"state": state.outcome, "energy [J/m²]": state.energy_density}
+    for k, name in enumerate(COMPONENTS):
+        strain, stress = float(state.strain.vector[k]), cell_text(float(state.stress[k]))
+        rows[f"{name}{' [1/m]' if k > 2 else ''}; stress [{'N/m' if k < 3 else 'N'}]"] = (
+            f"{cell_text(strain)}; {stress}"
+        )
     rows["closest yarns [diameters]"] = state.min_distance_over_diameter
 
     def draw(path: Path) -> None:
@@ -100,11 +99,6 @@ def _(state: Equilibrium) -> tuple[Draw, Mapping[str, Cell]]:
             axes.set(xlabel="x [mm]", ylabel="y [mm]", title="vertices of the yarns", aspect="equal")
 
     return draw, rows
-
-
-def _nonzero(strain: object) -> list[tuple[int, tuple[str, float]]]:
-    pairs = enumerate(zip(COMPONENTS, astuple(strain), strict=True))  # type: ignore[call-overload]
-    return [(k, pair) for k, pair in pairs if pair[1]]
 
 
 @shown.register

@@ -152,7 +152,7 @@ def load_paths(
     return found
 
 
-def cell_pane(cell: PeriodicCell, states: States, title: str, *, top: bool = True) -> Pane:
+def cell_pane(cell: PeriodicCell, states: States, title: str) -> Pane:
     """The cell and its copies between equilibria."""
     pattern = cell.pattern
     rings = rings_for(pattern.period, pattern.radius)
@@ -179,7 +179,7 @@ def cell_pane(cell: PeriodicCell, states: States, title: str, *, top: bool = Tru
             {"name": "yarns"}, {"name": "one cell", "fade": True},
             {"name": "stretch of yarn", "fields": {"yarns": strain}},
         ],
-        "eye": [0.0, 0.0, 1.0] if top else [0.45, -0.95, 0.9], "up": [0.0, 1.0, 0.0] if top else [0.0, 0.0, 1.0],
+        "eye": [0.0, 0.0, 1.0], "up": [0.0, 1.0, 0.0],
         "period": pattern.period.tolist(), "centre": centre.tolist(), **framed(drawn),
     }  # fmt: skip
     return _pane(title, states, pattern.radius, pattern.woven, header, arrays)

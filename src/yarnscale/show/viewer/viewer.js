@@ -138,13 +138,13 @@ function midsurface([sx, sa, sy, p, q, r], [cx, cy]) {
 
 class Tubes {
   constructor(arrays, smooth, sides) {
-    const { offsets, closed, radius, solid, yarn } = arrays;
+    const { offsets, closed, radius } = arrays;
     const rings = [], starts = [0], faces = [];
     for (let c = 0; c < closed.length; c++) {
       const low = offsets[c], count = offsets[c + 1] - low, loop = closed[c];
       const at = k => low + (loop ? (k + 2 * count) % count : clamp(k, 0, count - 1)), segments = loop ? count : count - 1;
-      for (let k = 0; k < segments; k++) for (let s = 0; s < smooth; s++) rings.push([at(k - 1), at(k), at(k + 1), at(k + 2), s / smooth, c, k]);
-      rings.push([at(segments - 1), at(segments), at(segments), at(segments + 1), 0, c, segments - 1]);
+      for (let k = 0; k < segments; k++) for (let s = 0; s < smooth; s++) rings.push([at(k - 1), at(k), at(k + 1), at(k + 2), s / smooth, c]);
+      rings.push([at(segments - 1), at(segments), at(segments), at(segments + 1), 0, c]);
       starts.push(rings.length);
     }
     const count = rings.length, caps = closed.length * 2;
@@ -158,7 +158,7 @@ class Tubes {
         faces.push(i, i + (end ? s : s + 1), i + (end ? s + 1 : s));
       }
     }
-    Object.assign(this, { sides, starts, count, caps, radius, yarn, solid, curves: closed.length });
+    Object.assign(this, { sides, starts, count, radius, curves: closed.length });
     this.at = new Int32Array(4 * count);
     this.weights = new Float32Array(4 * count);
     this.curve = new Int32Array(count);
@@ -321,7 +321,6 @@ class Pane {
     this.show();
     this.aim();
     new ResizeObserver(() => this.resize()).observe(this.canvas);
-    this.ready = true;
   }
   // The camera in its first direction, as near as the box of what is shown allows.
   aim() {
