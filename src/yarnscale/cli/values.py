@@ -87,7 +87,7 @@ def two_lengths(text: str) -> tuple[float, float]:
     number = r"(\d+(?:\.\d+)?|\.\d+)"
     match = re.fullmatch(rf"{number}[x×]{number}(?:mm)?", text.replace(" ", ""))
     if match is None or not float(match[1]) or not float(match[2]):
-        raise argparse.ArgumentTypeError(f"expected two lengths in mm, such as 100x50; found {quoted(text)}")
+        raise argparse.ArgumentTypeError(f"expected WxH in mm, such as 100x50; found {quoted(text)}")
     return 1e-3 * float(match[1]), 1e-3 * float(match[2])
 
 
