@@ -10,7 +10,7 @@ import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.friction import CellHistory, path_with_friction
-from yarnscale.cell.grip import Grip
+from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.supercell import supercell, tiled
 from yarnscale.drawing import library
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
@@ -52,7 +52,7 @@ def test_springs_of_an_estimated_yarn_count_both_barriers_of_its_contact() -> No
         (found,) = path_with_friction(
             CellHistory.begin(cell, YarnFriction(FRICTION), cell.relax()), [ShellStrain(s_x=0.02)]
         )
-        stiffness.append(np.median(found.grip.stiffness))
+        stiffness.append(np.median(found.friction_pairs.stiffness))
     assert stiffness[1] / stiffness[0] == pytest.approx((1 + 1e4 / 0.95**2) / (1 + 1 / 0.95**2), rel=0.05)
 
 
@@ -80,7 +80,7 @@ def test_stress_is_the_derivative_of_what_is_minimised(
 ) -> None:
     """Energy and potential of friction at fixed fluctuations, by every strain."""
     history = loop(cell, rest, path(turn, steps=3))[-1]
-    ahead = replace(cell, grip=history.grip)
+    ahead = replace(cell, friction_pairs=history.friction_pairs)
     state, step = history.state, 1e-6 * SCALE
     energy = ahead.energy(state.strain)
     random = np.random.default_rng(1)
@@ -154,8 +154,11 @@ def test_random_paths_of_all_strains(cell: PeriodicCell, rest: Equilibrium, seed
     found = loop(cell, rest, path(*turns, steps=2))
     for history in found:
         assert history.dissipated >= 0.0
-        grip = history.grip
-        assert (np.linalg.norm(grip.spring, axis=1) <= grip.limit / grip.stiffness * (1 + 1e-9)).all()
+        friction_pairs = history.friction_pairs
+        assert (
+            np.linalg.norm(friction_pairs.spring, axis=1)
+            <= friction_pairs.limit / friction_pairs.stiffness * (1 + 1e-9)
+        ).all()
     assert max(h.stored for h in found) < 1.0
 
 
@@ -180,16 +183,16 @@ def test_a_yarn_dragged_over_another_slides_at_its_share_of_the_pressure() -> No
     size, found = 0.15, [CellHistory.begin(cell, YarnFriction(FRICTION), state)]
     for way in size * np.concatenate([[1.0], np.linspace(1, -1, 21), np.linspace(-1, 1, 21)]):
         found.append(dragged(found[-1], way))
-    grip, unit = found[-1].grip, cell.energy(ShellStrain()).unit
-    limit = grip.limit[above := grip.pairs[:, 0] < 8]
-    force = np.linalg.norm((grip.stiffness[:, None] * grip.spring)[above].sum(axis=0))
+    friction_pairs, unit = found[-1].friction_pairs, cell.energy(ShellStrain()).unit
+    limit = friction_pairs.limit[above := friction_pairs.pairs[:, 0] < 8]
+    force = np.linalg.norm((friction_pairs.stiffness[:, None] * friction_pairs.spring)[above].sum(axis=0))
     # Some of the pressures lean along the way: their sum is an upper bound, their resultant a lower one.
-    least = np.linalg.norm((limit[:, None] * grip.normal[above]).sum(axis=0))
+    least = np.linalg.norm((limit[:, None] * friction_pairs.normal[above]).sum(axis=0))
     assert least <= force <= limit.sum() < 1.1 * least
     loss = sum(h.dissipated for h in found[3:]) * pattern.area / unit
     expected = [
         4 * g.limit @ (size * np.sqrt(1.0 - g.normal[:, 0] ** 2) - g.limit / g.stiffness)
-        for g in (h.grip for h in found[2:])
+        for g in (h.friction_pairs for h in found[2:])
     ]
     # Pressure moves from pair to pair as the yarn goes on, and springs of pairs that it leaves lose their energy.
     assert loss == pytest.approx(np.mean(expected), rel=0.02)
@@ -198,11 +201,11 @@ def test_a_yarn_dragged_over_another_slides_at_its_share_of_the_pressure() -> No
 def test_springs_are_found_by_their_pair_among_any_number_of_vertices() -> None:
     pairs = np.array([[0, 1 << 16, 0, 0], [1, 0, 0, 0], [70_000, 3, -1, 2], [3, 70_000, 1, -2], [1, 0, -1, 0]])
     springs, numbers = np.arange(15.0).reshape(5, 3), np.ones(5)
-    grip = Grip(pairs, np.zeros((5, 2)), springs, springs, numbers, numbers, springs)
+    friction_pairs = FrictionPairs(pairs, np.zeros((5, 2)), springs, springs, numbers, numbers, springs)
     wanted = np.concatenate([pairs[::-1], [[1, 1, 0, 0], [0, 0, 0, 0]]])
-    np.testing.assert_array_equal(grip._found(wanted), np.concatenate([springs[::-1], np.zeros((2, 3))]))
-    assert grip._found(np.empty((0, 4), np.int64)).shape == (0, 3)
-    np.testing.assert_array_equal(Grip.none()._found(pairs), np.zeros((5, 3)))
+    np.testing.assert_array_equal(friction_pairs._found(wanted), np.concatenate([springs[::-1], np.zeros((2, 3))]))
+    assert friction_pairs._found(np.empty((0, 4), np.int64)).shape == (0, 3)
+    np.testing.assert_array_equal(FrictionPairs.none()._found(pairs), np.zeros((5, 3)))
 
 
 def test_a_path_begins_at_an_equilibrium():

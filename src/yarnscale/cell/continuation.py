@@ -12,7 +12,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium, EquilibriumOptions, Start
-from yarnscale.cell.grip import Grip
+from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.passages import has_passages, jump_is_safe, linked_differently, safe_move
 from yarnscale.cell.starts import perturbed
 from yarnscale.kinematics import ShellStrain
@@ -35,17 +35,17 @@ _Reached = tuple[CellEnergy, Solution]
 
 @dataclass(frozen=True, eq=False)
 class Continuation:
-    """Equilibria of a pattern of a material, found as ``options`` say; sliding, grip: as in ``PeriodicCell``."""
+    """Equilibria of a pattern of a material, found as ``options`` say; other fields: as in ``PeriodicCell``."""
 
     pattern: YarnPattern
     material: Materials
     sliding: bool
     options: EquilibriumOptions
-    grip: Grip | None = None
+    friction_pairs: FrictionPairs | None = None
 
     def energy(self, strain: ShellStrain) -> CellEnergy:
         """The energy under a state."""
-        return CellEnergy(self.pattern, self.material, strain, self.sliding, grip=self.grip)
+        return CellEnergy(self.pattern, self.material, strain, self.sliding, friction_pairs=self.friction_pairs)
 
     def equilibrium(self, strain: ShellStrain, start: Start | None, *, nearby: bool = False) -> Equilibrium:
         """The equilibrium under a state, from a start or from rest; arguments as those of ``PeriodicCell.relax``."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.cell.constraints import constraint_chains, constraint_rows, independent
-from yarnscale.cell.grip import Grip
+from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
@@ -52,8 +52,8 @@ class CellEnergy:
     """Energy of a pattern under one macroscopic state; an objective for ``numerics.newton``.
 
     The free vector is [û (3n, in radii), θ (n)]. sliding: whether yarns may slide along themselves as a whole.
-    symmetric: count every contact pair from both sides, half each; needed off singly curved states and by ``grip``;
-    None: there. grip: pairs that resist slip since an earlier state.
+    symmetric: count every contact pair from both sides, half each; needed off singly curved states and by
+    ``friction_pairs``; None: there. friction_pairs: pairs that resist slip since an earlier state.
     """
 
     pattern: YarnPattern
@@ -61,7 +61,7 @@ class CellEnergy:
     strain: ShellStrain
     sliding: bool = False
     symmetric: bool | None = None
-    grip: Grip | None = None
+    friction_pairs: FrictionPairs | None = None
     nodes: CopiedNodes = field(init=False)
     constraints: LinearConstraints | ChainConstraints = field(init=False)
     residual_scale: float = field(init=False, default=1.0)
@@ -86,13 +86,13 @@ class CellEnergy:
         self.nodes = CopiedNodes(source, turned, offset, n, n)
         self.rods = RodEnergy(
             self.stiffness, self.strands, copies=self.nodes,
-            symmetric=bent or self.grip is not None if self.symmetric is None else self.symmetric,
+            symmetric=bent or self.friction_pairs is not None if self.symmetric is None else self.symmetric,
             turning=self.turning if bent else None, margin=PATTERN_MARGIN if large else WIDE_MARGIN,
         )  # fmt: skip
         anchors, self._anchor_slope = self._anchors(rotation)
         self.rods.set_anchors(anchors, pattern.reference_twist)
-        if self.grip is not None:
-            self._friction = self.grip.stencils(self.strands, self.frames)
+        if self.friction_pairs is not None:
+            self._friction = self.friction_pairs.stencils(self.strands, self.frames)
             self.rods.set_others(self._friction)
         self.constraints = self._constraints(large)
         positions, twists = self.stiffness.position_scale(), self.stiffness.twist_scale()
@@ -228,8 +228,8 @@ class CellEnergy:
         slopes = self.surface.by_state(self.reference[loaded], fluctuation)
         by_anchors = self.rods.bend_twist.by_parameters(full, ANCHORS)
         total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum("ni,nij->j", by_anchors, self._anchor_slope)
-        if self.grip is not None and self._friction.count:
-            vertices, vectors = self.grip.turned(self.strands)
+        if self.friction_pairs is not None and self._friction.count:
+            vertices, vectors = self.friction_pairs.turned(self.strands)
             by_vectors = self._friction.by_parameters(full, ("offset", "normal")).reshape(-1, 2, 3)
             for k in (0, 1):
                 turned = self.surface.frames_by_state(self.reference[vertices], vectors[:, k])

@@ -1,8 +1,8 @@
 """Friction in a periodic cell along a path of macroscopic states (theory §2): what its contacts remember.
 
-From one state to the next the cell minimises its energy plus the potential of springs and sliders (``Grip``) between
-all segments that press, with the pressures of the last state: errors are of the order of the step. What friction takes
-in a step is exact: sliding forces times slid distances, and what springs lose.
+From one state to the next the cell minimises its energy plus the potential of springs and sliders (``FrictionPairs``)
+between all segments that press, with the pressures of the last state: errors are of the order of the step. The energy
+lost in a step is exact: sliding forces times slid distances, and what springs lose.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
-from yarnscale.cell.grip import Grip
+from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
@@ -53,7 +53,7 @@ class CellHistory:
     cell: PeriodicCell
     friction: YarnFriction
     state: Equilibrium
-    grip: Grip
+    friction_pairs: FrictionPairs
     stored: float
     dissipated: float = 0.0
 
@@ -65,31 +65,31 @@ class CellHistory:
         """
         if not state.usable:
             raise InputError("start of a path with friction", expected="an equilibrium", found=state.outcome)
-        return cls(cell, friction, state, Grip.none(), sum(state.energy_parts.values()))
+        return cls(cell, friction, state, FrictionPairs.none(), sum(state.energy_parts.values()))
 
     def step(self, solve: Solve) -> CellHistory | None:
         """The history at a next state; None where there is none.
 
         solve: the next equilibrium of a cell that resists slip since this state, from this equilibrium.
         """
-        grip = self._gripped()
-        state = solve(replace(self.cell, grip=grip), self.state)
+        pairs = self._pairs()
+        state = solve(replace(self.cell, friction_pairs=pairs), self.state)
         if state is None or not state.usable:
             return None
         energy, positions = self._places(state)
-        springs, slid = grip.springs(energy.strands, positions, energy.frames)
-        new, unit = replace(grip, spring=springs), energy.unit / self.cell.pattern.area
-        lost = slid + self.grip.stored - grip.stored
+        springs, slid = pairs.springs(energy.strands, positions, energy.frames)
+        new, unit = replace(pairs, spring=springs), energy.unit / self.cell.pattern.area
+        lost = slid + self.friction_pairs.stored - pairs.stored
         stored = sum(state.energy_parts.values()) + new.stored * unit
-        return replace(self, state=state, grip=new, stored=stored, dissipated=lost * unit)
+        return replace(self, state=state, friction_pairs=new, stored=stored, dissipated=lost * unit)
 
     def _places(self, state: Equilibrium) -> tuple[CellEnergy, Array]:
         """The energy under a state, and the positions of all nodes."""
-        energy = replace(self.cell, grip=Grip.none()).energy(state.strain)
+        energy = replace(self.cell, friction_pairs=FrictionPairs.none()).energy(state.strain)
         x = energy.start(state.fluctuation / self.cell.pattern.radius, state.twist)
         return energy, energy.rods.positions(energy.nodes.expand(x))
 
-    def _gripped(self) -> Grip:
+    def _pairs(self) -> FrictionPairs:
         """What resists slip since this state."""
         energy, positions = self._places(self.state)
         full = np.concatenate([positions.ravel(), self.state.twist])
@@ -98,8 +98,8 @@ class CellHistory:
         keys = np.column_stack([first, second % energy.count, energy.strands.tiles[second // energy.count]])
         normal = np.einsum("kji,kj->ki", energy.frames[first], pairs.normal)
         limit, slack = self.friction.coefficient * pairs.pressure, np.zeros_like(normal)
-        grip = Grip(keys, pairs.place, slack, normal, limit, pairs.stiffness, slack)
-        return grip.since(energy.strands, positions, energy.frames, self.grip)
+        fresh = FrictionPairs(keys, pairs.place, slack, normal, limit, pairs.stiffness, slack)
+        return fresh.since(energy.strands, positions, energy.frames, self.friction_pairs)
 
 
 def path_with_friction(start: CellHistory, strains: Iterable[ShellStrain]) -> Iterator[CellHistory]:

@@ -13,7 +13,7 @@ from yarnscale.yarn.strands import Strands
 
 
 @dataclass(frozen=True, eq=False)
-class Grip:
+class FrictionPairs:
     """Pairs that pressed on each other at a state; lengths in radii, energies in E π r³.
 
     pairs: (k, 4) vertices at which the segments begin, and the tile of the second. place: (k, 2) where on them they
@@ -31,7 +31,7 @@ class Grip:
     spring: Array
 
     @classmethod
-    def none(cls) -> Grip:
+    def none(cls) -> FrictionPairs:
         """No pair."""
         vectors, numbers = np.empty((0, 3)), np.empty(0)
         return cls(np.empty((0, 4), np.int64), np.empty((0, 2)), vectors, vectors, numbers, numbers, vectors)
@@ -41,7 +41,7 @@ class Grip:
         """Energy of all springs."""
         return float(0.5 * (self.stiffness @ (self.spring * self.spring).sum(axis=1)))
 
-    def since(self, strands: Strands, positions: Array, frames: Array, before: Grip) -> Grip:
+    def since(self, strands: Strands, positions: Array, frames: Array, before: FrictionPairs) -> FrictionPairs:
         """The same pairs that resist slip since a state: positions (T·n, 3) of all nodes, and springs there.
 
         Springs are as far stretched as they can be: across the normal, and by no more force than ``limit``.
@@ -49,7 +49,9 @@ class Grip:
         kept, apart = self._apart(strands, positions, frames)
         spring = _held(_across(before._found(self.pairs), self.normal), self.limit / self.stiffness)
         limit, stiffness = self.limit[kept], self.stiffness[kept]
-        return Grip(self.pairs[kept], self.place[kept], apart, self.normal[kept], limit, stiffness, spring[kept])
+        return FrictionPairs(
+            self.pairs[kept], self.place[kept], apart, self.normal[kept], limit, stiffness, spring[kept]
+        )
 
     def stencils(self, strands: Strands, frames: Array) -> StencilSet:
         """Friction since the state, on nodes of copies; frames: (n, 3, 3) rotations at the primary vertices.

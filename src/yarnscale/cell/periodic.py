@@ -12,7 +12,7 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.cell.continuation import Continuation
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium, EquilibriumOptions, Start
-from yarnscale.cell.grip import Grip
+from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.checked import checked
@@ -31,14 +31,14 @@ class PeriodicCell(Displayed):
 
     material: one for all yarns, or a sequence that the pattern's ``yarn_material`` numbers; kept as a tuple then.
     sliding: whether each yarn may slide along itself as a whole; fixed by default, as published (EST22 §7.1).
-    options: how its equilibria are found. grip: pairs that resist slip since a state (``CellHistory``).
+    options: how its equilibria are found. friction_pairs: pairs that resist slip since a state (``CellHistory``).
     """
 
     pattern: YarnPattern
     material: Materials
     sliding: bool = False
     options: EquilibriumOptions = field(default=EquilibriumOptions(), kw_only=True)
-    grip: Grip | None = field(default=None, kw_only=True, repr=False)
+    friction_pairs: FrictionPairs | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, YarnMaterial):
@@ -68,7 +68,7 @@ class PeriodicCell(Displayed):
 
     def energy(self, strain: ShellStrain) -> CellEnergy:
         """The energy of this cell under any state, as an objective of fluctuations and twists."""
-        return CellEnergy(self.pattern, self.material, strain, self.sliding, grip=self.grip)
+        return CellEnergy(self.pattern, self.material, strain, self.sliding, friction_pairs=self.friction_pairs)
 
     def warm_up(self, strain: ShellStrain | None = None) -> None:
         """Compile or load what solves need, so that none of them pays for it."""
@@ -91,7 +91,7 @@ class PeriodicCell(Displayed):
         """
         if isinstance(start, Equilibrium) and start.passages:
             start = None
-        path = Continuation(self.pattern, self.material, self.sliding, self.options, self.grip)
+        path = Continuation(self.pattern, self.material, self.sliding, self.options, self.friction_pairs)
         return path.equilibrium(ShellStrain() if strain is None else strain, start, nearby=nearby)
 
     def placement(self, state: Equilibrium | None) -> Callable[[Integers, Integers], Array]:

@@ -153,7 +153,7 @@ def _moved(energy: CellEnergy, component: int, step: float) -> CellEnergy:
     vector = energy.strain.vector.copy()
     vector[component] += step
     strain = ShellStrain.from_vector(vector)
-    return CellEnergy(energy.pattern, energy.material, strain, energy.sliding, True, energy.grip)
+    return CellEnergy(energy.pattern, energy.material, strain, energy.sliding, True, energy.friction_pairs)
 
 
 def _constraint_work(energy: CellEnergy, multipliers: Array, x: Array) -> Array:

@@ -14,10 +14,10 @@ def yarn_name(number: int) -> str:
 
 def colour_of(name: str) -> tuple[float, float, float]:
     """Linear red, green and blue of ``cloth``, ``bodies``, or yarns by their name."""
-    return _OTHERS[name] if name in _OTHERS else yarn_colour(int(name.removeprefix("yarns") or 0))
+    return _OTHERS[name] if name in _OTHERS else linear_yarn_colour(int(name.removeprefix("yarns") or 0))
 
 
-def yarn_colour(number: int) -> tuple[float, float, float]:
+def linear_yarn_colour(number: int) -> tuple[float, float, float]:
     """Linear red, green and blue of yarns of a number."""
     code = YARNS[number % len(YARNS)]
     red, green, blue = (_linear(int(code[k : k + 2], 16) / 255.0) for k in (1, 3, 5))

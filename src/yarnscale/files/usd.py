@@ -13,7 +13,7 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface, vertex_normals
 from yarnscale.files.atomic import replacement
-from yarnscale.files.colours import colour_of, yarn_colour
+from yarnscale.files.colours import colour_of, linear_yarn_colour
 from yarnscale.files.curve_frames import CurveSet
 
 _FRAMES_IN_MEMORY = 32
@@ -144,7 +144,7 @@ class _Parts:
         prim.CreateWrapAttr(tokens.periodic if curves.closed[0] else tokens.pinned)
         prim.CreateCurveVertexCountsAttr(self._integers(np.diff(curves.offsets)))
         prim.SetWidthsInterpolation(tokens.vertex)
-        colours = np.array([yarn_colour(number) for number in curves.yarn.tolist()], dtype=np.float32)
+        colours = np.array([linear_yarn_colour(number) for number in curves.yarn.tolist()], dtype=np.float32)
         variable = prim.CreateDisplayColorPrimvar(tokens.uniform)
         variable.Set(self.arrays.Vec3fArray.FromNumpy(colours))
         return prim

@@ -28,16 +28,16 @@ def _rub(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
     slip = (1 - s) * v["a0"] + s * v["a1"] - (1 - t) * v["b0"] - t * v["b1"] - p["offset"]
     across = slip - p["normal"] * ca.dot(p["normal"], slip)
     square, limit = ca.dot(across, across), p["smooth"] ** 2
-    return p["grip"] * (0.5 * ca.fmin(square, limit) / p["smooth"] + ca.sqrt(ca.fmax(square, limit)) - p["smooth"])
+    return p["force"] * (0.5 * ca.fmin(square, limit) / p["smooth"] + ca.sqrt(ca.fmax(square, limit)) - p["smooth"])
 
 
 FRICTION = StencilEnergy(
     "yarn_friction",
     {"a0": 3, "a1": 3, "b0": 3, "b1": 3},
-    {"place": 2, "offset": 3, "normal": 3, "grip": 1, "smooth": 1},
+    {"place": 2, "offset": 3, "normal": 3, "force": 1, "smooth": 1},
     _rub,  # type: ignore[arg-type]
 )
-"""Spring and slider: μ N |u|²/2h where |u| < h, μ N (|u| − h/2) beyond; ``grip`` μ N, ``smooth`` h.
+"""Spring and slider: μ N |u|²/2h where |u| < h, μ N (|u| − h/2) beyond; ``force`` μ N, ``smooth`` h.
 
 u is the slip across the pressure since ``offset``. It is the least, over the slid way p, of ½ k |u − p|² + μ N |p| with
 k = μ N/h, and the force is never more than μ N.
@@ -112,8 +112,8 @@ class YarnFriction:
         pairs = Rubbing.of(contacts, x)
         offset = np.einsum("kj,kji->ki", pairs.weights, positions[pairs.nodes])
         smooth = np.full(len(pairs.pressure), self.slip)
-        grip = self.coefficient * pairs.pressure
-        parameters = np.column_stack([pairs.place, offset, pairs.normal, grip, smooth])
+        force = self.coefficient * pairs.pressure
+        parameters = np.column_stack([pairs.place, offset, pairs.normal, force, smooth])
         return StencilSet(FRICTION, pairs.variables, parameters, 4)
 
     def slowed(self, velocity: Array, yielding: Array, contacts: StencilSet, x: Array, duration: float) -> Array:
