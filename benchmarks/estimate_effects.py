@@ -33,7 +33,7 @@ from yarnscale.swatches.uniform_data import UniformBend, UniformCurve, UniformDa
 from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_fit import fit_yarn
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
-from yarnscale.swatches.yarn_rest import RestRule, at_rest
+from yarnscale.swatches.yarn_rest import RestRule, rested_cell
 from yarnscale.swatches.yarn_states import pulled
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 
@@ -58,7 +58,7 @@ def plated_truth() -> tuple[YarnModel, UniformData]:
     materials = tuple(_plain(stretch, bending, drawn.radius) for stretch, bending in (SOFT, STIFF))
     cell = PeriodicCell(replace(drawn, rest_length=lengths), materials)
     # Rest lengths stay those at which the yarns were fed: the fabric contracts until the elastane rests in its loops.
-    rested = at_rest(cell.with_options(tolerance=1e-8, max_iterations=150), RestRule(rounds=0))
+    rested = rested_cell(cell.with_options(tolerance=1e-8, max_iterations=150), RestRule(rounds=0))
     curves = []
     for direction, end in REACH.items():
         found = pulled(rested.cell, direction, end * np.arange(1, 15) / 14)

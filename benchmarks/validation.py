@@ -47,7 +47,7 @@ from yarnscale.files.checkpoint_file import NAME as CHECKPOINT
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.files.cloth_frames import FrameFolder, FrameWriter
 from yarnscale.files.curve_frames import CurveFolder, CurveSet
-from yarnscale.files.material_json import material_text, read_material, write_material
+from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.homogenize import homogenize
@@ -318,7 +318,8 @@ def by_cloth(case: Case, asked: Scenario, folder: Path, options: argparse.Namesp
     assert case.spacing is not None
     material = material_of(asked, folder.parent)
     cloth = cloth_of(asked, material, case.spacing)
-    parts, text = (case, asked, folder, ClothState, options.cloth_step), material_text(material)
+    parts = case, asked, folder, ClothState, options.cloth_step
+    text = (folder.parent / "material.json").read_text(encoding="utf-8")
     try:
         run = KeptRun(*parts, material=text)
     except InputError as error:
