@@ -7,10 +7,10 @@ stiff and soft directions of a state.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import chain, combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
-from yarnscale.arrays import Array, Flags, Integers
+from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
 from yarnscale.homogenize.spring_jacobian import Directional, springs_of
 from yarnscale.numerics.secant import SecantPairs
@@ -33,8 +33,12 @@ _MOMENT_FLOOR = 0.5
 """Floor at bent states without loads, over the median of their stress, if that is less than the usual floor."""
 _LEAST_ALLOWED, _LEAST_USUAL = 0.1, 0.02
 """Allowed error of stress along the softest directions, as a part of that along stiff ones; in tension or bending."""
+_BENT_POWER = 0.8
+"""Power of the importance of tension that counts for states at rest and bent without loads."""
 FEWEST_STATES = 10
-_HUBER, _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 5.0, 1e-5, 1e-3, 120, 2.0
+_HUBER = 5.0
+"""Residual from which the loss grows linearly."""
+_SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 1e-5, 1e-3, 120, 6.0
 _SINGLE: Any = np.float32
 _DAMPING, _LARGEST_DAMPING = 1e-2, 1e4
 """Of the first step of a stage at most, and that at which a stage ends."""
@@ -49,17 +53,18 @@ class CompactOptions:
     """How to fit.
 
     steps, springs: their number, of springs the largest. rounds: of the choice of springs. iterations: of the
-    refinement. tolerance: relative error of stress and energy that counts as one. strain_tolerance: error of the
-    strain, in units, that counts as one along soft directions. modulus_weight: of a relative error of a modulus
-    beside one of stress. importance: of states under tension, its fourth root of those at rest and bent ones.
-    symmetric: whether the fabric is its own mirror image, None to tell from the samples. seed: of the choice.
-    Raises InputError for values out of range.
+    refinement. starts: of which the best is refined to the end. tolerance: relative error of stress and energy that
+    counts as one. strain_tolerance: error of the strain, in units, that counts as one along soft directions.
+    modulus_weight: of a relative error of a modulus beside one of stress. importance: of states under tension; its
+    power 0.8 of those at rest and bent ones. symmetric: whether the fabric is its own mirror image, None to tell from
+    the samples. seed: of the choice. Raises InputError for values out of range.
     """
 
     steps: int = 16
     springs: int = 40
     rounds: int = 40
-    iterations: int = 500
+    iterations: int = 400
+    starts: int = 2
     tolerance: float = 0.03
     strain_tolerance: float = 0.01
     modulus_weight: float = 0.3
@@ -68,7 +73,7 @@ class CompactOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        least = {"steps": 0, "springs": 1, "rounds": 1, "iterations": 0, "seed": 0}
+        least = {"steps": 0, "springs": 1, "rounds": 1, "iterations": 0, "starts": 1, "seed": 0}
         for name, lowest in least.items():
             if not isinstance(found := getattr(self, name), int | np.integer) or found < lowest:
                 raise InputError(name, expected=f"a whole number from {lowest} on", found=found)
@@ -139,10 +144,6 @@ class Samples:
         modulus = modulus * scale[:, None] * scale
         return cls(x[good] / scale, energy[good], stress[good] * scale, modulus[good], kind[good])
 
-    def chosen(self, states: Flags) -> Samples:
-        x, energies, stresses, moduli = (a[states] for a in (self.x, self.energies, self.stresses, self.moduli))
-        return Samples(x, energies, stresses, moduli, self.kinds[states])
-
     @cached_property
     def rest(self) -> int:
         """The state nearest to the undeformed one."""
@@ -178,14 +179,14 @@ class Problem:
         self.norms = np.linalg.norm(stresses, axis=1)
         kinds = np.concatenate([data.kinds, data.kinds[more]])
         pulled, bent = kinds == "tension", kinds == "bending"
-        rather = np.where(bent | self.at_rest, options.importance**0.25, 1.0)
+        rather = np.where(bent | self.at_rest, options.importance**_BENT_POWER, 1.0)
         self.importance = np.where(pulled, options.importance, rather)
         self.least = np.where(pulled | bent, _LEAST_USUAL, _LEAST_ALLOWED)
         # Knits can be a thousand times softer in bending than in tension.
         moment = _MOMENT_FLOOR * float(np.median(self.norms[bent])) if bent.any() else FIT_FLOOR
         self.floors = np.where(bent | self.at_rest, min(1.0, moment / FIT_FLOOR), 1.0)
-        ends = np.linspace(0, self.x.shape[1], available_threads() + 1).astype(int).tolist()
-        self.shares = [slice(*pair) for pair in pairwise(ends)]
+        count = self.x.shape[1]
+        self.blocks = [slice(k, min(k + _AT_ONCE, count)) for k in range(0, count, _AT_ONCE)]
         self.states = Directional(self.x, self.v, mirrored=mirrored)
         self.coarse = Directional(self.x.astype(_SINGLE), self.v.astype(_SINGLE), mirrored=mirrored)
 
@@ -263,24 +264,30 @@ class Problem:
                 break
         return unknowns, taken + 1, first
 
-    def _residuals(self, unknowns: Array, weights: Array) -> Array:
-        @np.errstate(over="ignore", invalid="ignore")
-        def part(place: slice) -> Array:
-            springs = self.network(unknowns)
-            found = [self.states.part(block).values(*springs) for block in _blocks(place)]
-            return weights[:, place] * (np.concatenate(found, axis=1) - self.target[:, place])
+    def _by_blocks(self, function: Callable[[slice], Array]) -> list[Array]:
+        """``function`` of states in numbers that the cache holds: whole arrays take four times as long."""
+        threads = min(available_threads(), len(self.blocks))
+        groups = [
+            self.blocks[k * len(self.blocks) // threads : (k + 1) * len(self.blocks) // threads] for k in range(threads)
+        ]
+        return list(chain(*run_parts(lambda group: [function(block) for block in group], groups)))
 
-        return np.concatenate(run_parts(part, self.shares), axis=1)
+    def _residuals(self, unknowns: Array, weights: Array) -> Array:
+        with np.errstate(over="ignore"):
+            springs = self.network(unknowns)
+
+        @np.errstate(over="ignore", invalid="ignore")
+        def block(place: slice) -> Array:
+            return weights[:, place] * (self.states.part(place).values(*springs) - self.target[:, place])
+
+        return np.concatenate(self._by_blocks(block), axis=1)
 
     def _slope(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
         """Half of the gradient of the loss."""
         springs, adjoint = self.network(unknowns)[0], weights * np.clip(residuals, -_HUBER, _HUBER)
-
-        def part(place: slice) -> Array:
-            found = [self.states.part(block).pulled_back(springs, adjoint[:, block]) for block in _blocks(place)]
-            return np.sum(found, axis=0)
-
-        return np.sum(run_parts(part, self.shares), axis=0)
+        return np.sum(
+            self._by_blocks(lambda place: self.states.part(place).pulled_back(springs, adjoint[:, place])), axis=0
+        )
 
     @np.errstate(over="ignore")
     def _loss(self, residuals: Array) -> float:
@@ -290,35 +297,30 @@ class Problem:
         return float((near * (2 * size - near)).sum()) if np.all(np.isfinite(size)) else np.inf
 
     def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
-        """Matrix of the Gauss–Newton step, states in parts side by side, in single precision."""
+        """Matrix of the Gauss–Newton step, in single precision."""
         springs, states, kind = coarse(self.network(unknowns)[0]), self.coarse, _SINGLE
         scaled = weights * np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
         scaled = scaled.astype(kind)
 
-        def part(share: slice) -> Array:
-            matrix = np.zeros((len(unknowns),) * 2, kind)
-            for place in _blocks(share):
-                rows = states.part(place).jacobian(springs)
-                rows *= scaled[:, place]
-                rows = rows.reshape(len(unknowns), -1)
-                matrix += rows @ rows.T
-            return matrix
+        def block(place: slice) -> Array:
+            rows = states.part(place).jacobian(springs)
+            rows *= scaled[:, place]
+            rows = rows.reshape(len(unknowns), -1)
+            return rows @ rows.T
 
-        matrix = np.asarray(np.sum(run_parts(part, self.shares), axis=0), np.float64)
+        matrix = np.asarray(np.sum(self._by_blocks(block), axis=0), np.float64)
         matrix[np.diag_indices(len(matrix))] += _SMALL
         return matrix
 
-    def errors(self, unknowns: Array, states: Samples) -> StressErrors:
-        """At other states."""
-        along = np.repeat(np.eye(6)[:, :, None], len(states.x), axis=2)
-        place = Directional(states.x.T, along, mirrored=len(self.states.images) == 2)
-        fitted = place.values(*self.network(unknowns))[1:7].T
-        return StressErrors.of(fitted, states.stresses, np.ones(6))
+    def loss(self, unknowns: Array) -> float:
+        """With the weights of the last stage."""
+        return self._loss(self._residuals(unknowns, self.weights(FIT_FLOOR, at_rest=_AT_REST)))
 
-
-def _blocks(share: slice) -> Iterator[slice]:
-    """States in numbers that the cache holds: whole arrays take four times as long."""
-    yield from (slice(k, min(k + _AT_ONCE, share.stop)) for k in range(share.start, share.stop, _AT_ONCE))
+    def errors(self, unknowns: Array) -> StressErrors:
+        """Of the stress at the states."""
+        x, along = self.data.x.T, np.repeat(np.eye(6)[:, :, None], len(self.data.x), axis=2)
+        fitted = Directional(x, along, mirrored=len(self.states.images) == 2).values(*self.network(unknowns))[1:7].T
+        return StressErrors.of(fitted, self.data.stresses, np.ones(6))
 
 
 class NonNegative(NamedTuple):

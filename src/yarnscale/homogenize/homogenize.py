@@ -25,11 +25,12 @@ from yarnscale.homogenize.published_fit import (
     fit_spline_material,
     strains_of,
 )
-from yarnscale.homogenize.rays import SOLVES, largest_load
+from yarnscale.homogenize.rays import SOLVES, TESTED, largest_load
 from yarnscale.homogenize.sample import SampleSummary, SamplingProgress, check_resumable, create_store, sample
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import strain_units
+from yarnscale.laboratory.programme import strains_of_tests
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
@@ -53,11 +54,23 @@ class Homogenization:
 
 @checked
 def fit(store: SampleStore, *, options: CompactOptions | None = None) -> CompactMaterial:
-    """Fit a compact shell material to the converged states of a store: energies, stresses and, where kept, moduli."""
+    """Fit a compact shell material to the converged states of a store: energies, stresses and, where kept, moduli.
+
+    States that tests of an earlier material passed refine a fit of the others.
+    """
     states = _states_of(store)
+    tested = states.kinds == TESTED
+    material = _fitted(states.chosen(~tested), store, options)
+    return _fitted(states, store, options, material) if tested.any() else material
+
+
+def _fitted(
+    states: FabricStates, store: SampleStore, options: CompactOptions | None, start: CompactMaterial | None = None
+) -> CompactMaterial:
     return fit_compact_material(
         states.strains, states.energies, states.stresses, states.moduli, kinds=states.kinds,
-        density=states.density, radius=states.radius, options=options, provenance=dict(store.attributes["provenance"]),
+        density=states.density, radius=states.radius, options=options, start=start,
+        provenance=dict(store.attributes["provenance"]),
     )  # fmt: skip
 
 
@@ -99,24 +112,26 @@ def homogenize(
 ) -> Homogenization:
     """Sample a cell, fit a material, and measure its errors at states that were not fitted.
 
-    form: "compact" samples along loads up to ``limit`` [N/m] and where a simulation went (strains ``visited``, (n, 6));
-    "hylc2020" samples axes and planes of a ``range`` of strains for the published splines. solves: about how many
-    equilibria. options: of the fit of that form. folder: gets the stores ``samples`` and ``unseen``. resume: go on with
-    the stores that are there. friction: of the yarns, in the form "compact": the material has sliders then, see
-    ``friction_fit``. dask: address of a scheduler, whose workers take the place of processes. Raises InputError for a
-    store of another run.
+    form: "compact" samples along loads up to ``limit`` [N/m], where a simulation went (strains ``visited``, (n, 6)) and
+    where the material goes in its own virtual tests; "hylc2020" samples axes and planes of a ``range`` of strains for
+    the published splines. solves: about how many equilibria, for the tests a tenth more. options: of the fit of that
+    form. folder: gets the stores ``samples`` and ``unseen``. resume: go on with the stores that are there. friction: of
+    the yarns, in the form "compact": the material has sliders then, see ``friction_fit``. dask: address of a scheduler,
+    whose workers take the place of processes. Raises InputError for a store of another run.
     """
     if form == "compact":
         if range is not None:
             raise InputError("range of strains", expected="the form hylc2020 with it; loads set the range")
         if not isinstance(options, CompactOptions | None):
             raise InputError("options of the fit", expected="CompactOptions", found=options)
-        found = sample_loads(
-            cell, folder, solves=solves, limit=limit, visited=visited, workers=workers, dask=dask,
-            resume=resume, progress=progress,
-        )  # fmt: skip
+        run = {"workers": workers, "dask": dask, "progress": progress}
+        found = sample_loads(cell, folder, solves=solves, limit=limit, visited=visited, resume=resume, **run)
+        material = fit(found.store, options=options)
+        if TESTED not in found.samples.kinds:
+            # Where the material goes in its own tests there may be no sample: a valley that the fabric does not have.
+            found = found.extended(cell, strains_of_tests(material), TESTED, solves // 10, **run)
+            material = _fitted(found.samples, found.store, options, material)
         samples, unseen, summary = found.samples, found.unseen, found.summary
-        material: CompactMaterial | SplineMaterial = fit(found.store, options=options)
         if friction is not None and friction.coefficient > 0:
             largest = limit or largest_load(cell)
             material = remembering(cell, material, friction, limit=largest, workers=workers, progress=progress)
@@ -179,14 +194,7 @@ def _strain_stores(
             store = create_store(path, cell, axes, scattered=True)
         summaries.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
         stores.append(store)
-    total = SampleSummary(
-        sum(s.states for s in summaries),
-        sum(s.converged for s in summaries),
-        sum(s.seconds for s in summaries),
-        workers,
-        max(s.peak_worker_megabytes for s in summaries),
-    )
-    return stores, total
+    return stores, summaries[0].joined(summaries[1])
 
 
 def published_form(material: ShellMaterial, box: Array, *, states: int = 800) -> SplineMaterial:

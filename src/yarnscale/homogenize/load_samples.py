@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -31,12 +32,24 @@ _CANDIDATES = 20_000
 
 @dataclass(frozen=True, eq=False)
 class LoadSamples:
-    """States to fit, states that judge the fit, the store of the former, and what the solves cost."""
+    """States to fit, states that judge the fit, the store of the former, and what the solves of both cost."""
 
     samples: FabricStates
     unseen: FabricStates
     store: SampleStore
-    summary: SampleSummary
+    runs: tuple[SampleSummary, SampleSummary]
+
+    @property
+    def summary(self) -> SampleSummary:
+        """Of all solves."""
+        return self.runs[0].joined(self.runs[1])
+
+    def extended(self, cell: PeriodicCell, strains: Array, kind: str, most: int, **options: Any) -> LoadSamples:
+        """With solves at those of ``strains`` (n, 6) that are far from all samples; options as ``sample``."""
+        rays = visiting_rays(self.store, strains, CellFabric(cell).strain_scale, kind, most)
+        store = self.store.extended([ray.plain() for ray in rays])
+        run = self.runs[0].joined(sample(cell, store, **options), same_store=True)
+        return replace(self, samples=FabricStates.of(store), store=store, runs=(run, self.runs[1]))
 
 
 def sample_loads(
@@ -62,27 +75,15 @@ def sample_loads(
             cell, solves=max(FEWEST, round(UNSEEN_SHARE * solves)), limit=limit, seed=UNSEEN_SEED, fixed=False
         ),
     }
-    stores, spent = {}, []
+    stores, runs = {}, {}
     for name, rays in plans.items():
-        store = _opened(folder / name, cell, rays, resume=resume)
-        spent.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
-        if name == "samples" and visited is not None:
-            further = visiting_rays(store, visited, CellFabric(cell).strain_scale)
-            store = store.extended([ray.plain() for ray in further])
-            spent.append(sample(cell, store, workers=workers, dask=dask, progress=progress))
-        stores[name] = store
+        stores[name] = _opened(folder / name, cell, rays, resume=resume)
+        runs[name] = sample(cell, stores[name], workers=workers, dask=dask, progress=progress)
     states = {name: FabricStates.of(store) for name, store in stores.items()}
-    found = sum(len(kept.energies) for kept in states.values())
-    summary = SampleSummary(
-        found,
-        found,
-        sum(s.seconds for s in spent),
-        spent[-1].workers,
-        max(s.peak_worker_megabytes for s in spent),
-        sum(s.pending for s in spent),
-        sum(s.ended for s in spent),
-    )
-    return LoadSamples(states["samples"], states["unseen"], stores["samples"], summary)
+    found = LoadSamples(**states, store=stores["samples"], runs=tuple(runs.values()))
+    if visited is None:
+        return found
+    return found.extended(cell, visited, VISITED, MOST_VISITED, workers=workers, dask=dask, progress=progress)
 
 
 def _opened(path: Path, cell: PeriodicCell, rays: list[Ray], *, resume: bool) -> SampleStore:
@@ -93,10 +94,12 @@ def _opened(path: Path, cell: PeriodicCell, rays: list[Ray], *, resume: bool) ->
     return resumed_ray_store(SampleStore(path), cell, rays)
 
 
-def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int = MOST_VISITED) -> list[Ray]:
+def visiting_rays(
+    store: SampleStore, strains: Array, scale: Array, kind: str = VISITED, most: int = MOST_VISITED
+) -> list[Ray]:
     """Rays from the nearest sampled states to those of ``strains`` (n, 6) that are farthest from all samples.
 
-    At most ``count``, one after the other the farthest from the samples and those chosen before, none nearer than
+    At most ``most``, one after the other the farthest from the samples and those chosen before, none nearer than
     ``NEAR`` in strains over ``scale`` (6,). Raises InputError for a store without loads, or without samples.
     """
     if store.dims != RAY_DIMS:
@@ -111,10 +114,10 @@ def visiting_rays(store: SampleStore, strains: Array, scale: Array, count: int =
     places = strains / scale
     distance, nearest = (np.asarray(found) for found in KDTree(known).query(places))
     rays: list[Ray] = []
-    while len(rays) < count and len(places) and distance.max() > NEAR:
+    while len(rays) < most and len(places) and distance.max() > NEAR:
         farthest = int(np.argmax(distance))
         levels = max(1, int(np.ceil(np.abs(places[farthest] - known[nearest[farthest]]).max())))
         target = (Loads(), strains_held(strains[farthest]))
-        rays.append(Ray(VISITED, (target,) * min(levels, store.shape[1]), int(good[nearest[farthest]])))
+        rays.append(Ray(kind, (target,) * min(levels, store.shape[1]), int(good[nearest[farthest]])))
         distance = np.minimum(distance, np.linalg.norm(places - places[farthest], axis=1))
     return rays

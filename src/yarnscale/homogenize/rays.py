@@ -51,7 +51,8 @@ class Ray:
 
     kind: "rest", "tension" (in-plane loads, flat), "bending" (no load, curvature grows or is free), "bent" (in-plane
     loads at a given curvature), "stress" (loads of all strains), "strain" (all strains given), "visited" (strains of a
-    simulation). origin: number of the state in the store that the first level starts from, 0 that of rest.
+    simulation), "tested" (of a first fit's virtual tests). origin: number of the state in the store that the first
+    level starts from, 0 that of rest.
     """
 
     kind: str
@@ -132,8 +133,8 @@ def doubling_load(cell: PeriodicCell) -> float:
 
 FEWEST = 30
 """Fewest solves of a plan."""
-VISITED = "visited"
-"""Kind of rays that are no part of a plan: to states where a simulation went."""
+VISITED, TESTED = "visited", "tested"
+"""Kinds of rays that are no part of a plan: to states where a simulation went, or a first fit in its own tests."""
 
 
 def _along_axes(radius: float, sizes: Array, close: Array) -> Iterator[Ray]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.executors import DaskExecutor, dask_workers, is_loss, local_workers
-from yarnscale.homogenize.rays import ITERATES, VISITED, Ray
+from yarnscale.homogenize.rays import ITERATES, TESTED, VISITED, Ray
 from yarnscale.homogenize.store import RAY_DIMS, SampleStore
 from yarnscale.homogenize.units import GridUnits, RayUnits
 from yarnscale.homogenize.worker import STRAINS
@@ -61,6 +61,15 @@ class SampleSummary:
     peak_worker_megabytes: float
     pending: int = 0
     ended: int = 0
+
+    def joined(self, later: SampleSummary, *, same_store: bool = False) -> SampleSummary:
+        """Both runs; on the same store, what the later one counts includes the earlier one."""
+        counts = () if same_store else ("states", "converged", "pending", "ended")
+        return replace(
+            later, seconds=self.seconds + later.seconds,
+            peak_worker_megabytes=max(self.peak_worker_megabytes, later.peak_worker_megabytes),
+            **{name: getattr(self, name) + getattr(later, name) for name in counts},
+        )  # fmt: skip
 
 
 def provenance(cell: PeriodicCell, tiles: tuple[int, int] = (1, 1)) -> dict[str, object]:
@@ -167,7 +176,7 @@ def check_resumable(
 def resumed_ray_store(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray]) -> SampleStore:
     """The store, with those of ``rays`` that it lacks.
 
-    InputError unless it was made for this cell and one of both plans begins with the other, but for visited states.
+    InputError unless it was made for this cell and one of both plans begins with the other, but for further states.
     """
     _check_cell(store, cell, (1, 1))
     if store.dims != RAY_DIMS:
@@ -175,7 +184,7 @@ def resumed_ray_store(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray
             "cannot resume: a store without loads", where=store.path, expected="a new folder", found="strains"
         )
     planned = json.loads(json.dumps([ray.plain() for ray in rays]))
-    held = [ray for ray in store.rays if ray["kind"] != VISITED]
+    held = [ray for ray in store.rays if ray["kind"] not in (VISITED, TESTED)]
     if any(one != other for one, other in zip(held, planned, strict=False)):
         raise InputError("cannot resume: other loads", where=store.path, expected="the loads of the store")
     return store if len(held) >= len(planned) else store.extended(planned[len(held) :])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yarnscale.arrays import Array
+from yarnscale.arrays import Array, Flags
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.homogenize.worker import CODE_OF, strain_of
 
@@ -53,3 +53,8 @@ class FabricStates:
             float(provenance["area_density"]),
             float(provenance["radius"]),
         )
+
+    def chosen(self, states: Flags) -> FabricStates:
+        """Some of the states."""
+        names = ("strains", "energies", "stresses", "moduli", "kinds")
+        return replace(self, **{name: getattr(self, name)[states] for name in names})

@@ -31,6 +31,7 @@ SHEAR_TENSION = 1000 * GRAM_FORCE
 """Tension of the sheared piece along course and wale in KES: 10 gf/cm [N/m]."""
 KES_CURVATURES = (50.0, 150.0)
 """Between which KES takes the bending rigidity [1/m]."""
+NO_LOADS = Loads()
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 """Loads along course and wale of the biaxial test, relative to each other."""
 
@@ -178,8 +179,8 @@ def twist(fabric: HomogeneousFabric, twists: Sequence[float] | None = None) -> l
     return [TwistPoint(value, _number(state, state.stress[4]), _status(state)) for value, state in steps]
 
 
-def natural_curvature(fabric: HomogeneousFabric, direction: float) -> NaturalCurvature:
-    """The cylinder along ``direction`` [0 or 90 degrees] to which a free piece rolls by itself, without any load.
+def natural_curvature(fabric: HomogeneousFabric, direction: float, loads: Loads = NO_LOADS) -> NaturalCurvature:
+    """The cylinder along ``direction`` [0 or 90 degrees] to which a piece rolls by itself, without any load by default.
 
     A sheet cannot roll along course and wale at once without stretching (its Gaussian curvature would change), so each
     is found with the other at zero.
@@ -187,8 +188,8 @@ def natural_curvature(fabric: HomogeneousFabric, direction: float) -> NaturalCur
     if direction not in (0.0, 90.0):
         raise InputError("direction of a roll", expected="0 or 90 degrees", found=direction)
     straight = {"II12": 0.0, "II22" if direction == 0.0 else "II11": 0.0}
-    flat = equilibrium_under(fabric, Loads(), prescribed=FLAT)
-    state = equilibrium_under(fabric, Loads(), prescribed=Prescribed.components(**straight), start=flat)
+    flat = equilibrium_under(fabric, loads, prescribed=FLAT)
+    state = equilibrium_under(fabric, loads, prescribed=Prescribed.components(**straight), start=flat)
     value = float(state.strain[3 if direction == 0.0 else 5])
     saved = _number(state, flat.energy - state.energy)
     return NaturalCurvature(direction, _number(state, value), saved, _status(state))

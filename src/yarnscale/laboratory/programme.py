@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property, partial
+from itertools import product
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.homogeneous.fabrics import HomogeneousFabric, fabric_of
+from yarnscale.homogeneous.fabrics import HomogeneousFabric, MaterialFabric, Response, fabric_of
+from yarnscale.homogeneous.loads import Loads
 from yarnscale.laboratory import homogeneous_tests as tests
 from yarnscale.laboratory.cycles import Cycle, cycled_tests
 from yarnscale.laboratory.drape import DrapeTest
@@ -37,6 +40,8 @@ from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
 Kind = Literal["cell", "shell"]
+ROLLED_UNDER = (0.5, 5.0)
+"""Tensions under which a material shows to where it rolls up [N/m]."""
 _POINTS: dict[str, Any] = {
     "tension": TensionPoint, "biaxial": BiaxialPoint, "shear": ShearPoint, "bending": BendingPoint, "twist": TwistPoint,
     "rolls": NaturalCurvature,
@@ -242,6 +247,28 @@ def run_tests(
         name or own, kind, density, found["tension"], found["biaxial"], found["shear"], found["bending"],
         found["twist"], found["rolls"], friction=friction, cycles=tuple(found["cycles"]),
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed(MaterialFabric):
+    """A piece of shell that keeps the strains it passes."""
+
+    passed: list[Array] = field(default_factory=list)
+
+    def moduli(self, response: Response) -> Array:
+        """Second derivatives (6, 6)."""
+        self.passed.append(response.strain)
+        return super().moduli(response)
+
+
+def strains_of_tests(material: ShellMaterial) -> Array:
+    """Strains (n, 6) that a material passes in its own tests, and where it rolls up across tension."""
+    fabric = _Followed(material)
+    for _, test in Programme().steps():
+        test(fabric)
+    for across, load in product((0.0, 90.0), ROLLED_UNDER):
+        tests.natural_curvature(fabric, across, Loads.tension(np.radians(90.0 - across), load))
+    return np.array(fabric.passed)
 
 
 def _cycled_steps(
