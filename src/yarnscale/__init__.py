@@ -7,6 +7,7 @@ The public names below load the room that defines them on first use (PEP 562), s
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import TYPE_CHECKING
 
 from yarnscale.version import __version__
@@ -160,6 +161,29 @@ __all__ = [  # noqa: RUF022
     "write_pattern", "write_yarn_material",
 ]  # fmt: skip
 
+_SHOWN = {
+    "Equilibrium": "cell.equilibrium",
+    "FabricEstimate": "swatches.yarn_estimate",
+    "PeriodicCell": "cell.periodic",
+    "ShellMaterial": "shell.materials.material",
+    "SimulatedOutcome": "motion.scene",
+    "YarnPattern": "yarn.pattern",
+}
+"""Classes that notebooks show with ``show.notebook``, and where they are."""
+
+
+def _show_in_notebooks() -> None:
+    """Tell the notebook that runs, if one does, how to show them."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is not None:
+        pages = shell.display_formatter.formatters["text/html"]
+        for name, room in _SHOWN.items():
+            pages.for_type_by_name(f"yarnscale.{room}", name, _html)
+
+
+def _html(thing: object) -> str:
+    return importlib.import_module("yarnscale.show.notebook").html_of(thing)
+
 
 def __getattr__(name: str) -> object:
     """Load a public name from its module on first use."""
@@ -174,3 +198,6 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+_show_in_notebooks()

@@ -8,7 +8,6 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.cell.energy import CellEnergy
-from yarnscale.displayed import Displayed
 from yarnscale.errors import InputError
 from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.numerics.newton import Solution, Status, Watch
@@ -47,7 +46,7 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium(Start, Displayed):
+class Equilibrium(Start):
     """A relaxed cell.
 
     positions: vertices of the primary tile (n, 3) [m]; a flat cell's copy in tile (a, b) is moved by S (a px, b py).

@@ -16,7 +16,6 @@ from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.checked import checked
-from yarnscale.displayed import Displayed
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.material import YarnMaterial
@@ -26,7 +25,7 @@ from yarnscale.yarn.stiffness import Materials, PatternStiffness, materials_of
 
 @checked
 @dataclass(frozen=True, eq=False)
-class PeriodicCell(Displayed):
+class PeriodicCell:
     """One period of a pattern made of a yarn material.
 
     material: one for all yarns, or a sequence that the pattern's ``yarn_material`` numbers; kept as a tuple then.

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from yarnscale.displayed import Displayed
 from yarnscale.motion.body import Body, State
 from yarnscale.motion.run import Run, RunProgress, simulate
 from yarnscale.motion.schedule import Schedule
@@ -44,7 +43,7 @@ class SimulatedScene(ABC, Generic[State, Result]):
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedOutcome(Displayed, Generic[State]):
+class SimulatedOutcome(Generic[State]):
     """Outcome of a scene: its run, seconds of work, and numbers of the last state by name."""
 
     scene: Any

@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.displayed import Displayed
 from yarnscale.kinematics import ShellStrain
 from yarnscale.laboratory.programme import FabricTests
 from yarnscale.swatches.cloth_check import ClothCheck, without_own_clamps
@@ -43,7 +42,7 @@ Follow = Literal["measured", "shell"]
 
 
 @dataclass(frozen=True, eq=False)
-class FabricEstimate(Displayed):
+class FabricEstimate:
     """The estimated yarn of a fabric, and how far it is from the measurement.
 
     follow: what the yarn was fitted to. shell: fitted to the directions that the yarn was fitted to. measured: the

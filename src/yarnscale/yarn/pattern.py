@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from yarnscale.displayed import Displayed
 from yarnscale.errors import InputError
 from yarnscale.yarn.frames import curve_length
 from yarnscale.yarn.pattern_fields import (
@@ -30,7 +29,7 @@ LARGEST_REPEATED = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class YarnPattern(Displayed):
+class YarnPattern:
     """One period of a fabric at rest: closed periodic yarns as discrete elastic rods (HYLC20 §5).
 
     x is the course (weft) direction, y the wale (warp) direction, z the thickness. Every vertex has one

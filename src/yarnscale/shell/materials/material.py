@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from yarnscale.arrays import Array
-from yarnscale.displayed import Displayed
 from yarnscale.errors import InputError
 from yarnscale.kinematics import COMPONENTS, strain_units
 from yarnscale.numerics.kernel import LANES, Kernel, compile_kernel
@@ -80,7 +79,7 @@ def _by_form(forms: ca.SX, energy: ca.SX, gradient: ca.SX, hessian: ca.SX) -> tu
     return energy, jacobian.T @ gradient, jacobian.T @ hessian @ jacobian + bent
 
 
-class ShellMaterial(Displayed, ABC):
+class ShellMaterial(ABC):
     """Energy density of a thin shell as a function of its first and second fundamental forms."""
 
     density: float
