@@ -25,7 +25,7 @@ demo: $(STAMP)
 test: export OMP_NUM_THREADS := 1
 test: export OPENBLAS_NUM_THREADS := 1
 test: $(STAMP)
-	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --durations 20
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
