@@ -105,6 +105,19 @@ def test_saddle_at_rest_is_left_for_a_well() -> None:
     assert abs(found.strain[0]) == pytest.approx(np.sqrt((40.0 - 4.0) / 4000.0), rel=1e-3)
 
 
+class Noisy(Quadratic):
+    """Energies known to a few digits only, as those of cells are."""
+
+    def response(self, strain: np.ndarray, start: Response | None = None) -> Response:
+        found = super().response(strain, start)
+        return Response(found.strain, round(found.energy, 4), found.stress)
+
+
+def test_residuals_of_a_saddle_are_no_measure_beyond_it() -> None:
+    found = equilibrium_under(Noisy(np.diag(1 / SCALE**2), well=1000.0), Loads(), tolerance=1e-10)
+    assert found.converged and abs(found.strain[0]) == pytest.approx(np.sqrt(36.0 / 4000.0), rel=1e-3)
+
+
 def test_missing_moduli_do_not_stop_the_search_and_are_reported() -> None:
     visited: list[np.ndarray] = []
     fabric = linear(mute=0.02)

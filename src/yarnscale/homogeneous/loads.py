@@ -239,7 +239,8 @@ class _LoadedNewton:
             gradient, hessian = self._gradient(here), self._hessian(here)
             gap = self.to_prescribed @ (self.prescribed.values - self.prescribed.matrix @ here.strain)
             moving = bool(np.abs(gap).max() >= 1e-12)
-            if not moving and self._residual(gradient) <= self._allowed(here):
+            balanced = not moving and self._residual(gradient) <= self._allowed(here)
+            if balanced:
                 descent = self._descent_direction(hessian, gradient)
                 if descent is None or escapes >= _ESCAPES:
                     return self._outcome(here, Status.CONVERGED if descent is None else Status.STALLED, moduli)
@@ -252,6 +253,8 @@ class _LoadedNewton:
             step = _shortened(step, radius)
             least = math.inf if moving else min(least, self._residual(gradient))
             fraction, there = self._search(here, gradient, gap + step, least, moving=moving)
+            # Away from a saddle residuals rise: its own is no measure of the next ones.
+            least = math.inf if balanced else least
             if there is None:
                 return self._outcome(here, Status.STALLED, moduli)
             whole = float(np.abs(step).max())
