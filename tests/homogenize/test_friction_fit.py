@@ -42,10 +42,12 @@ def test_known_sliders_are_found_again(monkeypatch) -> None:
             stresses.append(history.force)
         elastic = material().stress(strains)
         paths.append(FrictionPath(f"path {number}", strains, np.array(stresses), elastic, complete=True))
+    paths.insert(0, FrictionPath("not begun", *np.zeros((3, 0, 6)), complete=False))
     fitted = friction_fit.with_friction(material(), paths, 0.3)
     record = fitted.provenance["friction"]
     assert isinstance(record, dict) and record["coefficient"] == 0.3
-    assert record["error"] < 0.1 and set(record["errors"]) == {path.name for path in paths}
+    assert record["error"] < 0.1 and set(record["errors"]) == {path.name for path in paths[1:]}
+    assert record["unfinished"] == ["not begun"]
     assert fitted.sliders is not None and (fitted.sliders.stiffnesses >= 0).all()
     with pytest.raises(InputError, match="paths with friction"):
         friction_fit.with_friction(material(), [], 0.3)

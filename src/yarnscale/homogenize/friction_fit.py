@@ -51,7 +51,8 @@ def with_friction(
 
     Raises InputError where the cell could follow hardly any path.
     """
-    traces = [_trace(material, path) for path in paths if len(path.strains) > 1]
+    walked = [path for path in paths if len(path.strains) > 1]
+    traces = [_trace(material, path) for path in walked]
     states = sum(len(trace.wanted) - 1 for trace in traces)
     if states < _FEWEST:
         raise InputError(
@@ -65,7 +66,7 @@ def with_friction(
         "coefficient": friction,
         "states": states,
         "error": problem.error(best),
-        "errors": {p.name: _Problem([t], images).error(best) for p, t in zip(paths, traces, strict=False)},
+        "errors": {p.name: _Problem([t], images).error(best) for p, t in zip(walked, traces, strict=True)},
         "unfinished": [path.name for path in paths if not path.complete],
     }
     return replace(
