@@ -15,6 +15,7 @@ from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
+from yarnscale.shell.elastic.energy import ShellEnergy
 from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.friction import Sliders
 from yarnscale.shell.materials.history import MaterialHistory
@@ -58,6 +59,13 @@ def test_a_strip_pulled_out_and_back_has_the_forces_of_its_material(material: Co
     assert lost > 0.0 and forces[8] < 0.7 * forces[6] and forces[-1] < 0.0
     elastic = ClothSolver(strip(replace(material, sliders=None))[0])
     assert elastic.energy.remembered(state.positions) is None
+
+
+def test_before_a_step_begins_the_energy_is_without_friction(material: CompactMaterial) -> None:
+    mesh = rectangle(LENGTH, WIDTH, 0.01)
+    pulled = ClothState.flat(mesh).positions * [1.1, 1.0, 1.0]
+    energy, elastic = ShellEnergy(mesh, material), ShellEnergy(mesh, replace(material, sliders=None))
+    assert energy.value(pulled) == pytest.approx(elastic.value(pulled), rel=1e-6)
 
 
 def test_a_resumed_run_remembers(material: CompactMaterial, tmp_path) -> None:

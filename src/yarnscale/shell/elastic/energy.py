@@ -37,7 +37,7 @@ class ShellEnergy:
     """Elastic energy of a mesh of one material at positions (nv, 3) [m].
 
     Fold angles are relative to reference angles stored here; call ``follow`` after every accepted step. Of a material
-    with friction it is the energy of the next step, whose beginning ``begin_step`` sets.
+    with friction it is the energy of the next step, whose beginning ``begin_step`` sets; until then without friction.
     threads: parts of the mesh that are evaluated in parallel, None for the number of processors.
     """
 
@@ -61,7 +61,8 @@ class ShellEnergy:
         self._slots = np.ascontiguousarray(blocks.slots(unknowns).transpose(0, 2, 1))
         count = self.elements.blocks
         self.friction = ElementFriction.of(material)
-        self.memory = np.empty((count, 0, BLOCK))
+        # Sliders without limits, until a step begins: the energy without friction.
+        self.memory = np.zeros((count, 0 if self.friction is None else self.friction.size, BLOCK))
         self._forms, self._densities = np.empty((count, 6, BLOCK)), np.empty((count, BLOCK))
         self._nothing = np.empty((0, 0, 0))
         parts = min(available_threads() if threads is None else threads, max(1, count // LEAST_BLOCKS))

@@ -48,17 +48,22 @@ class ElementFriction:
     @classmethod
     def of(cls, material: object) -> ElementFriction | None:
         """Of a shell material; None where it has no friction."""
-        sliders = material.sliders if isinstance(material, CompactMaterial) else None
-        if sliders is None or not isinstance(material, CompactMaterial):
+        if not isinstance(material, CompactMaterial) or material.sliders is None:
             return None
+        sliders = material.sliders
         steps, springs, walls = (len(getattr(material.springs, n)) for n in ("steps", "springs", "walls"))
         kernels = _kernels(steps, springs, walls, bool(material.mirrored), sliders.count)
         parameters = np.concatenate([material.constants, sliders.numbers[:, None]])
         return cls(kernels, parameters, sliders.directions / material.scale)
 
+    @property
+    def size(self) -> int:
+        """Numbers M that an element remembers."""
+        return 2 * len(self.directions)
+
     def slack(self, forms: Array) -> Array:
         """Memory of elements with forms (blocks, 6, n) whose springs are slack; n a multiple of LANES."""
-        memory, _ = self.after(forms, np.zeros((len(forms), 2 * len(self.directions), forms.shape[2])))
+        memory, _ = self.after(forms, np.zeros((len(forms), self.size, forms.shape[2])))
         a, b = np.sqrt(forms[:, 0]), np.sqrt(forms[:, 2])
         strains = np.concatenate([np.stack([a - 1, forms[:, 1] / (a * b), b - 1], axis=1), forms[:, 3:]], axis=1)
         memory[:, : len(self.directions)] = self.directions @ strains
