@@ -48,6 +48,13 @@ def valley(**others) -> Evaluations:
     return Evaluations(Valley(), **others)  # pyright: ignore[reportArgumentType]
 
 
+def test_a_point_that_is_asked_for_twice_is_evaluated_once():
+    evaluations = valley()
+    first, second = evaluations.many([ANSWER, ANSWER.copy()])
+    assert evaluations.count == 1
+    np.testing.assert_array_equal(first.residuals, second.residuals)
+
+
 def test_gauss_newton_finds_the_answer_of_a_valley():
     np.testing.assert_allclose(gauss_newton(valley(), np.array([0.9, 0.1, 0.1])), ANSWER, atol=1e-4)
 

@@ -74,7 +74,7 @@ class Evaluations:
 
         keep: remember the states too, which serve derivatives.
         """
-        fresh = [point for point in points if self._find(point, near) is None]
+        fresh = list({point.tobytes(): point for point in points if self._find(point, near) is None}.values())
         start = self.whole(near) if near is not None and fresh else None
         for place, evaluation in self._run(fresh, start):
             self._keep(fresh[place], near, evaluation)
