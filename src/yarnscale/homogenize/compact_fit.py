@@ -54,7 +54,8 @@ def fit_compact_material(
     """
     options, scale = options or CompactOptions(), strain_units(radius)
     data = Samples.of(strains, energies, stresses, moduli, kinds, scale)
-    mirrored = _is_symmetric(data) if options.symmetric is None else options.symmetric
+    known = options.symmetric if start is None else start.mirrored
+    mirrored = _is_symmetric(data) if known is None else known
     problem = Problem(data, mirrored, options)
     first, done = _raced(problem) if start is None else (unknowns_of(*_working(start)), [])
     final, last = problem.search(first, options.iterations, STAGES[-1:])
