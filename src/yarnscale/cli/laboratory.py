@@ -40,10 +40,9 @@ def test(options: argparse.Namespace) -> int:
     yarns = {name: yarn_for(name, pattern, options.material) for name, pattern in drawn.items()}
     if not drawn:
         refuse(options, ("material", "radius"), "a pattern to test, not shell materials alone")
+        refuse(options, ("friction",), "a pattern to test; a shell material has its own friction")
     elif programme.cycles is not None and options.friction is None:
         refuse(options, ("cycles",), "--friction too, for yarns")
-    if not drawn:
-        refuse(options, ("friction",), "a pattern to test; a shell material has its own friction")
     for name, shell in shells.items():
         if programme.cycles is not None and ElementFriction.of(shell) is None:
             expected = "a shell material with friction, which 'yarnscale homogenize --friction' makes"

@@ -31,7 +31,7 @@ YARN_MATERIAL = (
 
 
 GROUPS = {
-    "yarn": ("material", "radius", "as-drawn", "free-sliding", "yarn-length", "stiffness"),
+    "yarn": ("material", "radius", "as-drawn", "free-sliding", "yarn-length", "stiffness", "friction"),
     "fabric at rest": ("wales", "courses", "loop-length", "tex", "area-density", "swatch"),
     "loads and states": ("strain", "solves", "limit", "visited", "grid", "directions", "loads", "curvatures"),
     "form hylc2020": ("stretch", "shear", "curvature", "one-dimensional", "smoothing", "even-knots"),
@@ -53,7 +53,6 @@ GROUPS = {
         "travel",
         "direction",
         "air-drag",
-        "friction",
         "ball-friction",
         "spacing",
     ),

@@ -242,7 +242,7 @@ def run_tests(
         found[test_name] += points
     if progress is not None:
         progress(len(steps), len(steps))
-    friction = None if programme.friction is None else programme.friction.coefficient
+    friction = programme.friction.coefficient if kind == "cell" and programme.friction is not None else None
     return FabricTests(
         name or own, kind, density, found["tension"], found["biaxial"], found["shear"], found["bending"],
         found["twist"], found["rolls"], friction=friction, cycles=tuple(found["cycles"]),
