@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -69,6 +70,12 @@ def test_it_answers_with_its_page_only(page: ViewPage) -> None:
     post = urllib.request.Request(own + "undo", b"{}", {"Content-Type": "application/json"})
     with pytest.raises(urllib.error.HTTPError, match="404"):
         urllib.request.urlopen(post, timeout=20)
+
+
+def test_no_title_ends_its_script(states: States) -> None:
+    title = "</script><!--<script>"
+    text = cell_pane(CELL, states, title).text()
+    assert "<" not in text and json.loads(text)["title"] == title
 
 
 def test_the_page_interpolates_as_yarns_on_cloth_do() -> None:

@@ -33,7 +33,7 @@ def read_equilibrium(path: str | os.PathLike[str]) -> tuple[PeriodicCell, dict[s
     found = read_arrays(path, "pattern", *_NUMBERS, what="relaxed cell, as relax --out writes it")
     try:
         content = json.loads(str(found["pattern"]))
-    except ValueError:
+    except (ValueError, RecursionError):
         raise InputError("pattern", where=path, expected="JSON of a pattern", found="other text") from None
     with located(path):
         document = Fields(content, str(path))

@@ -44,7 +44,8 @@ class Pane:
         looks = {"palette": theme.YARNS, "faint": theme.FAINT, "map": _colour_map(), "body_colour": theme.OBSTACLE}
         data = base64.b64encode(zlib.compress(b"".join(parts), 9)).decode("ascii")
         header = {"title": self.title, **looks, **self.header, "arrays": places, "data": data}
-        return json.dumps(header, allow_nan=False).replace("</", "<\\/")
+        # No name ends the script or begins a comment in it.
+        return json.dumps(header, allow_nan=False).replace("<", "\\u003c")
 
 
 def framed(points: Array) -> dict[str, object]:
