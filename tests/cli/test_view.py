@@ -11,6 +11,8 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli import main
+from yarnscale.cli.arguments import parser
+from yarnscale.cli.view import view_of
 from yarnscale.drawing import library
 from yarnscale.files.equilibrium_file import read_equilibrium
 from yarnscale.files.material_json import write_material
@@ -46,6 +48,19 @@ def test_a_state_and_a_material_become_pages(tmp_path: Path, capsys: pytest.Capt
     pane = _exported(tmp_path / "cloth.json", tmp_path, "--json")
     assert json.loads(capsys.readouterr().out)["panes"] == ["shell material cloth.json"]
     assert pane["states"] > 100 and len(pane["paths"]) > 5
+
+
+def test_names_of_the_package_come_first_and_it_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "stockinette-wool").mkdir()
+    assert view_of(parser().parse_args(["view", "stockinette-wool"])).title == "shell material stockinette-wool"
+    assert "./stockinette-wool is what lies here" in capsys.readouterr().err
+    assert main(["view", "./stockinette-wool"]) == 2
+    assert "folder holds nothing to view" in capsys.readouterr().err
+    assert main(["view", "stokinette-wool"]) == 2
+    assert "did you mean stockinette-wool?" in capsys.readouterr().err
 
 
 def test_an_estimate_shows_the_samples_of_its_yarn(tmp_path: Path) -> None:
@@ -107,6 +122,7 @@ def test_states_that_lack_a_part_are_refused(tmp_path: Path, capsys: pytest.Capt
         ("stress", np.full(6, np.nan), "stress; expected finite"),
         ("pattern", np.array("{}"), "missing field"),
         ("pattern", np.array("x"), "expected JSON"),
+        ("pattern", np.array("[" * 100_000), "expected JSON"),
     ):
         np.savez(state, **(whole | {name: value}))
         capsys.readouterr()

@@ -21,7 +21,7 @@ from yarnscale.files.curve_frames import CURVES
 from yarnscale.files.equilibrium_file import read_equilibrium
 from yarnscale.files.fields import read_json
 from yarnscale.files.material_json import is_material, read_material
-from yarnscale.files.material_library import MATERIAL, file_of
+from yarnscale.files.material_library import MATERIAL, file_of, names
 from yarnscale.files.patterns import WRITERS, read_pattern
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import COMPONENTS
@@ -35,7 +35,7 @@ LARGEST_PAGE = 10_000_000
 """Of an exported page [bytes]."""
 _KINDS = (
     "a built-in pattern, a pattern file, STATE.npz of 'relax', a folder of 'sample', 'homogenize', 'simulate', "
-    "'detail', 'fabric' or 'estimate', or a shell material (.json)"
+    "'detail', 'fabric' or 'estimate', or a shell material (a name of the library or .json)"
 )
 
 
@@ -97,6 +97,9 @@ def view(options: argparse.Namespace) -> int:
 def view_of(options: argparse.Namespace) -> View:
     """What the command line names; InputError where it is nothing that can be seen."""
     target, path = options.thing, Path(file_of(options.thing, MATERIAL))
+    known = (*library.names(), *names())
+    if target in known and Path(target).exists():
+        say(f"{target}: the one that comes with yarnscale; ./{target} is what lies here")
     if target in library.names():
         return _pattern(options, target)
     if path.is_dir():
@@ -105,11 +108,11 @@ def view_of(options: argparse.Namespace) -> View:
                 return make(options, path)
         raise InputError("folder holds nothing to view", where=path, expected=_KINDS)
     if not path.exists():
-        raise InputError("nothing to view", expected=_KINDS, found=misspelt(target, library.names()))
+        raise InputError("nothing to view", expected=_KINDS, found=misspelt(target, known))
     if path.suffix.lower() == ".npz":
         return _equilibrium(path)
     if is_material(path):
-        return _material(path)
+        return _material(path, target if target in known else path.name)
     if path.suffix.lower() in WRITERS or path.suffix == "":
         return _pattern(options, target)
     raise InputError("file is nothing to view", where=path, expected=_KINDS, found=repr(path.suffix))
@@ -172,14 +175,14 @@ def _homogenized(options: argparse.Namespace, path: Path) -> View:
     found = _store(options, path / "samples")
     if not (path / "material.json").is_file():
         return found
-    shell = _material(path / "material.json")
+    shell = _material(path / "material.json", path.name)
     return View(f"{found.panes[0].title}, homogenized", (*found.panes, *shell.panes), {**found.facts, **shell.facts})
 
 
-def _material(path: Path) -> View:
+def _material(path: Path, name: str) -> View:
     material = read_material(path)
     facts = {"shell material": type(material).__name__, "density [g/m²]": 1e3 * material.density}
-    title = f"shell material {path.name}"
+    title = f"shell material {name}"
     return View(title, (sheet_pane(material, States.material(material), title),), facts)
 
 

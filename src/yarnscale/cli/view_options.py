@@ -14,7 +14,7 @@ def add_view_options(add: Add) -> None:
     option = add("view", "view", about, add_material, add_as_drawn, add_json)
     thing = (
         "a pattern (name or file), STATE.npz of relax, a folder of sample, homogenize, simulate, detail, fabric or "
-        "estimate, or a shell material (.json)"
+        "estimate, or a shell material (a name of the library or .json)"
     )
     option("thing", metavar="THING", help=thing)
     option("--port", type=port, default=0, metavar="N", help="of the page (a free one)")
