@@ -111,6 +111,8 @@ def test_a_library_is_made_resumed_and_replaced(run, refused, prepared: list[str
     yarn, again = tmp_path / "own.toml", ("--out", out, "--resume")
     yarn.write_text((SAMPLES / "yarn.toml").read_text().replace("soft wool", "wool").replace("1.0e7", "2e7"))
     assert "cannot resume: another yarn" in refused("library", "stockinette", "--material", yarn, *again)
+    shutil.rmtree(out / "stockinette-wool" / "tests")
+    assert "cannot resume: another yarn" in refused("library", "stockinette", "--material", yarn, *again)
     assert "two materials are called" in refused("library", "plain", "--material", yarn, "--material", "wool", *again)
     assert "unknown pattern" in refused("library", "lace", "--out", tmp_path / "new")
     assert "unknown material" in refused("library", "plain", "--material", "silk", "--out", tmp_path / "new")

@@ -38,7 +38,7 @@ def library(options: argparse.Namespace) -> int:
         if name in wanted:
             raise InputError(f"two materials are called {name}", expected="patterns and yarns of different names")
         wanted[name] = source, yarn
-        if options.resume and (options.out / name / TESTS).is_file():
+        if options.resume and (options.out / name / MATERIAL).is_file():
             _check_yarn(options.out / name / MATERIAL, yarn)
     makes = ["index.html", *(f"{name}/" for name in wanted)]
     results = RunFolder(
@@ -60,7 +60,7 @@ def library(options: argparse.Namespace) -> int:
 
 
 def _check_yarn(path: Path, yarn: str) -> None:
-    """InputError where a finished material is of another yarn of this name."""
+    """InputError where a material that is there is of another yarn of this name."""
     origin = CellOrigin.of_material(path)
     if origin is None or not same_yarns(origin.yarns, read_yarn_material(yarn)):
         raise InputError("cannot resume: another yarn", where=path, expected=yarn)
