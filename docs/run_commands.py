@@ -43,7 +43,7 @@ PARSED_ONLY = {
     "test knit/material.json --drape": "a minute of cloth; tests/laboratory/test_summary.py",
     "sample ": "minutes of cells; tests/cli/test_sample.py",
 }
-"""Beginning of a command that takes minutes whatever is made smaller -> why, and which tests run the command."""
+"""Beginning of a command that takes minutes whatever is made smaller -> why, and the tests of what it does."""
 INSTEAD = {"simulate sweater": "simulate hang"}
 """Beginning of a command that takes minutes -> what is run in its place, so that the commands after it have a run."""
 BEFORE = {
