@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import socket
+import struct
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
 from threading import Thread
@@ -70,6 +73,22 @@ def test_it_answers_with_its_page_only(page: ViewPage) -> None:
     post = urllib.request.Request(own + "undo", b"{}", {"Content-Type": "application/json"})
     with pytest.raises(urllib.error.HTTPError, match="404"):
         urllib.request.urlopen(post, timeout=20)
+
+
+def test_a_browser_that_leaves_is_not_told_as_a_fault(capfd: pytest.CaptureFixture[str]) -> None:
+    served = ViewPage(20_000_000 * "x")
+    thread = Thread(target=served.serve, daemon=True)
+    thread.start()
+    place = urllib.parse.urlsplit(served.address)
+    with socket.create_connection((place.hostname, place.port), timeout=20) as browser:
+        browser.sendall(f"GET {place.path} HTTP/1.1\r\nHost: {place.netloc}\r\n\r\n".encode())
+        assert b"200" in browser.recv(100)
+        browser.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    with urllib.request.urlopen(served.address, timeout=20) as answer:
+        assert answer.status == 200
+    served.close()
+    thread.join(10)
+    assert capfd.readouterr().err == ""
 
 
 def test_no_title_ends_its_script(states: States) -> None:

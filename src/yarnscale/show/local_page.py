@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import secrets
+import sys
 import threading
 from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -30,10 +31,9 @@ class LocalPage:
     def __init__(self, *, port: int = 0) -> None:
         self._token = secrets.token_urlsafe(16)
         try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), _handler(self))
+            self._server = _Server(("127.0.0.1", port), _handler(self))
         except OSError as error:
             raise InputError("--port", expected="a free port", found=f"{port}: {error.strerror}") from None
-        self._server.daemon_threads = True
 
     @property
     def address(self) -> str:
@@ -58,6 +58,17 @@ class LocalPage:
     def answer(self, name: str, request: Mapping[str, Any]) -> dict[str, Any] | None:
         """Carry out a change; None where there is none of this name, InputError for bad requests."""
         return None
+
+
+class _Server(ThreadingHTTPServer):
+    """A browser that leaves in the middle of an answer is no fault to tell."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Tell of faults."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 def _handler(page: LocalPage) -> type[BaseHTTPRequestHandler]:
