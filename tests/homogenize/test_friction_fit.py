@@ -53,6 +53,16 @@ def test_known_sliders_are_found_again(monkeypatch) -> None:
         friction_fit.with_friction(material(), [], 0.3)
 
 
+def test_a_path_without_friction_has_sliders_that_hold_nothing(monkeypatch) -> None:
+    monkeypatch.setattr(friction_fit, "COUNT", 1)
+    strains = 0.1 * np.random.default_rng(0).uniform(-1, 1, (40, 6)) * SCALE
+    stress = material().stress(strains)
+    fitted = friction_fit.with_friction(material(), [FrictionPath("loose", strains, stress, stress, True)], 0.3)
+    assert fitted.sliders is not None
+    history = MaterialHistory.begin(fitted, strains[0]).after(strains[1])
+    np.testing.assert_allclose(history.force * SCALE, stress[1] * SCALE, atol=1e-3)
+
+
 def test_a_cell_follows_cycles_of_its_material(monkeypatch) -> None:
     monkeypatch.setattr(friction_paths, "STEPS", 1)
     cell = ys.PeriodicCell(ys.patterns.build("plain"), ys.YarnMaterial.preset("hylc2020-basket"))

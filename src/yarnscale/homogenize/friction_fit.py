@@ -32,6 +32,8 @@ _SMALLNESS = 1e-3
 _GUESS, _NARROW, _WIDE = 0.5, 1e-3, 5e-2
 """Start: limits over elastic stresses, and the slips per elastic stress at which sliders move [m²/J]."""
 _FEWEST = 30
+_LEAST = 1e-3
+"""Weighted friction of a path that counts as none: equilibria are not more exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ def _trace(material: CompactMaterial, path: FrictionPath) -> _Trace:
     # Every path counts alike, and of its stresses most those that do its work.
     moved = np.linalg.norm(steps, axis=0)
     weights = (_AT_REST + moved / max(float(moved.max()), 1e-300)) / size[:, None]
-    weights /= max(float(np.linalg.norm(weights * wanted)), 1e-300)
+    weights /= max(float(np.linalg.norm(weights * wanted)), _LEAST)
     # Limits grow with the elastic stresses that the cloth will have.
     return _Trace(steps, np.abs(fitted * material.scale), wanted, weights)
 
@@ -115,11 +117,11 @@ class _Problem:
     def error(self, unknowns: Array) -> float:
         """Norm of what is not met over that of all friction, both relative to elastic stresses."""
         missed = self._evaluated(unknowns)[0] - self.wanted
-        return float(np.linalg.norm(missed) / max(np.linalg.norm(self.wanted), 1e-300))
+        return float(np.linalg.norm(missed) / max(np.linalg.norm(self.wanted), _LEAST))
 
     def sliders(self, unknowns: Array) -> Sliders:
         """Sliders and their mirror images."""
-        roots = np.linalg.norm(unknowns[:, :6], axis=1)
+        roots = np.maximum(np.linalg.norm(unknowns[:, :6], axis=1), 1e-9)  # those that faded away are zero
         count = len(self.images)
         directions = np.concatenate([image * unknowns[:, :6] / roots[:, None] for image in self.images])
         growth = unknowns[:, 6:] ** 2 / roots[:, None]
