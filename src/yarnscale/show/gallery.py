@@ -101,7 +101,7 @@ def checked_names(names: Sequence[str]) -> list[str]:
             read_pattern(name)  # refuses what cannot be drawn
         if not drawn:
             raise InputError(
-                "the gallery draws",
+                "pattern that is no drawing",
                 expected="built-in patterns, charts, drafts and knitout",
                 found=repr(name),
             )
