@@ -42,7 +42,7 @@ def library(options: argparse.Namespace) -> int:
             _check_yarn(options.out / name / MATERIAL, yarn)
     makes = ["index.html", *(f"{name}/" for name in wanted)]
     results = RunFolder(
-        options.out, "library", makes, overwrite=options.overwrite, resume=options.resume, goes_on_from=makes[1:],
+        options.out, "library", makes, overwrite=options.overwrite, resume=options.resume, goes_on_from=["*/"],
     )  # fmt: skip
     failed, line = [], ProgressLine("library")
     with results as folder:

@@ -58,7 +58,7 @@ class RunFolder:
         needed = {*_matching(self.path, self._needs)}
         resumed = self._resume and bool(needed)
         if resumed:
-            self._old = {path: path.stat().st_mtime_ns for path in there if path not in needed}
+            self._old = {path: path.stat().st_mtime_ns for path in there if not needed & {path, *path.parents}}
             self._began_with = self._gone_on_from()
         else:
             _remove(self.path, there)
