@@ -112,6 +112,11 @@ def test_a_shell_that_remembers_is_tested_in_cycles_and_exported_without_frictio
     assert (out / "cycles.png").exists()
     assert main(["export", str(file), "--format", "c", "--out", str(tmp_path / "felt.c"), "--json"]) == 0
     assert "friction" in json.loads(capsys.readouterr().out)["lost"][0]
+    assert main(["evaluate", str(file), "--strain", "0.01,0,0,0,0,0"]) == 0
+    assert "without friction" in capsys.readouterr().err
+    plain = ["--loads", "1", "--directions", "0", "--curvatures", "5", "--out", str(tmp_path / "plain")]
+    main(["test", str(file), *plain])
+    assert "is tested without its friction" in capsys.readouterr().err
 
 
 def test_what_cannot_be_tested_is_refused(shell, tmp_path, capsys):

@@ -106,6 +106,9 @@ def test_a_library_is_made_resumed_and_replaced(run, refused, prepared: list[str
     prepared.clear()
     assert "output exists" in refused("library", "stockinette", "--out", out)
     assert run("library", "stockinette", "--out", out, "--resume").status == 0
+    shutil.copytree(LIBRARY / "links-wool" / "tests", out / "stockinette-wool" / "tests", dirs_exist_ok=True)
+    outcome = run("library", "stockinette", "--out", out, "--resume", "--json")  # points of these have no equilibrium
+    assert outcome.status == 1 and json.loads(outcome.out)["failed"] == ["stockinette-wool"]
     assert prepared == []
     half = writable_folder(out / "rib-1x1-wool" / "samples") / "begun"  # of a run that was killed
     half.touch()

@@ -44,7 +44,7 @@ def add_cloth_commands(add: Add) -> None:
         help="scene file (.toml, see yarnscale help scene) or: stretch-course, stretch-wale, drape, drape-on-ball, "
         "hang, twist, ring, scarf, tshirt, sweater",
     )  # fmt: skip
-    option("--shell", type=Path, metavar="SHELL", help=f"of a ready scene, {SHELL}")
+    option("--shell", metavar="SHELL", help=f"of a ready scene, {SHELL}")
     option("--spacing", type=positive, metavar="H", help="edge length of the triangles of a ready scene [m]")
 
     about = "Put the relaxed yarns of a pattern on the frames of a simulated cloth."
@@ -91,7 +91,7 @@ def add_cloth_commands(add: Add) -> None:
 
 
 def _add_shell(command: argparse.ArgumentParser) -> None:
-    command.add_argument("material", type=Path, metavar="SHELL", help=SHELL)
+    command.add_argument("material", metavar="SHELL", help=SHELL)
     spacing = "edge length of triangles [m] (0.0065)"
     command.add_argument("--spacing", type=positive, metavar="H", help=spacing)
 

@@ -11,7 +11,6 @@ from yarnscale.cli.values import refuse
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.shell.materials.compact import CompactMaterial
-from yarnscale.shell.materials.history import ElementFriction
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.materials.spline_material import SplineMaterial
 
@@ -25,7 +24,7 @@ def export(options: argparse.Namespace) -> int:
         refuse(options, ("loads",), "--format newton with it")
     material = read_material(options.material)
     lost: list[str] = []
-    if ElementFriction.of(material) is not None:
+    if material.remembers:
         lost.append("friction: the exported cloth is elastic and remembers nothing")
         say(f"yarnscale: note: {lost[0]}")
     if options.format == "hylc":

@@ -21,7 +21,6 @@ from yarnscale.homogeneous.fabrics import fabric_of
 from yarnscale.laboratory.drape import drape_test
 from yarnscale.laboratory.homogeneous_tests import LOADS, default_curvatures
 from yarnscale.laboratory.programme import Difference, FabricTests, Programme, difference, run_tests
-from yarnscale.shell.materials.history import ElementFriction
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
@@ -44,7 +43,9 @@ def test(options: argparse.Namespace) -> int:
     elif programme.cycles is not None and options.friction is None:
         refuse(options, ("cycles",), "--friction too, for yarns")
     for name, shell in shells.items():
-        if programme.cycles is not None and ElementFriction.of(shell) is None:
+        if programme.cycles is None and shell.remembers:
+            say(f"yarnscale: note: {name} is tested without its friction, which acts in --cycles")
+        if programme.cycles is not None and not shell.remembers:
             expected = "a shell material with friction, which 'yarnscale homogenize --friction' makes"
             raise InputError("cycles", where=name, expected=expected, found="one without")
     if not shells:

@@ -15,7 +15,7 @@ from yarnscale.cli.yarn_choice import same_yarns
 from yarnscale.drawing import library as built_in
 from yarnscale.errors import InputError
 from yarnscale.files.cell_origin import CellOrigin
-from yarnscale.files.material_library import MATERIAL, PATTERN, TESTS
+from yarnscale.files.material_library import MATERIAL, PATTERN, TESTS, tests
 from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.run_folder import RunFolder, note_result
 from yarnscale.show.canvas import require_renderer
@@ -48,7 +48,11 @@ def library(options: argparse.Namespace) -> int:
     with results as folder:
         for number, (name, (source, yarn)) in enumerate(wanted.items()):
             line.show(number, len(wanted), name)
-            if not (folder / name / TESTS).is_file() and not _made(folder / name, source, yarn, options):
+            if not (folder / name / TESTS).is_file():
+                good = _made(folder / name, source, yarn, options)
+            else:
+                good = not any(found.failed for found in tests(name, folder))
+            if not good:
                 failed.append(name)
         line.show(len(wanted), len(wanted))
         shown = write_library(folder)

@@ -73,7 +73,7 @@ def add_material_commands(add: Add) -> None:
 
     about = "Write a shell material for other programs: HYLC JSON, C or NVIDIA Warp source, Newton's cloth."
     option = add("export", "export", about, add_json)
-    option("material", type=Path, metavar="SHELL", help=SHELL)
+    option("material", metavar="SHELL", help=SHELL)
     form = "published layout, one C file, a function of NVIDIA Warp, or parameters of Newton's cloth with their errors"
     option("--format", "--to", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
     option("--out", type=Path, required=True, metavar="FILE", help="file to write, .json, .c or .py")
@@ -82,7 +82,7 @@ def add_material_commands(add: Add) -> None:
 
     about = "Energy density and stress of a shell material at a strain."
     option = add("evaluate", "materials", about, add_json)
-    option("material", type=Path, metavar="SHELL", help=SHELL)
+    option("material", metavar="SHELL", help=SHELL)
     option(
         "--strain", type=numbers(6, "sx,sa,sy,II11,II12,II22"), required=True, metavar="sx,sa,sy,II11,II12,II22",
         help="stretches and shear [-], second fundamental form [1/m]",

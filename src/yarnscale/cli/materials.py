@@ -61,6 +61,8 @@ def evaluate(options: argparse.Namespace) -> int:
     lines = [f"energy density {energy:.9g} J/m²"]
     for name, value in zip(COMPONENTS, stress, strict=True):
         lines.append(f"d/d{name:<5} {value:.9g} {'N/m' if name.startswith('s') else 'N'}")
+    if material.remembers:
+        say("yarnscale: note: energy and stress are without friction")
     report(options, {"energy_density": energy, "stress": stress}, *lines)
     return 0
 
@@ -151,7 +153,7 @@ def homogenize(options: argparse.Namespace) -> int:
 def _friction_error(outcome: Homogenization) -> tuple[float, float] | None:
     """Coefficient of friction and error of its stress in cycles; None where the material has none."""
     material = outcome.material
-    if not isinstance(material, CompactMaterial) or material.sliders is None:
+    if not material.remembers:
         return None
     record: Any = material.provenance["friction"]
     return float(record["coefficient"]), float(record["error"])

@@ -35,7 +35,6 @@ from yarnscale.laboratory.summary import (
     shear_summary,
     tensile_summary,
 )
-from yarnscale.shell.materials.history import ElementFriction
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
@@ -250,7 +249,7 @@ def run_tests(
 
 
 @dataclass(frozen=True, eq=False)
-class _Followed(MaterialFabric):
+class _Recorded(MaterialFabric):
     """A piece of shell that keeps the strains it passes."""
 
     passed: list[Array] = field(default_factory=list)
@@ -263,7 +262,7 @@ class _Followed(MaterialFabric):
 
 def strains_of_tests(material: ShellMaterial) -> Array:
     """Strains (n, 6) that a material passes in its own tests, and where it rolls up across tension."""
-    fabric = _Followed(material)
+    fabric = _Recorded(material)
     for _, test in Programme().steps():
         test(fabric)
     for across, load in product((0.0, 90.0), ROLLED_UNDER):
@@ -278,7 +277,7 @@ def _cycled_steps(
     if isinstance(subject, PeriodicCell):
         if programme.friction is None:
             raise InputError("cycles", expected="friction of the yarns with them", found="none")
-    elif not isinstance(subject, ShellMaterial) or ElementFriction.of(subject) is None:
+    elif not isinstance(subject, ShellMaterial) or not subject.remembers:
         raise InputError("cycles", expected="yarns, or a shell material with friction", found="one without memory")
     options = (programme.directions, programme.loads, programme.curvature, programme.curvatures)
     for test in cycled_tests(fabric, *options):

@@ -115,6 +115,11 @@ class CompactMaterial(ShellMaterial):
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     @property
+    def remembers(self) -> bool:
+        """Whether it has sliders."""
+        return self.sliders is not None
+
+    @property
     def strain_scale(self) -> Array:
         """``scale``: of bending, a tenth of the curvature of the yarn's surface."""
         return self.scale

@@ -91,6 +91,11 @@ class ShellMaterial(ABC):
         return strain_units(1e-3)
 
     @property
+    def remembers(self) -> bool:
+        """Whether friction acts in it along a path; energy, stress and moduli here are without friction."""
+        return False
+
+    @property
     def packed(self) -> PackedSplines | None:
         """Splines of which every element takes its own pieces for its parameters; None where elements share them."""
         return None
