@@ -66,6 +66,8 @@ def test_names_are_taken_by_commands_and_scenes(run, refused, tmp_path: Path) ->
     line = refused("simulate", "hang", "--shell", "stokinette-wool", "--out", tmp_path / "out")
     assert "unknown shell material" in line and "did you mean stockinette-wool?" in line
     assert "did you mean" in refused("relax", "stockinete-wool")
+    line = refused("evaluate", "./stockinette-wool", "--strain", "0.1,0,0,0,0,0")  # a file of the user's, by its path
+    assert "stockinette-wool: file does not exist" in line
     with pytest.raises(InputError, match="unknown material"):
         kept_tests("stockinette")
 

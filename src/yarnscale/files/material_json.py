@@ -51,9 +51,9 @@ def read_material(source: str | os.PathLike[str]) -> CompactMaterial | Direction
     Raises InputError (file and field) where the source is none of them, or broken.
     """
     path = Path(file_of(source, MATERIAL))
-    if path.suffix == "" and len(path.parts) == 1 and not path.exists():
+    if path.suffix == "" and os.fspath(source) == path.name and not path.exists():
         expected = f"a material file or one of {', '.join(names())}"
-        raise InputError("unknown shell material", expected=expected, found=misspelt(path, names()))
+        raise InputError("unknown shell material", expected=expected, found=misspelt(path.name, names()))
     content = read_json(path)
     if "format" not in content and is_hylc(content):
         return hylc_material(content, path)
