@@ -130,7 +130,8 @@ def homogenize(
         if TESTED not in found.samples.kinds:
             # Where the material goes in its own tests there may be no sample: a valley that the fabric does not have.
             found = found.extended(cell, strains_of_tests(material), TESTED, solves // 10, **run)
-            material = _fitted(found.samples, found.store, options, material)
+            if TESTED in found.samples.kinds:  # as ``fit`` does
+                material = _fitted(found.samples, found.store, options, material)
         samples, unseen, summary = found.samples, found.unseen, found.summary
         if friction is not None and friction.coefficient > 0:
             largest = limit or largest_load(cell)
