@@ -84,7 +84,8 @@ def test_the_yarn_of_a_file_is_used_by_every_command(
         sampled.append(cell)
         summary = SimpleNamespace(states=1, converged=1, pending=0, ended=0, seconds=0.1)
         errors = SimpleNamespace(states=1, median=0.01, high=0.1)
-        return SimpleNamespace(summary=summary, errors=errors, material=SimpleNamespace(density=0.1)), None
+        material = SimpleNamespace(density=0.1, remembers=False)
+        return SimpleNamespace(summary=summary, errors=errors, material=material), None
 
     monkeypatch.setattr("yarnscale.cli.materials.homogenize_into", sample_nothing)
     done = run("homogenize", fabric, "--out", out)
