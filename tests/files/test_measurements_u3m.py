@@ -111,12 +111,10 @@ def test_the_line_is_that_of_the_field_within_its_direction(tmp_path):
 def test_bending_of_strips_is_told_from_friction_drift_and_weight(tmp_path):
     content = physics()
     for name, rigidity in (("L", 2e-6), ("W", 1e-6)):
-        for key, drift in (("U1", 0.4), ("D1", -0.7)):
+        for key, drift, width in (("U1", 0.4, 4), ("D1", -0.7, 2)):
             weak = [[2.0, 0.0, 1.9, -1.0, 1.8, -1.0], [1.8, -1.0, 1.9, -1.0, 2.0, 0.0]]
-            content["raw_data"][name][key] = {
-                "width": 4,
-                "samplesTree": [*weak, *arch(rigidity, 0.3, drift), *arch(rigidity, 0.3, drift + 0.1)],
-            }
+            both = (arch(rigidity * width / 4, 0.3, drift + more) for more in (0.0, 0.1))
+            content["raw_data"][name][key] = {"width": width, "samplesTree": sum(both, weak)}
         content["raw_data"][name]["S1"] = {"width": 4, "samplesTree": cycles(9.0)}
     content["raw_data"]["B"]["U1"] = {"width": 4, "samplesTree": [[2.0, 0.0, 1.9, -1.0, 1.8, -1.0]] * 2}
     found = read_measurements(written(tmp_path, content))

@@ -8,6 +8,7 @@ import pytest
 from yarnscale.errors import InputError
 from yarnscale.swatches.measurements import (
     BendTest,
+    BiaxialTest,
     Direction,
     StretchRun,
     StretchTest,
@@ -102,6 +103,13 @@ def test_fabrics_are_checked_as_a_whole():
         SwatchMeasurements("half", (test,), yarns=(YarnComposition("polyester", 72.0, 75, 0.5),))
     with pytest.raises(InputError, match="2/π"):
         BendTest(Direction.WEFT, 0.1, 0.06, np.array([0.07]), np.array([2.0]))
+
+
+def test_a_direction_that_is_left_out_takes_biaxial_tests_along():
+    tests = tuple(StretchTest(along, 0.06, (run(),)) for along in Direction)
+    fabric = SwatchMeasurements("all", tests, biaxial=BiaxialTest(np.full((3, 2), 0.1), np.full((3, 2), 5.0)))
+    assert fabric.only(Direction.WEFT, Direction.WARP).biaxial is fabric.biaxial
+    assert fabric.only(Direction.WEFT, Direction.BIAS).biaxial is None
 
 
 def test_yarns_of_plated_fabric():

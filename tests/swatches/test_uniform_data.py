@@ -39,6 +39,14 @@ def test_errors_are_over_the_largest_target_in_comfort():
     assert errors.compression == pytest.approx(0.1)
 
 
+def test_contractions_that_were_not_measured_are_no_scale():
+    wide = replace(STIFF, contraction=9.0 * STRETCH)
+    assert UniformData("fabric", (SOFT, wide)).contraction_scale == DATA.contraction_scale
+    constant = replace(SOFT, contraction=0.0 * STRETCH)
+    errors = UniformData("fabric", (constant,)).errors([SOFT.stress], [0.01 + constant.contraction])
+    assert errors.compression == pytest.approx(10.0)
+
+
 def test_directions_can_be_held_out():
     assert DATA.only(Direction.WARP).curves == (STIFF,)
     with pytest.raises(InputError, match="directions"):

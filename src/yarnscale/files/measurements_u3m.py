@@ -54,7 +54,7 @@ def read_u3m(path: Path, *, cycle: Cycle, single_run: bool) -> SwatchMeasurement
                 short.append(_test(strips.fields(_SHORT), direction, cycle)[0])
             if bent := [strips.fields(key) for key in _BENT if key in strips.content]:
                 try:
-                    rigidity.append(BendingRigidity(direction, *mean_rigidity(*_cycles(bent))))
+                    rigidity.append(BendingRigidity(direction, *mean_rigidity(_cycles(bent))))
                 except InputError as error:
                     notes.append(f"{direction.value} ({name}): bending is not used: {error}")
         if not tests:
@@ -86,13 +86,14 @@ def _test(part: Fields, along: Direction, cycle: Cycle) -> tuple[StretchTest, tu
     return StretchTest(along, width, (run,)), remarks
 
 
-def _cycles(tests: list[Fields]) -> tuple[list[tuple[Array, Array]], float]:
-    """Ways in and out of strips bent up and down, in whose mean their weight has no part, and their width [m]."""
+def _cycles(tests: list[Fields]) -> list[tuple[Array, Array]]:
+    """Ways in and out of strips bent up and down, in whose mean their weight has no part: lengths [m], loads [N/m]."""
     cycles: list[tuple[Array, Array]] = []
     for test in tests:
-        branches = [branch for branch in _branches(test) if len(branch) > 2]
+        width = _CENTIMETRE * test.number("width", positive=True)
+        branches = [branch / [1.0, width] for branch in _branches(test) if len(branch) > 2]
         cycles += list(zip(branches[::2], branches[1::2], strict=False))
-    return cycles, _CENTIMETRE * tests[0].number("width", positive=True)
+    return cycles
 
 
 def _branches(part: Fields) -> list[Array]:

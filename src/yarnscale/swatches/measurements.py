@@ -346,10 +346,14 @@ class SwatchMeasurements:
         return replace(self, area_density=density, known=replace(self.known, **said))
 
     def only(self, *directions: Direction) -> SwatchMeasurements:
-        """The same fabric with the tests along these directions alone. Raises InputError where none is left."""
+        """The same fabric with the tests along these directions alone. Raises InputError where none is left.
+
+        Biaxial tests stay where neither weft nor warp is left out.
+        """
         kinds = ("stretch", "bend", "short", "rigidity")
         chosen = {kind: tuple(t for t in getattr(self, kind) if t.direction in directions) for kind in kinds}
-        return replace(self, **chosen)
+        left_out = {test.direction for test in self.stretch} - {*directions, Direction.BIAS}
+        return replace(self, **chosen, biaxial=None if left_out else self.biaxial)
 
 
 def _between(points: Array, x: Array, y: Array) -> Array:

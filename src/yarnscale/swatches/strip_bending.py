@@ -32,10 +32,10 @@ def arch_push(shortening: Array) -> Array:
     return np.interp(shortening, 2.0 - 2.0 * ellipe(modulus) / whole, 16.0 * whole**2)
 
 
-def strip_rigidity(bent: Array, back: Array, width: float) -> float:
-    """B of one cycle [N m]: distance of the clamps [m] and force [N] of the way in and of the way out, (n, 2) each.
+def strip_rigidity(bent: Array, back: Array) -> float:
+    """B of one cycle [N m]: distance of the clamps [m] and force over width [N/m] of the ways in and out, (n, 2) each.
 
-    width: of the strip [m]. Raises InputError for a cycle that bends too little to tell.
+    Raises InputError for a cycle that bends too little to tell.
     """
     length = float(max(bent[:, 0].max(), back[:, 0].max()))
     nearest = max(float(bent[:, 0].min()), float(back[:, 0].min()))
@@ -48,15 +48,15 @@ def strip_rigidity(bent: Array, back: Array, width: float) -> float:
         order = np.argsort(branch[:, 0])
         push += 0.5 * (flat - np.interp(distance, *branch[order].T))
     shape = arch_push(1.0 - distance / length)
-    return float(push @ shape / (shape @ shape)) * length**2 / width
+    return float(push @ shape / (shape @ shape)) * length**2
 
 
-def mean_rigidity(cycles: Sequence[tuple[Array, Array]], width: float) -> tuple[float, float]:
+def mean_rigidity(cycles: Sequence[tuple[Array, Array]]) -> tuple[float, float]:
     """Mean and standard deviation of ``strip_rigidity`` over cycles that bend far enough [N m]."""
     found, fault = [], InputError("bending", expected="a way in and a way out", found="none")
     for bent, back in cycles:
         try:
-            found.append(strip_rigidity(bent, back, width))
+            found.append(strip_rigidity(bent, back))
         except InputError as error:
             fault = error
     if not found:

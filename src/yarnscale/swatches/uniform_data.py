@@ -125,8 +125,10 @@ class UniformData:
 
     @property
     def contraction_scale(self) -> float:
-        """Largest contraction of the comfort ranges, by which errors of contraction are divided."""
-        return max(float(np.interp(c.comfort_stretch, c.stretch, np.abs(c.contraction))) for c in self.curves)
+        """Largest measured contraction of the comfort ranges, 0.001 at least, by which its errors are divided."""
+        measured = [c for c in self.curves if c.contraction_measured]
+        largest = [float(np.interp(c.comfort_stretch, c.stretch, np.abs(c.contraction))) for c in measured]
+        return max([1e-3, *largest])
 
     def only(self, *directions: Direction) -> UniformData:
         """The curves along these directions alone. Raises InputError where none is left."""
