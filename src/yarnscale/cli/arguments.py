@@ -17,7 +17,7 @@ from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.cli.fabric_options import add_fabric_options
 from yarnscale.cli.material_options import add_material_commands
 from yarnscale.cli.register_options import add_register_options
-from yarnscale.cli.shared_options import GROUPS, Add, Option, Share, add_json, add_overwrite
+from yarnscale.cli.shared_options import GROUPS, SHARED, Add
 from yarnscale.cli.view_options import add_view_options
 from yarnscale.cli.yarn_options import add_yarn_commands
 from yarnscale.errors import misspelt
@@ -83,13 +83,13 @@ def parser() -> Parser:
     )
     width, lines = shutil.get_terminal_size().columns - 2, list[str]()
 
-    def add(name: str, module: str, about: str, *shared: Share) -> Option:
+    def add(name: str, module: str, about: str, *shared: str) -> argparse.ArgumentParser:
         command = commands.add_parser(name, description=about)
         command.set_defaults(run=_deferred(module, name), default=command.get_default)
-        for options in shared:
-            options(command)
+        for option in shared:
+            command.add_argument(option, **SHARED[option])
         lines.append(textwrap.fill(f"  {name:<11} {about}", width, subsequent_indent=" " * 14))
-        return command.add_argument
+        return command
 
     for title, add_commands in _COMMANDS.items():
         lines += ["", f"{title}:"]
@@ -103,14 +103,16 @@ def parser() -> Parser:
 
 
 def _add_first_commands(add: Add) -> None:
-    option = add("help", "guide", "Print a page of the guide: formats, conventions, theory.")
-    option("topic", nargs="?", metavar="TOPIC", help="name of a page (without: their list)")
-    option = add("samples", "guide", "Write small inputs to try: curves, charts, scenes, a mesh, materials.")
+    guide = add("help", "guide", "Print a page of the guide: formats, conventions, theory.")
+    guide.add_argument("topic", nargs="?", metavar="TOPIC", help="name of a page (without: their list)")
+    option = add(
+        "samples", "guide", "Write small inputs to try: curves, charts, scenes, a mesh, materials."
+    ).add_argument
     option("--out", type=Path, required=True, metavar="DIR", help="folder for them")
     option("--overwrite", action="store_true", help="replace files of the same names")
     about = "Run the whole first job on a built-in pattern, with pictures and a page."
-    option = add("demo", "demo", about, add_overwrite, add_json)
-    option("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)")
+    demo = add("demo", "demo", about, "--overwrite", "--json")
+    demo.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the page (demo)")
 
 
 _COMMANDS: dict[str, Callable[[Add], None]] = {

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import (
-    PATTERN,
-    SHELL,
-    Add,
-    add_dask,
-    add_json,
-    add_material,
-    add_overwrite,
-    add_radius,
-    add_resume,
-    add_workers,
-)
+from yarnscale.cli.shared_options import PATTERN, SHELL, Add
 from yarnscale.cli.values import frames, number, positive
 
 _FRAMES = "frames to take, both ends included, e.g. 10:40:2, 30 or -1 (default: all)"
+KINDS = ("obj", "gltf", "usd", "vtk", "mp4", "png")
 _RUN = "folder that 'simulate' wrote, or one of frames"
 
 
 def add_cloth_commands(add: Add) -> None:
     """Stretch, drape, simulate, detail, convert."""
-    run = (_add_output, add_overwrite, add_json)
-    sheet = (_add_shell, *run)
-    option = add("stretch", "cloth", "Stretch a 30 × 30 cm sheet between two bars.", *sheet)
+    run = ("--resume", "--overwrite", "--json")
+    stretch = add("stretch", "cloth", "Stretch a 30 × 30 cm sheet between two bars.", "material", *run)
+    drape = add("drape", "cloth", "Drape a 30 × 30 cm sheet over a sphere.", "material", *run)
+    simulate = add("simulate", "cloth", "Simulate a scene file, or a ready scene such as the sweater.", *run)
+    for option in (stretch.add_argument, drape.add_argument):
+        option("--spacing", type=positive, metavar="H", help="edge length of triangles [m] (0.0065)")
+    for option in (stretch.add_argument, drape.add_argument, simulate.add_argument):
+        option("--out", type=Path, required=True, metavar="DIR", help="folder for frames and pictures")
+        bounded = "the motion alone, with bounded work a step: steps of 1/30 s that need not converge"
+        option("--animation", action="store_true", help=bounded)
+        several = "convert the frames at the end; may be given several times"
+        option("--format", action="append", choices=KINDS, default=[], help=several)
+
+    option = stretch.add_argument
     option("--direction", choices=("course", "wale"), required=True, help="direction of the pull")
     option("--amount", type=number, help="growth of the bars' distance, e.g. 0.373; or give --travel")
     travel = "displacement of each bar [m]; published: 0.035 stockinette, 0.02 basket, 0.04 rib"
@@ -36,9 +36,7 @@ def add_cloth_commands(add: Add) -> None:
     option("--duration", type=positive, metavar="SECONDS", help=duration)
     option("--air-drag", type=number, metavar="D", help="[kg/m³], quadratic (10)")
 
-    add("drape", "cloth", "Drape a 30 × 30 cm sheet over a sphere.", *sheet)
-
-    option = add("simulate", "cloth", "Simulate a scene file, or a ready scene such as the sweater.", *run)
+    option = simulate.add_argument
     option(
         "scene", metavar="SCENE",
         help="scene file (.toml, see yarnscale help scene) or: stretch-course, stretch-wale, drape, drape-on-ball, "
@@ -48,8 +46,8 @@ def add_cloth_commands(add: Add) -> None:
     option("--spacing", type=positive, metavar="H", help="edge length of the triangles of a ready scene [m]")
 
     about = "Put the relaxed yarns of a pattern on the frames of a simulated cloth."
-    yarn = (add_material, add_radius, add_dask, add_workers, add_overwrite, add_json)
-    option = add("detail", "detail", about, *yarn)
+    yarn = ("--material", "--radius", "--dask", "--workers", "--resume", "--overwrite", "--json")
+    option = add("detail", "detail", about, *yarn).add_argument
     option("frames", type=Path, metavar="DIR", help=_RUN)
     option("--pattern", required=True, metavar="PATTERN", help=PATTERN)
     option(
@@ -68,10 +66,9 @@ def add_cloth_commands(add: Add) -> None:
     option("--picture", type=Path, metavar="FILE.png", help="draw the last frame's yarns")
 
     about = "Convert the frames of a run: OBJ, glTF, USD, VTK, BCC, MP4, PNG."
-    option = add("convert", "convert", about, add_overwrite, add_json)
+    option = add("convert", "convert", about, "--overwrite", "--json").add_argument
     option("frames", type=Path, metavar="DIR", help=_RUN)
-    kinds = ("obj", "gltf", "usd", "vtk", "bcc", "mp4", "png")
-    option("--format", "--to", choices=kinds, required=True, help="see yarnscale help output_formats")
+    option("--format", "--to", choices=(*KINDS, "bcc"), required=True, help="see yarnscale help output_formats")
     out = "file .glb, .usdc, .usda, .pvd or .mp4; folder for obj, bcc and png"
     option("--out", type=Path, required=True, metavar="PATH", help=out)
     option("--yarns", type=Path, metavar="DIR", help="frames of yarn curves to go with the cloth")
@@ -88,23 +85,3 @@ def add_cloth_commands(add: Add) -> None:
     option("--wires", action="store_true", help="draw the edges of triangles in MP4 and PNG")
     yarns_as = "in glTF, which has no curves (tubes)"
     option("--yarns-as", choices=("tubes", "lines"), default="tubes", help=yarns_as)
-
-
-def _add_shell(command: argparse.ArgumentParser) -> None:
-    command.add_argument("material", metavar="SHELL", help=SHELL)
-    spacing = "edge length of triangles [m] (0.0065)"
-    command.add_argument("--spacing", type=positive, metavar="H", help=spacing)
-
-
-def _add_output(command: argparse.ArgumentParser) -> None:
-    out = "folder for frames and pictures"
-    command.add_argument("--out", type=Path, required=True, metavar="DIR", help=out)
-    add_resume(command)
-    command.add_argument(
-        "--animation", action="store_true",
-        help="the motion alone, with bounded work a step: steps of 1/30 s that need not converge",
-    )  # fmt: skip
-    command.add_argument(
-        "--format", action="append", choices=("obj", "gltf", "usd", "vtk", "mp4", "png"), default=[],
-        help="convert the frames at the end; may be given several times",
-    )  # fmt: skip

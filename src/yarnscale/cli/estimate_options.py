@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import Add, add_dask, add_json, add_overwrite, add_radius, add_workers
+from yarnscale.cli.shared_options import Add
 from yarnscale.cli.values import not_negative, positive, positive_integer, two_lengths
 
 SOLVERS = ("sobol", "local", "paper")
@@ -27,7 +27,8 @@ def _directions(text: str) -> tuple[str, ...]:
 def add_estimate_options(add: Add) -> None:
     """The command ``estimate``."""
     about = "Estimate the yarn of a fabric from measured swatches."
-    option = add("estimate", "estimate", about, add_radius, add_workers, add_dask, add_overwrite, add_json)
+    running = ("--workers", "--resume", "--dask", "--overwrite", "--json")
+    option = add("estimate", "estimate", about, "--radius", *running).add_argument
     option(
         "measurements",
         type=Path,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from yarnscale.cli.shared_options import Add, add_json, add_material, add_overwrite, add_radius, add_resume
+from yarnscale.cli.shared_options import Add
 from yarnscale.cli.values import not_negative, number, positive
 
 SCENES = ("hang", "stretch", "drape")
@@ -39,9 +39,16 @@ def _weld(text: str) -> bool | float:
 
 def add_fabric_options(add: Add) -> None:
     """The command ``fabric``."""
-    yarn, results = (add_material, add_radius), (add_overwrite, add_resume, add_json)
+    yarn, results = ("--material", "--radius"), ("--overwrite", "--resume", "--json")
     about = "Simulate a finite fabric, yarn by yarn or in a bounding volume."
-    option = add("fabric", "fabric", about, *yarn, _add_stepping, *results)
+    command = add("fabric", "fabric", about, *yarn, *results)
+    option, stepping = command.add_argument, command.add_mutually_exclusive_group().add_argument
+    stepping("--explicit", action="store_true", help="explicit steps, as long as they are stable")
+    stepping(
+        "--integrator", choices=("euler", "bdf2"), default="euler",
+        help="of implicit steps: euler, of first order, damps much; bdf2, of second order with --damping 0 and "
+        "--friction 0, damps little (euler)",
+    )  # fmt: skip
     mu = {"type": not_negative, "metavar": "MU"}
     kinds = "a built-in pattern or a pattern file; splines: jersey and knits of knit and purl stitches on one bed"
     option("pattern", metavar="PATTERN", help=kinds)
@@ -93,15 +100,4 @@ def add_fabric_options(add: Add) -> None:
     option(
         "--format", action="append", choices=("obj", "gltf", "usd", "bcc", "mp4", "png"), default=[],
         help="convert the frames at the end; may be given several times",
-    )  # fmt: skip
-
-
-def _add_stepping(command: argparse.ArgumentParser) -> None:
-    stepping = command.add_mutually_exclusive_group()
-    explicit = "explicit steps, as long as they are stable"
-    stepping.add_argument("--explicit", action="store_true", help=explicit)
-    stepping.add_argument(
-        "--integrator", choices=("euler", "bdf2"), default="euler",
-        help="of implicit steps: euler, of first order, damps much; bdf2, of second order with --damping 0 and "
-        "--friction 0, damps little (euler)",
     )  # fmt: skip

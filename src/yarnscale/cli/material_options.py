@@ -4,32 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from yarnscale.cli.shared_options import (
-    PATTERN,
-    PATTERNS,
-    SHELL,
-    Add,
-    add_as_drawn,
-    add_dask,
-    add_free_sliding,
-    add_json,
-    add_loads,
-    add_material,
-    add_overwrite,
-    add_radius,
-    add_solves,
-    add_starts,
-    add_workers,
-    add_yarns,
-)
+from yarnscale.cli.shared_options import PATTERN, SHELL, Add
 from yarnscale.cli.values import number, number_list, numbers, size
 
 
 def add_material_commands(add: Add) -> None:
     """Homogenize, sample, fit, export, evaluate, test."""
-    sampling = (add_yarns, add_as_drawn, add_loads, add_dask, add_workers, add_overwrite, add_json)
+    running = ("--dask", "--workers", "--resume", "--overwrite", "--json")
+    sampling = ("pattern", "--material", "--radius", "--as-drawn", "--solves", "--limit", *running)
     about = "From a yarn pattern to a shell material, with pictures and a page."
-    option = add("homogenize", "materials", about, *sampling)
+    option = add("homogenize", "materials", about, *sampling).add_argument
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     friction = "coefficient of friction of yarns: the material remembers how it was loaded (none)"
     option("--friction", type=number, metavar="MU", help=friction)
@@ -51,7 +35,7 @@ def add_material_commands(add: Add) -> None:
     option("--even-knots", action="store_true", help=knots)
 
     about = "Relax a pattern along rays of loads, or under all states of a strain grid, into a store."
-    option = add("sample", "samples", about, *sampling, add_free_sliding, add_starts(1))
+    option = add("sample", "samples", about, *sampling, "--free-sliding", "--starts").add_argument
     option("--out", type=Path, required=True, metavar="STORE", help="zarr store to write")
     grid = "strains instead of loads: arrays s_x, s_a, s_y, lambda_x, lambda_y"
     option("--grid", type=Path, metavar="GRID.toml", help=grid)
@@ -61,19 +45,17 @@ def add_material_commands(add: Add) -> None:
     option("--size", type=size, default=(1, 1), metavar="NxM", help="sample N by M tiles as one cell (1x1)")
 
     about = "Patterns in several yarns, each homogenized and tested: a folder of shell materials and a page of them."
-    option = add("library", "library", about, add_solves, add_dask, add_workers, add_overwrite, add_json)
-    option("patterns", nargs="*", metavar="PATTERN", help=PATTERNS)
+    option = add("library", "library", about, "patterns", "--solves", *running).add_argument
     yarn = "yarn of all patterns, a preset or a TOML file; several times: every pattern in each of them (wool)"
     option("--material", action="append", metavar="YARN", help=yarn)
     option("--out", type=Path, required=True, metavar="DIR", help="folder with a folder for every material")
 
-    option = add("fit", "samples", "Fit a shell material to a store of samples.", add_json)
+    option = add("fit", "samples", "Fit a shell material to a store of samples.", "--json").add_argument
     option("store", type=Path, metavar="STORE", help="store written by 'sample' or 'homogenize'")
     option("--out", type=Path, required=True, metavar="MATERIAL.json", help="material file to write")
 
     about = "Write a shell material for other programs: HYLC JSON, C or NVIDIA Warp source, Newton's cloth."
-    option = add("export", "export", about, add_json)
-    option("material", metavar="SHELL", help=SHELL)
+    option = add("export", "export", about, "material", "--json").add_argument
     form = "published layout, one C file, a function of NVIDIA Warp, or parameters of Newton's cloth with their errors"
     option("--format", "--to", choices=("hylc", "c", "warp", "newton"), required=True, help=form)
     option("--out", type=Path, required=True, metavar="FILE", help="file to write, .json, .c or .py")
@@ -81,15 +63,16 @@ def add_material_commands(add: Add) -> None:
     option("--loads", type=numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help=loads)
 
     about = "Energy density and stress of a shell material at a strain."
-    option = add("evaluate", "materials", about, add_json)
-    option("material", metavar="SHELL", help=SHELL)
+    option = add("evaluate", "materials", about, "material", "--json").add_argument
     option(
         "--strain", type=numbers(6, "sx,sa,sy,II11,II12,II22"), required=True, metavar="sx,sa,sy,II11,II12,II22",
         help="stretches and shear [-], second fundamental form [1/m]",
     )  # fmt: skip
 
     about = "Virtual tests of a fabric: tension, shear, bending, curl, drape; a page and numbers."
-    option = add("test", "laboratory", about, add_as_drawn, add_material, add_radius, add_overwrite, add_json)
+    option = add(
+        "test", "laboratory", about, "--as-drawn", "--material", "--radius", "--overwrite", "--json"
+    ).add_argument
     option("subject", metavar="SUBJECT", help=f"{PATTERN}; or a {SHELL}")
     option("--out", type=Path, required=True, metavar="DIR", help="folder for page and numbers")
     option("--against", metavar="OTHER", help="a second pattern or shell material to compare with")

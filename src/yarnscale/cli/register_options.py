@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from yarnscale.cli.shared_options import Add, add_json
+from yarnscale.cli.shared_options import Add
 from yarnscale.cli.values import port, positive, two_lengths
 from yarnscale.errors import quoted
 
@@ -18,7 +18,7 @@ _NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
 def add_register_options(add: Add) -> None:
     """The command and its options."""
     about = "Register the yarns of a fabric to photographs of its sides, with the order over and under from its chart."
-    option = add("register", "register", about, add_json)
+    option = add("register", "register", about, "--json").add_argument
     option("--front", type=Path, metavar="FRONT.png", help="photograph of the right side, its wales upright")
     option("--back", type=Path, metavar="BACK.png", help="of the other side, the fabric turned over about a wale")
     option(

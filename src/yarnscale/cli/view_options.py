@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from yarnscale.cli.shared_options import Add, add_as_drawn, add_json, add_material
+from yarnscale.cli.shared_options import Add
 from yarnscale.cli.values import port
 
 
 def add_view_options(add: Add) -> None:
     """The command and its options."""
     about = "Look at a pattern, cell, material, run or estimate on a page that turns, stretches and plays."
-    option = add("view", "view", about, add_material, add_as_drawn, add_json)
+    option = add("view", "view", about, "--material", "--as-drawn", "--json").add_argument
     thing = (
         "a pattern (name or file), STATE.npz of relax, a folder of sample, homogenize, simulate, detail, fabric or "
         "estimate, or a shell material (a name of the library or .json)"
