@@ -8,8 +8,9 @@ energy is bounded below, and the area terms, which may vanish, as multiples of a
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -85,110 +86,92 @@ class Scales:
         return math.sqrt(self.weft.secant * self.warp.secant)
 
 
-@dataclass(frozen=True)
-class OrthotropicUnknowns:
-    """Unknowns (6,) of EST22's shell."""
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Unknowns of a shell, (n,), as many as its constants.
 
-    scales: Scales
-    names = OrthotropicMaterial.MEMBRANE
+    names: of the constants. low, high: ends of the unknowns. prior: what is taken for those of which the measurements
+    say nothing. draws: size of random changes of the start. constants: the constants in SI, and jacobian: their
+    derivatives by the unknowns (n, n), at unknowns. make: the material without bending, of its constants.
+    """
 
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and largest unknowns."""
-        wide = _DECADES * math.log(10.0)
-        high = np.array([wide, _TIGHTEST, wide, wide, _LARGEST_AREA, _LARGEST_AREA])
-        low = np.array([-wide, -0.9, -wide, -wide, 0.0, _LEAST_LOG_AREA])
-        return low, high
+    names: tuple[str, ...]
+    low: Array
+    high: Array
+    prior: Array
+    draws: Array
+    constants: Callable[[Array], Array]
+    jacobian: Callable[[Array], Array]
+    make: Callable[..., DirectionalMaterial]
 
-    @property
-    def prior(self) -> Array:
-        """What is taken for constants of which the measurements say nothing: an isotropic fabric without area terms."""
-        return np.array([0.0, 0.3, 0.0, math.log(0.35), 0.0, 0.0])
+    def material(self, unknowns: Array, *, density: float = 0.2) -> DirectionalMaterial:
+        """The material without bending; density: [kg/m²]."""
+        return self.make(*(float(k) for k in self.constants(unknowns)), density=density)
 
-    @property
-    def draws(self) -> Array:
-        """Size of random changes of the start."""
-        return np.array([1.0, 0.3, 1.0, 1.0, 1.0, 1.0])
 
-    def constants(self, unknowns: Array) -> Array:
-        """k_xx, k_xy, k_yy, k_ss, k_n1, k_n2 [N/m]."""
-        weft, warp, shear = self.scales.reference * np.exp(unknowns[[0, 2, 3]])
-        area, log_area = self.scales.reference * np.maximum(unknowns[4:], 0.0)
+def orthotropic_unknowns(scales: Scales) -> Unknowns:
+    """Of EST22's shell; the prior is an isotropic fabric without area terms."""
+    reference, wide = scales.reference, _DECADES * math.log(10.0)
+
+    def constants(unknowns: Array) -> Array:
+        weft, warp, shear = reference * np.exp(unknowns[[0, 2, 3]])
+        area, log_area = reference * np.maximum(unknowns[4:], 0.0)
         return np.array([weft, unknowns[1] * math.sqrt(weft * warp), warp, shear, area, log_area])
 
-    def jacobian(self, unknowns: Array) -> Array:
-        """d(constants)/d(unknowns), (6, 6)."""
-        weft, coupling, warp, shear, _, _ = self.constants(unknowns)
-        reference = self.scales.reference
+    def jacobian(unknowns: Array) -> Array:
+        weft, coupling, warp, shear, _, _ = constants(unknowns)
         matrix = np.diag([weft, math.sqrt(weft * warp), warp, shear, reference, reference])
         matrix[1, [0, 2]] = coupling / 2
         return matrix
 
-    def material(self, unknowns: Array, *, density: float = 0.2) -> DirectionalMaterial:
-        """The material without bending."""
-        return OrthotropicMaterial(*(float(k) for k in self.constants(unknowns)), density=density)
+    return Unknowns(
+        OrthotropicMaterial.MEMBRANE,
+        low=np.array([-wide, -0.9, -wide, -wide, 0.0, _LEAST_LOG_AREA]),
+        high=np.array([wide, _TIGHTEST, wide, wide, _LARGEST_AREA, _LARGEST_AREA]),
+        prior=np.array([0.0, 0.3, 0.0, math.log(0.35), 0.0, 0.0]),
+        draws=np.array([1.0, 0.3, 1.0, 1.0, 1.0, 1.0]),
+        constants=constants, jacobian=jacobian, make=OrthotropicMaterial,
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class StiffeningUnknowns:
-    """Unknowns (13,) of the shell that stiffens; ``log_area`` is not sought.
+def stiffening_unknowns(scales: Scales) -> Unknowns:
+    """Of the shell that stiffens; ``log_area`` is not sought.
 
-    Logarithms over the numbers of the curves, but for the saturations. Compression is counted from the coupling, with
-    which it sets the contraction.
+    Logarithms over the numbers of the curves, which are the prior, but for the saturations. Compression is counted from
+    the coupling, with which it sets the contraction.
     """
+    along, both = ("stretch", "stiffening", "rate", "saturation"), (scales.weft, scales.warp)
+    # A strip feels the part of the coupling that its contraction leaves; half of its stiffness at most.
+    at_rest = np.array([curve.stretch + curve.stiffening for curve in both])
+    left = 1.0 - np.array([curve.contraction for curve in both])
+    coupling = 0.5 * float((at_rest / left).min())
+    usual = np.array([getattr(curve, name) for name in along for curve in both])
+    usual[:2] = np.maximum(usual[:2] - coupling * left, 0.2 * usual[:2])
+    compression = (left / (1.0 - left))[::-1]
+    usual = np.array([*usual, *compression, coupling, 0.35 * math.sqrt(float(at_rest.prod())), 1.0])
 
-    scales: Scales
-    names = StiffeningMaterial.MEMBRANE[:-1]
+    def constants(unknowns: Array) -> Array:
+        found = np.where(_PLAIN, unknowns, usual * np.exp(np.where(_PLAIN, 0.0, unknowns)))
+        found[_PLAIN] = np.where(np.abs(found[_PLAIN]) < 1e-3, 1e-3, found[_PLAIN])
+        found[_COMPRESSION] *= found[_COUPLING]
+        return found
 
-    @cached_property
-    def _usual(self) -> Array:
-        along, both = ("stretch", "stiffening", "rate", "saturation"), (self.scales.weft, self.scales.warp)
-        # A strip feels the part of the coupling that its contraction leaves; half of its stiffness at most.
-        at_rest = np.array([curve.stretch + curve.stiffening for curve in both])
-        left = 1.0 - np.array([curve.contraction for curve in both])
-        coupling = 0.5 * float((at_rest / left).min())
-        usual = np.array([getattr(c, name) for name in along for c in both])
-        usual[:2] = np.maximum(usual[:2] - coupling * left, 0.2 * usual[:2])
-        compression = (left / (1.0 - left))[::-1]
-        return np.array([*usual, *compression, coupling, 0.35 * math.sqrt(float(at_rest.prod())), 1.0])
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and largest unknowns."""
-        low = np.log([1e-2, 1e-2, 1e-1, 1e-1, 0.4, 0.4, 1.0, 1.0, 1e-2, 1e-2, 0.05, 0.03, 0.1])
-        high = np.log([10.0, 10.0, 1e3, 1e3, 2.5, 2.5, 1.0, 1.0, 1e2, 1e2, 20.0, 100.0, 8.0])
-        return np.where(_PLAIN, -4.0, low), np.where(_PLAIN, 12.0, high)
-
-    @property
-    def prior(self) -> Array:
-        """What is taken for constants of which the measurements say nothing: the usual ones."""
-        return np.where(_PLAIN, self._usual, 0.0)
-
-    @property
-    def draws(self) -> Array:
-        """Size of random changes of the start."""
-        return np.array([*np.full(6, 0.3), 1.0, 1.0, 0.5, 0.5, 0.5, 1.0, 0.5])
-
-    def constants(self, unknowns: Array) -> Array:
-        """The constants in SI, (13,)."""
-        usual = self._usual
-        constants = np.where(_PLAIN, unknowns, usual * np.exp(np.where(_PLAIN, 0.0, unknowns)))
-        constants[_PLAIN] = np.where(np.abs(constants[_PLAIN]) < 1e-3, 1e-3, constants[_PLAIN])
-        constants[_COMPRESSION] *= constants[_COUPLING]
-        return constants
-
-    def jacobian(self, unknowns: Array) -> Array:
-        """d(constants)/d(unknowns), (13, 13)."""
-        constants = self.constants(unknowns)
-        relative = np.eye(len(constants))
+    def jacobian(unknowns: Array) -> Array:
+        relative = np.eye(len(usual))
         relative[_COMPRESSION, _COUPLING] = 1.0
-        return np.where(_PLAIN, 1.0, constants)[:, None] * relative
+        return np.where(_PLAIN, 1.0, constants(unknowns))[:, None] * relative
 
-    def material(self, unknowns: Array, *, density: float = 0.2) -> DirectionalMaterial:
-        """The material without bending."""
-        constants = (float(k) for k in self.constants(unknowns))
-        return StiffeningMaterial(*constants, log_area=_LEAST_LOG_AREA * self.scales.reference, density=density)
+    low = np.log([1e-2, 1e-2, 1e-1, 1e-1, 0.4, 0.4, 1.0, 1.0, 1e-2, 1e-2, 0.05, 0.03, 0.1])
+    high = np.log([10.0, 10.0, 1e3, 1e3, 2.5, 2.5, 1.0, 1.0, 1e2, 1e2, 20.0, 100.0, 8.0])
+    return Unknowns(
+        StiffeningMaterial.MEMBRANE[:-1],
+        low=np.where(_PLAIN, -4.0, low),
+        high=np.where(_PLAIN, 12.0, high),
+        prior=np.where(_PLAIN, usual, 0.0),
+        draws=np.array([*np.full(6, 0.3), 1.0, 1.0, 0.5, 0.5, 0.5, 1.0, 0.5]),
+        constants=constants, jacobian=jacobian,
+        make=partial(StiffeningMaterial, log_area=_LEAST_LOG_AREA * scales.reference),
+    )  # fmt: skip
 
 
-Unknowns = OrthotropicUnknowns | StiffeningUnknowns
-UNKNOWNS: dict[ShellModel, type[Unknowns]] = {"stiffening": StiffeningUnknowns, "stvk": OrthotropicUnknowns}
+UNKNOWNS = {"stiffening": stiffening_unknowns, "stvk": orthotropic_unknowns}

@@ -29,7 +29,7 @@ from yarnscale.swatches.measurements import (
     StretchTest,
     SwatchMeasurements,
 )
-from yarnscale.swatches.membrane_constants import UNKNOWNS, AlongCurve, Scales, ShellModel, Unknowns
+from yarnscale.swatches.membrane_constants import UNKNOWNS, AlongCurve, Scales, ShellModel
 from yarnscale.swatches.swatch import ELEMENTS_ACROSS, StretchResponse, StretchSwatch
 from yarnscale.swatches.uniaxial import biaxial_sensitivity, biaxial_stress, uniaxial, uniaxial_sensitivity
 
@@ -127,13 +127,12 @@ def mean_error(pairs: Sequence[tuple[Array, Array]]) -> float:
 
 def fit_membrane(
     measurements: SwatchMeasurements, *, model: ShellModel = "stiffening", largest_load: float = POWER_LOAD,
-    states: int = STATES, elements: int = ELEMENTS_ACROSS, tolerance: float = 1e-5,
+    states: int = STATES, elements: int = ELEMENTS_ACROSS,
 ) -> ShellFit:  # fmt: skip
     """Membrane constants from stretch tests along any directions.
 
     model: the shell that stiffens, or that of EST22 eq. 1. largest_load: the range that is fitted [N/m]; states:
-    stretches per direction; elements: of the swatches' meshes.
-    tolerance: relative change of the unknowns at which the fit ends. Raises InputError without a stretch test.
+    stretches per direction; elements: of the swatches' meshes. Raises InputError without a stretch test.
     """
     if not measurements.stretch:
         raise InputError(f"measurements of '{measurements.name}'", expected="a stretch test", found="none")
@@ -141,11 +140,11 @@ def fit_membrane(
     targets = tuple(_Target.of(test, largest_load, states) for test in measurements.stretch)
     density = measurements.area_density or 0.2
     both = measurements.biaxial and measurements.biaxial.up_to(largest_load, _BIAXIAL)
-    problem = _Problem(targets, density, elements, UNKNOWNS[model], both)
-    found = problem.solved(tolerance)
+    problem = _Problem(targets, density, elements, model, both)
+    found = problem.solved()
     if not problem.is_plausible(found):
         problem.usual_weight = _USUAL_PRIOR
-        found = problem.solved(tolerance)
+        found = problem.solved()
     return ShellFit(
         problem.unknowns.material(found, density=density),
         problem.curves(found),
@@ -157,16 +156,21 @@ def fit_membrane(
 
 @dataclass(frozen=True, eq=False)
 class _Target:
+    """What a swatch is to do at stretches (n,); the usual contraction where none was measured."""
+
     test: StretchTest
     stretch: Array
     load: Array
-    contraction: Array | None
+    contraction: Array
+    measured: bool
 
     @classmethod
     def of(cls, test: StretchTest, largest_load: float, states: int) -> _Target:
         curve = test.curve.up_to(largest_load)
         stretch = curve.stretch[-1] * np.arange(1, states + 1) / states
-        return cls(test, stretch, curve.load_at(stretch), curve.contraction_at(stretch))
+        across = curve.contraction_at(stretch)
+        usual = _contraction(stretch, _USUAL_CONTRACTION)
+        return cls(test, stretch, curve.load_at(stretch), usual if across is None else across, across is not None)
 
     @property
     def angle(self) -> float:
@@ -180,7 +184,7 @@ class _Problem:
     targets: tuple[_Target, ...]
     density: float
     elements: int
-    kind: type[Unknowns]
+    model: ShellModel
     biaxial: BiaxialTest | None = None
     usual_weight: float = 0.0
     _point: Array | None = None
@@ -188,10 +192,10 @@ class _Problem:
 
     def __post_init__(self) -> None:
         self.mean_load = float(np.mean([target.load.mean() for target in self.targets]))
-        measured = [t.contraction.mean() for t in self.targets if t.contraction is not None]
-        usual = [_contraction(target.stretch, _USUAL_CONTRACTION).mean() for target in self.targets]
-        self.mean_contraction = max(float(np.mean(measured or usual)), 1e-3)
-        self.unknowns = self.kind(_scales(self.targets))
+        across = [target.contraction.mean() for target in self.targets if target.measured]
+        across = across or [target.contraction.mean() for target in self.targets]
+        self.mean_contraction = max(float(np.mean(across)), 1e-3)
+        self.unknowns = UNKNOWNS[self.model](_scales(self.targets))
         self.swatches = [
             StretchSwatch(
                 t.test.direction, t.test.swatch_length, t.test.swatch_width, gauge_width=t.test.gauge_width,
@@ -208,15 +212,15 @@ class _Problem:
                 self.prior_weights[[name in constants for name in names]] = _UNMEASURED_PRIOR
         self.uniform_weight = 0.0 if Direction.BIAS in measured else _UNIFORM_PRIOR
 
-    def solved(self, tolerance: float) -> Array:
+    def solved(self) -> Array:
         """The unknowns of least residuals."""
         return least_squares(
             self.residuals,
             self.uniform_start(),
             jac=self.jacobian,  # pyright: ignore[reportArgumentType]
-            bounds=self.unknowns.bounds,
+            bounds=(self.unknowns.low, self.unknowns.high),
             x_scale="jac",
-            xtol=tolerance,
+            xtol=1e-5,
             ftol=1e-7,
             gtol=1e-10,
             max_nfev=100,
@@ -224,20 +228,16 @@ class _Problem:
 
     def is_plausible(self, unknowns: Array) -> bool:
         """Whether strips contract by no more than fabric does, along directions where that was not measured."""
-        material = self.unknowns.material(unknowns)
-        return all(
-            (
-                uniaxial(material, target.angle, target.stretch)[1]
-                <= _contraction(target.stretch, _LARGEST_CONTRACTION)
-            ).all()
-            for target in self.targets
-            if target.contraction is None
-        )
+        material, assumed = self.unknowns.material(unknowns), [t for t in self.targets if not t.measured]
+        found = (uniaxial(material, target.angle, target.stretch)[1] for target in assumed)
+        largest = (_contraction(target.stretch, _LARGEST_CONTRACTION) for target in assumed)
+        return all((across <= most).all() for across, most in zip(found, largest, strict=True))
 
     def residuals(self, unknowns: Array) -> Array:
         parts = []
-        for target, response, swatch in zip(self.targets, self._respond(unknowns), self.swatches, strict=True):
-            part = self._differences(target, response.force / swatch.width, response.contraction)
+        for target, response in zip(self.targets, self._respond(unknowns), strict=True):
+            load = response.force / response.width - target.load
+            part = self._weighted(target, load, response.contraction - target.contraction)
             states = np.tile(response.converged, len(part) // len(response.converged))
             parts.append(np.where(states, part, _FAILED))
         uniform = self._uniform(unknowns, 0.0, self.uniform_weight)[0]
@@ -250,7 +250,7 @@ class _Problem:
 
     def uniform_start(self) -> Array:
         """The best of several fits of uniform strips."""
-        low, high = self.unknowns.bounds
+        low, high = self.unknowns.low, self.unknowns.high
         best = None
         for draw in np.random.default_rng(0).normal(size=(_STARTS, len(low))) * np.arange(_STARTS)[:, None] / _STARTS:
             start = self.unknowns.prior + draw * self.unknowns.draws
@@ -280,18 +280,15 @@ class _Problem:
             load, contraction, by_load, by_contraction = uniaxial_sensitivity(
                 material, target.angle, target.stretch, self.unknowns.names
             )
-            scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
-            if load_weight:
-                weight = load_weight * scale / self.mean_load
-                rows.append(weight * (load - target.load))
-                slopes.append(weight * by_load @ chain)
-            wanted, weight = target.contraction, contraction_weight
-            if wanted is None:
-                wanted, weight = _contraction(target.stretch, _USUAL_CONTRACTION), self.usual_weight
-            if weight:
-                weight *= scale / self.mean_contraction
-                rows.append(weight * (contraction - wanted))
-                slopes.append(weight * by_contraction @ chain)
+            scale = self._scale(len(target.stretch))
+            across = contraction_weight if target.measured else self.usual_weight
+            for weight, difference, slope in (
+                (load_weight * scale / self.mean_load, load - target.load, by_load),
+                (across * scale / self.mean_contraction, contraction - target.contraction, by_contraction),
+            ):
+                if weight:
+                    rows.append(weight * difference)
+                    slopes.append(weight * slope @ chain)
         return np.concatenate(rows), np.vstack(slopes)
 
     def _biaxial(self, unknowns: Array) -> tuple[Array, Array]:
@@ -301,17 +298,16 @@ class _Problem:
         material, chain = self.unknowns.material(unknowns), self.unknowns.jacobian(unknowns)
         load = biaxial_stress(material, self.biaxial.stretch)
         slopes = biaxial_sensitivity(material, self.biaxial.stretch, self.unknowns.names)
-        scale = 1.0 / np.sqrt(len(self.targets) * load.size) / self.mean_load
+        scale = self._scale(load.size) / self.mean_load
         return scale * (load - self.biaxial.load).ravel(), scale * slopes.reshape(-1, slopes.shape[-1]) @ chain
 
     def curves(self, unknowns: Array) -> tuple[FittedCurve, ...]:
-        responses = self._respond(unknowns)
         return tuple(
             FittedCurve(
-                t.test.direction, t.stretch, t.load, response.force / swatch.width, t.contraction,
-                response.contraction,
+                t.test.direction, t.stretch, t.load, found.force / found.width, t.contraction if t.measured else None,
+                found.contraction,
             )
-            for t, response, swatch in zip(self.targets, responses, self.swatches, strict=True)
+            for t, found in zip(self.targets, self._respond(unknowns), strict=True)
         )  # fmt: skip
 
     def resolution(self, unknowns: Array) -> dict[str, float]:
@@ -320,23 +316,21 @@ class _Problem:
         share = np.diag(np.linalg.solve(felt + np.diag(self.prior_weights**2), felt))
         return dict(zip(self.unknowns.names, share.tolist(), strict=True))
 
-    def _differences(self, target: _Target, load: Array, contraction: Array) -> Array:
-        scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
-        rows = [scale * (load - target.load) / self.mean_load]
-        if target.contraction is not None:
-            rows.append(_ACROSS * scale * (contraction - target.contraction) / self.mean_contraction)
-        return np.concatenate(rows)
+    def _scale(self, states: int) -> float:
+        return 1.0 / np.sqrt(len(self.targets) * states)
+
+    def _weighted(self, target: _Target, load: Array, contraction: Array) -> Array:
+        """Differences of load and of measured contraction (n, …), or their derivatives, as rows of the residuals."""
+        scale = self._scale(len(target.stretch))
+        across = _ACROSS * scale / self.mean_contraction * contraction
+        return np.concatenate([scale / self.mean_load * load, *([across] if target.measured else [])])
 
     def _sensitivity(self, unknowns: Array) -> Array:
         """d(differences)/d(unknowns)."""
         material, rows = self.unknowns.material(unknowns, density=self.density), []
         for target, response, swatch in zip(self.targets, self._respond(unknowns), self.swatches, strict=True):
-            derivatives = swatch.derivatives(material, response, self.unknowns.names)
-            derivatives = np.nan_to_num(derivatives)
-            scale = 1.0 / np.sqrt(len(self.targets) * len(target.stretch))
-            rows.append(scale * derivatives[:, 0] / swatch.width / self.mean_load)
-            if target.contraction is not None:
-                rows.append(_ACROSS * scale * derivatives[:, 1] / self.mean_contraction)
+            slopes = np.nan_to_num(swatch.derivatives(material, response, self.unknowns.names))
+            rows.append(self._weighted(target, slopes[:, 0] / swatch.width, slopes[:, 1]))
         return np.vstack(rows) @ self.unknowns.jacobian(unknowns)
 
     def _respond(self, unknowns: Array) -> Sequence[StretchResponse]:
@@ -350,7 +344,7 @@ class _Problem:
 
 def _scales(targets: Sequence[_Target]) -> Scales:
     """The curves along weft and warp; one that was not measured is taken to be like another direction's."""
-    found = {t.test.direction: AlongCurve.of(t.stretch, t.load, t.contraction) for t in targets}
+    found = {t.test.direction: AlongCurve.of(t.stretch, t.load, t.contraction if t.measured else None) for t in targets}
     other = next(iter(found.values()))
     return Scales(found.get(Direction.WEFT, other), found.get(Direction.WARP, other))
 
