@@ -7,9 +7,9 @@ from functools import cached_property
 import numba
 import numpy as np
 
-from yarnscale.arrays import Array, Flags, Integers
+from yarnscale.arrays import Array, Integers
 from yarnscale.files.curve_frames import CurveSet
-from yarnscale.yarn.frames import carried_along
+from yarnscale.yarn.frames import carried_along, material_frame, signed_angle, upright
 
 
 class TubeSweep:
@@ -31,15 +31,32 @@ class TubeSweep:
 
     def surface(self, points: Array, radii: Array) -> tuple[Array, Array]:
         """Vertices [m] and their normals, both (n · sides, 3), of points (n, 3) [m] with radii (n,) [m]."""
-        normals, tangents = np.empty_like(points), np.empty_like(points)
-        curves = self.curves
-        _transport(points, curves.offsets, curves.closed, self._starts, tangents, normals)
+        offsets, closed = self.curves.offsets, self.curves.closed
+        lengths, first = np.diff(offsets), offsets[:-1]
+        tangents = _tangents(points, self._neighbours)
+        along = tangents[first]
+        starts = upright(self._starts, along)
+        none = ~starts.any(axis=1)
+        starts[none] = upright(np.eye(3)[np.abs(along[none]).argmin(axis=1)], along[none])
+        normals, back = _carried(tangents, offsets, starts)
+        # The mismatch after a loop is spread evenly over it.
+        mismatch = np.where(closed, signed_angle(starts, back, along), 0.0)
+        share = (np.arange(len(points)) - np.repeat(first, lengths)) / np.repeat(lengths, lengths)
+        frame = np.stack(material_frame(tangents, normals, -share * np.repeat(mismatch, lengths)), axis=1)
+        self._starts = starts
         angles = 2 * np.pi * np.arange(self.sides) / self.sides
-        vertices, spokes = (np.empty((len(points) * self.sides, 3)) for _ in range(2))
+        spokes = np.column_stack([np.cos(angles), np.sin(angles)]) @ frame
         # The mean width of a convex section is its perimeter over π.
-        outer = np.pi / (self.sides * np.sin(np.pi / self.sides))
-        _rings(points, outer * radii, tangents, normals, angles, vertices, spokes)
-        return vertices, spokes
+        outer = np.pi / (self.sides * np.sin(np.pi / self.sides)) * radii
+        return (points[:, None] + outer[:, None, None] * spokes).reshape(-1, 3), spokes.reshape(-1, 3)
+
+    @cached_property
+    def _neighbours(self) -> tuple[Integers, Integers]:
+        """The points before and after each, (n,) both; the point itself at an open end."""
+        first, last, loop = self.curves.offsets[:-1], self.curves.offsets[1:] - 1, self.curves.closed
+        before, after = np.arange(self.curves.point_count) - 1, np.arange(self.curves.point_count) + 1
+        before[first], after[last] = np.where(loop, last, first), np.where(loop, first, last)
+        return before, after
 
 
 def tube_triangles(curves: CurveSet, sides: int) -> Integers:
@@ -57,96 +74,24 @@ def tube_triangles(curves: CurveSet, sides: int) -> Integers:
     return np.vstack([walls, front, back]).astype(np.int64)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _transport(
-    points: Array,
-    offsets: Integers,
-    closed: Flags,
-    starts: Array,
-    tangents: Array,
-    normals: Array,
-) -> None:
-    """Tangents, and normals carried along each curve without turning; ``starts`` (nc, 3) is read and replaced.
-
-    The mismatch after a loop is spread evenly over it.
-    """
-    for curve in range(len(closed)):
-        low, high, loop = offsets[curve], offsets[curve + 1], closed[curve]
-        t = (1.0, 0.0, 0.0)
-        for i in range(low, high):
-            before = i - 1 if i > low else (high - 1 if loop else i)
-            after = i + 1 if i < high - 1 else (low if loop else i)
-            x, y, z = (
-                points[after, 0] - points[before, 0],
-                points[after, 1] - points[before, 1],
-                points[after, 2] - points[before, 2],
-            )
-            length = np.sqrt(x * x + y * y + z * z)
-            if length > 0.0:
-                t = (x / length, y / length, z / length)
-            tangents[i, 0], tangents[i, 1], tangents[i, 2] = t
-        first = (tangents[low, 0], tangents[low, 1], tangents[low, 2])
-        n = _square((starts[curve, 0], starts[curve, 1], starts[curve, 2]), first)
-        starts[curve, 0], starts[curve, 1], starts[curve, 2] = n
-        line = np.concatenate((tangents[low:high], tangents[low : low + 1]))
-        carried = carried_along(np.array(n), line)
-        normals[low:high] = carried[:-1]
-        if loop:
-            begin, back = carried[0], carried[-1]
-            side = _cross(first, begin)
-            angle = np.arctan2(_dot(back, side), _dot(back, begin))
-            for i in range(low + 1, high):
-                turn = -angle * (i - low) / (high - low)
-                cosine, sine = np.cos(turn), np.sin(turn)
-                n = (normals[i, 0], normals[i, 1], normals[i, 2])
-                across = _cross((tangents[i, 0], tangents[i, 1], tangents[i, 2]), n)
-                for k in range(3):
-                    normals[i, k] = cosine * n[k] + sine * across[k]
+def _tangents(points: Array, neighbours: tuple[Integers, Integers]) -> Array:
+    """Unit tangents (n, 3); where points coincide that of the point before."""
+    before, after = neighbours
+    tangents = points[after] - points[before]
+    length = np.linalg.norm(tangents, axis=1)
+    if (none := length == 0.0).any():
+        known = np.maximum.accumulate(np.where(none, 0, np.arange(len(points))))
+        tangents, length = tangents[known], length[known]
+        tangents[length == 0.0], length[length == 0.0] = (1.0, 0.0, 0.0), 1.0
+    return tangents / length[:, None]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _rings(
-    points: Array,
-    radii: Array,
-    tangents: Array,
-    normals: Array,
-    angles: Array,
-    vertices: Array,
-    spokes: Array,
-) -> None:
-    """Vertices and their normals, both (n · sides, 3), of rings about points."""
-    sides = len(angles)
-    cosine, sine = np.cos(angles), np.sin(angles)
-    for i in range(len(points)):
-        n = (normals[i, 0], normals[i, 1], normals[i, 2])
-        across = _cross((tangents[i, 0], tangents[i, 1], tangents[i, 2]), n)
-        for s in range(sides):
-            for k in range(3):
-                spoke = cosine[s] * n[k] + sine[s] * across[k]
-                spokes[i * sides + s, k] = spoke
-                vertices[i * sides + s, k] = points[i, k] + radii[i] * spoke
-
-
-@numba.njit(cache=True, inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@numba.njit(cache=True, inline="always")
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _square(vector, tangent):
-    """The part of a vector across the tangent, as a unit vector; any direction across it where there is none."""
-    along = _dot(vector, tangent)
-    x, y, z = (vector[0] - along * tangent[0], vector[1] - along * tangent[1], vector[2] - along * tangent[2])
-    length = np.sqrt(x * x + y * y + z * z)
-    if length < 1e-6:
-        a, b, c = abs(tangent[0]), abs(tangent[1]), abs(tangent[2])
-        axis = (1.0, 0.0, 0.0) if a <= b and a <= c else (0.0, 1.0, 0.0) if b <= c else (0.0, 0.0, 1.0)
-        along = _dot(axis, tangent)
-        x, y, z = axis[0] - along * tangent[0], axis[1] - along * tangent[1], axis[2] - along * tangent[2]
-        length = np.sqrt(x * x + y * y + z * z)
-    return x / length, y / length, z / length
+def _carried(tangents: Array, offsets: Integers, starts: Array) -> tuple[Array, Array]:
+    """Normals (n, 3) carried along each curve from its start (nc, 3), and what they are back at the start (nc, 3)."""
+    normals, back = np.empty_like(tangents), np.empty_like(starts)
+    for curve in range(len(starts)):
+        low, high = offsets[curve], offsets[curve + 1]
+        line = carried_along(starts[curve], np.concatenate((tangents[low:high], tangents[low : low + 1])))
+        normals[low:high], back[curve] = line[:-1], line[-1]
+    return normals, back
