@@ -17,14 +17,7 @@ from yarnscale.files.run_folder import RunFolder, note_result
 if TYPE_CHECKING:
     from yarnscale.files.tube_detail import TubeDetail
 
-NAMES = {
-    "obj": "obj",
-    "gltf": "cloth.glb",
-    "usd": "cloth.usdc",
-    "vtk": "cloth.pvd",
-    "mp4": "cloth.mp4",
-    "png": "png",
-}
+NAMES = {"obj": "obj", "gltf": "cloth.glb", "usd": "cloth.usdc", "vtk": "cloth.pvd", "mp4": "cloth.mp4", "png": "png"}
 """Where ``simulate --format`` writes, in the folder of the run."""
 _FILES = {"gltf": (".glb",), "usd": (".usdc", ".usda", ".usd"), "vtk": (".pvd",), "mp4": (".mp4",)}
 _PACKAGES = {"usd": "pxr", "mp4": "av"}

@@ -88,12 +88,7 @@ def add_estimate_options(add: Add) -> None:
         help="homogenize the estimated yarn with about N equilibria (600), simulate the swatches as cloth of it, and "
         "compare them with the measured ones",
     )  # fmt: skip
-    option(
-        "--units",
-        choices=UNITS,
-        default="N/m",
-        help="of loads in the report; cN/tex by the fabric's mass (N/m)",
-    )
+    option("--units", choices=UNITS, default="N/m", help="of loads in the report; cN/tex by the fabric's mass (N/m)")
     option("--starts", type=positive_integer, default=64, metavar="N", help="scattered yarns (64)")
     refined = "from how many of the best refinement begins (8)"
     option("--refined", type=positive_integer, default=8, metavar="N", help=refined)

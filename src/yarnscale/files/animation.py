@@ -93,9 +93,7 @@ def read_animation(folder: str | os.PathLike[str], *, yarns: str | os.PathLike[s
         curve_folder = Path(yarns)
     if cloth_folder is None and curve_folder is None:
         raise InputError(
-            "folder holds no frames",
-            where=folder,
-            expected=f"{MESH} or {CURVES}, or a folder 'frames' with it",
+            "folder holds no frames", where=folder, expected=f"{MESH} or {CURVES}, or a folder 'frames' with it"
         )
     cloth = read_cloth_frames(cloth_folder) if cloth_folder is not None else None
     curves = read_curve_frames(curve_folder) if curve_folder is not None else None

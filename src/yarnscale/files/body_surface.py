@@ -54,10 +54,7 @@ def ball(*, rings: int = 24, sectors: int = 48) -> tuple[Array, Integers]:
     around = 2 * np.pi * np.arange(sectors) / sectors
     circle = np.stack([np.cos(around), np.sin(around)], axis=1)
     body = np.concatenate(
-        [
-            np.sin(polar)[:, None, None] * circle,
-            np.broadcast_to(np.cos(polar)[:, None, None], (rings - 1, sectors, 1)),
-        ],
+        [np.sin(polar)[:, None, None] * circle, np.broadcast_to(np.cos(polar)[:, None, None], (rings - 1, sectors, 1))],
         axis=2,
     ).reshape(-1, 3)
     top, bottom = len(body), len(body) + 1

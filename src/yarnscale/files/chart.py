@@ -112,10 +112,7 @@ def _parse(path: Path, text: str) -> _Chart:
             key, equals, value = (part.strip() for part in content.partition("="))
             if not equals or not key or not value:
                 raise InputError(
-                    "line is no setting",
-                    where=where,
-                    expected="key = value, or rows:",
-                    found=quoted(content.strip()),
+                    "line is no setting", where=where, expected="key = value, or rows:", found=quoted(content.strip())
                 )
             if key in chart.keys:
                 raise InputError(f"{quoted(key)} occurs twice", where=where, expected=f"only line {chart.keys[key][0]}")
@@ -198,10 +195,7 @@ def _draft(rows: list[_Row]) -> list[list[int]]:
     """A binary table, the first pick first."""
     for number, row in enumerate(rows):
         if len(row.symbols) != len(rows[0].symbols):
-            what, expected = (
-                f"draft row {number + 1} has another length",
-                f"{len(rows[0].symbols)} ends as in row 1",
-            )
+            what, expected = (f"draft row {number + 1} has another length", f"{len(rows[0].symbols)} ends as in row 1")
             raise ChartError(what, row=number, expected=expected, found=len(row.symbols))
         for end, symbol in enumerate(row.symbols):
             if symbol not in WEAVE_SYMBOLS:

@@ -59,12 +59,7 @@ class FrameFolder(FrameWriter):
     """
 
     def __init__(
-        self,
-        folder: str | os.PathLike[str],
-        mesh: TriangleMesh,
-        *,
-        obstacles: Sequence[Obstacle] = (),
-        keep: int = 0,
+        self, folder: str | os.PathLike[str], mesh: TriangleMesh, *, obstacles: Sequence[Obstacle] = (), keep: int = 0
     ) -> None:
         super().__init__(folder, obstacles=obstacles, keep=keep)
         write_arrays(self.folder / MESH, material=mesh.material, triangles=mesh.triangles, corners=mesh.corners)

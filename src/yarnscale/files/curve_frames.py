@@ -36,12 +36,7 @@ class CurveSet:
     yarn: Integers
 
     def __init__(
-        self,
-        offsets: ArrayLike,
-        radii: ArrayLike,
-        *,
-        closed: ArrayLike | None = None,
-        yarn: ArrayLike | None = None,
+        self, offsets: ArrayLike, radii: ArrayLike, *, closed: ArrayLike | None = None, yarn: ArrayLike | None = None
     ) -> None:
         starts = np.asarray(offsets)
         if starts.ndim != 1 or len(starts) < 2 or starts.dtype.kind not in "iu" or starts[0] != 0:
@@ -110,21 +105,12 @@ class CurveFolder(FrameWriter):
     """
 
     def __init__(
-        self,
-        folder: str | os.PathLike[str],
-        curves: CurveSet,
-        *,
-        obstacles: Sequence[Obstacle] = (),
-        keep: int = 0,
+        self, folder: str | os.PathLike[str], curves: CurveSet, *, obstacles: Sequence[Obstacle] = (), keep: int = 0
     ) -> None:
         super().__init__(folder, obstacles=obstacles, keep=keep)
         self.curves = curves
         write_arrays(
-            self.folder / CURVES,
-            offsets=curves.offsets,
-            radii=curves.radii,
-            closed=curves.closed,
-            yarn=curves.yarn,
+            self.folder / CURVES, offsets=curves.offsets, radii=curves.radii, closed=curves.closed, yarn=curves.yarn
         )
 
     def write(self, number: int, positions: Array, time: float, *, radii: Array | None = None) -> None:

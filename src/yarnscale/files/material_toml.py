@@ -31,9 +31,7 @@ def read_yarn_material(source: str | os.PathLike[str]) -> YarnMaterial:
     path = Path(source)
     if not os.path.exists(path) and path.suffix == "" and len(path.parts) == 1:
         raise InputError(
-            "unknown material",
-            expected=f"a TOML file or one of {', '.join(PRESETS)}",
-            found=misspelt(source, PRESETS),
+            "unknown material", expected=f"a TOML file or one of {', '.join(PRESETS)}", found=misspelt(source, PRESETS)
         )
     with toml_file(path) as table:
         return material_of(table, name=path.stem)

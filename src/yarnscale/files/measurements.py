@@ -50,11 +50,7 @@ def read_measurements(
         raise InputError("fabric of CLO", where=path, expected=expected, found=path.suffix)
     if path.suffix.lower() in U3M_SUFFIXES:
         settings = settings or LogSettings()
-        unused = {
-            "sample": sample,
-            "width of the swatch": settings.swatch_width,
-            "length": settings.swatch_length,
-        }
+        unused = {"sample": sample, "width of the swatch": settings.swatch_width, "length": settings.swatch_length}
         for name, value in unused.items():
             if value is not None:
                 raise InputError(name, where=path, expected="none: U3M files say it themselves", found=value)

@@ -17,14 +17,7 @@ from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.measurements_names import CONSTRUCTION, factor
 from yarnscale.files.measurements_reader import read_tables
-from yarnscale.files.measurements_swatches import (
-    LogSettings,
-    Swatch,
-    chosen_fabric,
-    constant,
-    one_unit,
-    swatches_of,
-)
+from yarnscale.files.measurements_swatches import LogSettings, Swatch, chosen_fabric, constant, one_unit, swatches_of
 from yarnscale.files.measurements_table import Column, MeasuredTable, Row
 from yarnscale.files.source_text import read_source
 from yarnscale.files.workbook import WORKBOOKS, sheets

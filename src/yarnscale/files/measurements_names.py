@@ -20,11 +20,7 @@ KINDS = {
     **{
         f"{name}_{along}": kinds
         for along in ("weft", "warp")
-        for name, kinds in (
-            ("force", ("force", "line load")),
-            ("strain", ("strain",)),
-            ("width", ("length",)),
-        )
+        for name, kinds in (("force", ("force", "line load")), ("strain", ("strain",)), ("width", ("length",)))
     },
     **dict.fromkeys(("wales", "courses"), ("count",)),
     "loop_length": ("length",),

@@ -195,10 +195,7 @@ class _Reader:
         if found is not None and _looks_like_number(number):
             if not float(number) > 0:
                 raise InputError(
-                    f"'{label:.60}'",
-                    where=f"{self.path}:{line}",
-                    expected="a number above zero",
-                    found=number,
+                    f"'{label:.60}'", where=f"{self.path}:{line}", expected="a number above zero", found=number
                 )
             self.settings[quantity] = float(number) * found[1]
 

@@ -150,15 +150,7 @@ def _unpacked(path: Path) -> tuple[str, str]:
                     return entry.filename, content.decode("utf-8-sig")
     except InputError:
         raise
-    except (
-        OSError,
-        ValueError,
-        RuntimeError,
-        EOFError,
-        zipfile.BadZipFile,
-        zlib.error,
-        lzma.LZMAError,
-    ) as error:
+    except (OSError, ValueError, RuntimeError, EOFError, zipfile.BadZipFile, zlib.error, lzma.LZMAError) as error:
         raise InputError("file cannot be unpacked", where=path, expected="UTF-8 text", found=error) from None
     raise InputError("no measurements", where=path, expected="raw_data in a JSON file", found="none")
 

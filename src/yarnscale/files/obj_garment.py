@@ -151,10 +151,7 @@ def _flat(panels: ObjSurface, world: ObjSurface) -> Array:
     if np.ptp(heights) > 1e-6 * size:
         worst = int(np.argmax(np.abs(heights - heights[0])))
         raise InputError(
-            f"vertex {worst + 1}",
-            where=panels.path,
-            expected="flat panels, all of one z",
-            found=heights[worst],
+            f"vertex {worst + 1}", where=panels.path, expected="flat panels, all of one z", found=heights[worst]
         )
     return panels.vertices[:, :2]
 

@@ -65,10 +65,7 @@ def write_pyp(pattern: YarnPattern, path: str | os.PathLike[str]) -> None:
 
     Raises InputError for a pattern of several yarn materials: the format has no place for them.
     """
-    for what, several in (
-        ("materials", pattern.material_of_vertex.any()),
-        ("radii", pattern.yarn_radius is not None),
-    ):
+    for what, several in (("materials", pattern.material_of_vertex.any()), ("radii", pattern.yarn_radius is not None)):
         if several:
             expected = "one, or the format .json"
             raise InputError(f"pattern has several yarn {what}", where=path, expected=expected, found=".pyp")
@@ -126,10 +123,7 @@ def _open_block(where: str, content: str, number: int, blocks: dict[str, _Block]
     name = words[0] if words else ""
     if name not in COLUMNS or len(words) > 1:
         raise InputError(
-            "unknown block",
-            where=where,
-            expected=" ".join(f"*{known}" for known in COLUMNS),
-            found=quoted(content),
+            "unknown block", where=where, expected=" ".join(f"*{known}" for known in COLUMNS), found=quoted(content)
         )
     if name in blocks:
         raise InputError(

@@ -43,12 +43,7 @@ class Session:
     def saved(self) -> Session:
         """The session, written."""
         curves = self.current.curves
-        head = {
-            "format": FORMAT,
-            "version": VERSION,
-            "inputs": self.inputs,
-            "pixel": self.current.pixel,
-        }
+        head = {"format": FORMAT, "version": VERSION, "inputs": self.inputs, "pixel": self.current.pixel}
         head |= {"counts": curves.counts, "shifts": curves.shifts, "radii": curves.radii.tolist()}
         rows = ",\n".join(json.dumps(_plain(state)) for state in (*self.earlier, self.current))
         write_text(self.path, f'{json.dumps(head)[:-1]}, "states": [\n{rows}\n]}}\n')

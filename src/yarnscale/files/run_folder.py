@@ -119,9 +119,7 @@ def _made(folder: Path, command: str) -> list[str]:
     owner, made = _read(folder)
     if owner != command and any(True for _ in _matching(folder, made)):
         raise InputError(
-            f"folder holds results of '{owner}'",
-            where=folder,
-            expected=f"a folder of its own for '{command}'",
+            f"folder holds results of '{owner}'", where=folder, expected=f"a folder of its own for '{command}'"
         )
     return made
 

@@ -146,15 +146,7 @@ def _timing(
 
 def read_schedule(section: SceneTable, usual: Schedule, others: tuple[str, ...] = ()) -> Schedule:
     """The schedule; ``usual`` says what holds where the file is silent; others: keys that are no part of it."""
-    timing = (
-        "duration",
-        "time_step",
-        "to_rest",
-        "rest_tolerance",
-        "longest_step",
-        "frame_interval",
-        "statics",
-    )
+    timing = ("duration", "time_step", "to_rest", "rest_tolerance", "longest_step", "frame_interval", "statics")
     loads = {"first": "first_load", "smallest": "smallest_load", "largest": "largest_load"}
     section.known(*timing, *loads.values(), *others, "animation", "rough_iterations")
     plan = usual

@@ -34,10 +34,7 @@ def read_source(path: str | os.PathLike[str], *, other_encodings: bool = False, 
         raise InputError("file is empty", where=path, expected="text", found=f"{len(content)} bytes")
     if content.startswith((b"PK\3\4", b"\xd0\xcf\x11\xe0")):
         raise InputError(
-            "file is a spreadsheet or archive",
-            where=path,
-            expected="text: save the sheet as CSV",
-            found="binary data",
+            "file is a spreadsheet or archive", where=path, expected="text: save the sheet as CSV", found="binary data"
         )
     if other_encodings and (encoding := _utf_16(content)) is not None:
         try:

@@ -47,11 +47,7 @@ def chart_text(structure: Structure, pattern: YarnPattern) -> str:
     letters = {*"".join(yarns), *sizes.get("warp_yarns", "a" if structure.woven else "")}
     radius, others = sizes.get("radius", 1e-3), dict(sizes.get("yarn_radius", {}))
     scale = 1e3 * pattern.radius / max(others.get(letter, radius) for letter in letters)
-    lines = [
-        f"kind = {kind}",
-        f"name = {' '.join(pattern.name.split())}",
-        f"radius = {scale * radius:.12g} mm",
-    ]
+    lines = [f"kind = {kind}", f"name = {' '.join(pattern.name.split())}", f"radius = {scale * radius:.12g} mm"]
     lines += [f"radius_{letter} = {scale * other:.12g} mm" for letter, other in others.items()]
     for key in NUMBERS[kind]:
         if key in sizes:
@@ -154,11 +150,7 @@ class _Piece:
         self.used, self.lines = set[str](), list[str]()
 
     def text(self, name: str) -> str:
-        header = [
-            ";!knitout-2",
-            f";;Carriers: {' '.join(self.carriers.values())}",
-            f"; {' '.join(name.split())}",
-        ]
+        header = [";!knitout-2", f";;Carriers: {' '.join(self.carriers.values())}", f"; {' '.join(name.split())}"]
         pairs = [row[n : n + 2] for row in self.chart.rows for n in range(0, len(row), 2)]
         if self.chart.beds == 2 and any(not set(pair) & set("bf-") for pair in pairs):
             self.lines.append("rack 0.25")

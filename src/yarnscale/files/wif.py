@@ -203,11 +203,7 @@ def _threads(wif: _Wif, system: str, count: int) -> Array:
     """Colour (0: none), spacing and thickness [m] (nan: none) of each thread, shape (count, 3)."""
     unit = UNITS.get(wif.text(system, "units").lower(), 0.0)
     threads = np.empty((count, 3))
-    for column, name, value in (
-        (0, "color", wif.count),
-        (1, "spacing", wif.number),
-        (2, "thickness", wif.number),
-    ):
+    for column, name, value in ((0, "color", wif.count), (1, "spacing", wif.number), (2, "thickness", wif.number)):
         section = f"{system} {name}{'s' * (column == 0)}".upper()
         threads[:, column] = value(system, name)
         for thread in wif.keys(section, count):

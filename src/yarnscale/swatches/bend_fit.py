@@ -57,11 +57,7 @@ class BendFit:
 
 
 def fit_bending(
-    measurements: SwatchMeasurements,
-    membrane: DirectionalMaterial,
-    *,
-    states: int = STATES,
-    segments: int = SEGMENTS,
+    measurements: SwatchMeasurements, membrane: DirectionalMaterial, *, states: int = STATES, segments: int = SEGMENTS
 ) -> BendFit:
     """Bending stiffnesses from pear loops; ``membrane`` gives the other constants. Raises InputError without loops."""
     if not measurements.bend or measurements.area_density is None:
@@ -112,10 +108,7 @@ class _Loops:
     def material(self, unknowns: Array) -> DirectionalMaterial:
         weft, surplus, warp = self.reference * np.exp(unknowns)
         return replace(
-            self.membrane,
-            bend_weft=float(weft),
-            bend_warp=float(warp),
-            bend_bias=float(_least(weft, warp) + surplus),
+            self.membrane, bend_weft=float(weft), bend_warp=float(warp), bend_bias=float(_least(weft, warp) + surplus)
         )
 
     def residuals(self, unknowns: Array) -> Array:

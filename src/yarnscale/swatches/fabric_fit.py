@@ -75,8 +75,7 @@ def refitted(
         raise InputError("refitted yarn", expected="an estimate with cloth", found="none")
     first, clean = estimate.fit, without_own_clamps(estimate.cloth)
     data = replace(
-        clean.only(*(curve.direction for curve in estimate.measured.curves)),
-        bending=estimate.measured.bending,
+        clean.only(*(curve.direction for curve in estimate.measured.curves)), bending=estimate.measured.bending
     )
     fit = fit_yarn(
         first.model, data, options=first.options, weights=weights, executor=executor, store=store,
@@ -105,9 +104,7 @@ def fitted_directions(
     for direction in wanted + ([] if holdout is None else [holdout]):
         if direction not in measured:
             raise InputError(
-                "direction",
-                expected="measured: " + ", ".join(d.value for d in measured),
-                found=direction.value,
+                "direction", expected="measured: " + ", ".join(d.value for d in measured), found=direction.value
             )
     left = [direction for direction in wanted if direction is not holdout]
     if not left:

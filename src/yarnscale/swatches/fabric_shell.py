@@ -12,13 +12,7 @@ from yarnscale.swatches.bend_fit import BendFit, fit_bending
 from yarnscale.swatches.measurements import SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
 from yarnscale.swatches.shell_fit import ShellFit, fit_membrane
-from yarnscale.swatches.uniform_data import (
-    UniformBend,
-    UniformData,
-    corrected_data,
-    uniform_bending,
-    uniform_data,
-)
+from yarnscale.swatches.uniform_data import UniformBend, UniformData, corrected_data, uniform_bending, uniform_data
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,12 +75,7 @@ class HeldShell:
         self._linear = ConstrainedSolver()
 
     def solve(
-        self,
-        material: ShellMaterial,
-        start: Array,
-        *,
-        gravity: Sequence[float] = (0, 0, 0),
-        iterations: int = 80,
+        self, material: ShellMaterial, start: Array, *, gravity: Sequence[float] = (0, 0, 0), iterations: int = 80
     ) -> HeldEquilibrium:
         """Equilibrium from positions (nv, 3) whose held coordinates stay; gravity [m/s²]."""
         self.energy.material = material
@@ -102,11 +97,7 @@ class HeldShell:
         return self.energy.linearise(positions).gradient
 
     def derivatives(
-        self,
-        material: DirectionalMaterial,
-        positions: Array,
-        measures: Sequence[Measure],
-        constants: Sequence[str],
+        self, material: DirectionalMaterial, positions: Array, measures: Sequence[Measure], constants: Sequence[str]
     ) -> Array:
         """d(measure)/d(constant) at an equilibrium, shape (measures, constants)."""
         self.energy.material = material

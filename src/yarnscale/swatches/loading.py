@@ -57,12 +57,7 @@ class Loading:
 
 
 def loading(
-    force: Array,
-    length: Array,
-    width: Array | None = None,
-    *,
-    largest_force: float = np.inf,
-    cycle: Cycle = "first",
+    force: Array, length: Array, width: Array | None = None, *, largest_force: float = np.inf, cycle: Cycle = "first"
 ) -> Loading:
     """The loading in a log, every array (n,) in the order of time.
 
@@ -104,13 +99,7 @@ def _fault(force: Array, length: Array, count: int, largest_force: float) -> str
 
 
 def stretch_run(
-    name: str,
-    force: Array,
-    length: Array,
-    middle: Array | None,
-    *,
-    swatch_width: float,
-    cycle: Cycle = "first",
+    name: str, force: Array, length: Array, middle: Array | None, *, swatch_width: float, cycle: Cycle = "first"
 ) -> tuple[StretchRun, tuple[str, ...]]:
     """The loading up to the end of the power range of a swatch of some width [m], as a run, and remarks."""
     found = loading(force, length, middle, largest_force=_USED * POWER_LOAD * swatch_width, cycle=cycle)

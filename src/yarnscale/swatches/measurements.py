@@ -155,10 +155,7 @@ class StretchCurve:
         def cut(values: Array | None) -> Array | None:
             return None if values is None else np.interp(grid, self.load, values)
 
-        stretch, spread = (
-            np.interp(grid, self.load, self.stretch),
-            np.interp(grid, self.load, self.stretch_spread),
-        )
+        stretch, spread = (np.interp(grid, self.load, self.stretch), np.interp(grid, self.load, self.stretch_spread))
         return StretchCurve(self.direction, grid, stretch, spread, cut(self.contraction), cut(self.contraction_spread))
 
 

@@ -64,12 +64,7 @@ class AlongCurve:
         _, slope, saturation = min(widths, default=(0.0, _USUAL_CONTRACTION, 1.0))
         least = 0.01 * secant
         return cls(
-            secant,
-            max(linear, least),
-            max(grown, 0.1 * least),
-            float(rate),
-            max(slope, 0.02),
-            float(saturation),
+            secant, max(linear, least), max(grown, 0.1 * least), float(rate), max(slope, 0.02), float(saturation)
         )
 
 

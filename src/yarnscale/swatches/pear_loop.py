@@ -71,11 +71,7 @@ class PearLoop:
         self._share = 1.0 / np.bincount(self._line)[self._line]
 
     def respond(
-        self,
-        material: DirectionalMaterial,
-        distances: Sequence[float] | Array,
-        *,
-        near: LoopResponse | None = None,
+        self, material: DirectionalMaterial, distances: Sequence[float] | Array, *, near: LoopResponse | None = None
     ) -> LoopResponse:
         """Aspect ratios at distances of the clamps [m]; ``near``: the same distances with a similar material."""
         distances = np.asarray(distances, np.float64)

@@ -22,13 +22,7 @@ from scipy.optimize import least_squares
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.shell.materials.orthotropic import DirectionalMaterial
-from yarnscale.swatches.measurements import (
-    POWER_LOAD,
-    BiaxialTest,
-    Direction,
-    StretchTest,
-    SwatchMeasurements,
-)
+from yarnscale.swatches.measurements import POWER_LOAD, BiaxialTest, Direction, StretchTest, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import UNKNOWNS, AlongCurve, Scales, ShellModel
 from yarnscale.swatches.swatch import ELEMENTS_ACROSS, StretchResponse, StretchSwatch
 from yarnscale.swatches.uniaxial import biaxial_sensitivity, biaxial_stress, uniaxial, uniaxial_sensitivity

@@ -75,11 +75,7 @@ class StretchSwatch:
         self._gauge = self._gauge_weights()
 
     def respond(
-        self,
-        material: ShellMaterial,
-        stretches: Sequence[float] | Array,
-        *,
-        near: StretchResponse | None = None,
+        self, material: ShellMaterial, stretches: Sequence[float] | Array, *, near: StretchResponse | None = None
     ) -> StretchResponse:
         """Force and contraction at rising stretches; ``near``: these stretches of a similar material, to start from."""
         stretches = np.asarray(stretches, np.float64)

@@ -18,13 +18,7 @@ import numpy as np
 from yarnscale.arrays import Array, Flags
 from yarnscale.errors import InputError
 from yarnscale.swatches.bend_fit import BendFit
-from yarnscale.swatches.measurements import (
-    COMFORT_LOAD,
-    POWER_LOAD,
-    Direction,
-    StretchTest,
-    SwatchMeasurements,
-)
+from yarnscale.swatches.measurements import COMFORT_LOAD, POWER_LOAD, Direction, StretchTest, SwatchMeasurements
 from yarnscale.swatches.shell_fit import FittedCurve, ShellFit
 from yarnscale.swatches.uniaxial import uniaxial
 
@@ -135,9 +129,7 @@ class UniformData:
         chosen = tuple(curve for curve in self.curves if curve.direction in directions)
         if not chosen:
             raise InputError(
-                f"directions of '{self.name}'",
-                expected=[c.direction.value for c in self.curves],
-                found="none",
+                f"directions of '{self.name}'", expected=[c.direction.value for c in self.curves], found="none"
             )
         bending = tuple(bend for bend in self.bending if bend.direction in directions)
         return UniformData(self.name, chosen, bending)

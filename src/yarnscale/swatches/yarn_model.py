@@ -209,9 +209,7 @@ def estimated_radius(pattern: YarnPattern) -> float:
             return 0.5 * float(nearest.max())
         if reach >= 2.0 * largest:
             raise InputError(
-                f"pattern '{pattern.name}'",
-                expected="segments that lie near others",
-                found="one that is alone",
+                f"pattern '{pattern.name}'", expected="segments that lie near others", found="one that is alone"
             )
         reach *= 1.5
 

@@ -145,10 +145,7 @@ def _spacings(structure: Structure, period: Array) -> dict[str, float]:
         picks, ends = structure.draft.shape
         return {"warp_spacing": float(period[0] / ends), "weft_spacing": float(period[1] / picks)}
     wales = len(structure.chart[0].replace("|", ""))
-    return {
-        "wale_spacing": float(period[0] / wales),
-        "course_spacing": float(period[1] / len(structure.chart)),
-    }
+    return {"wale_spacing": float(period[0] / wales), "course_spacing": float(period[1] / len(structure.chart))}
 
 
 def flattened(brightness: Mapping[str, Array]) -> dict[str, Array]:
