@@ -46,29 +46,11 @@ def position(strain: ShellStrain, reference: np.ndarray, u: np.ndarray, **option
 # --- the surface ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("tile_mean", [True, False])
-@pytest.mark.parametrize("strain", CYLINDERS)
-def test_order_two_against_cylinders(strain: ShellStrain, tile_mean: bool) -> None:
-    """Solved for all of φ, as published, cylinders come out to the order of the grid."""
-    reference = points()
-    exact, _ = Midsurface(strain).at(reference)
-    errors = []
-    for cells in CELLS:
-        solved = surface(strain, cells=int(cells), around_closed_form=False, tile_mean=tile_mean)
-        errors.append(np.abs(solved.at(reference)[0] - exact).max())
-    assert errors[-1] < 1e-4
-    assert observed_order(errors) == pytest.approx(2.0, abs=0.1)
-
-
-@pytest.mark.parametrize("around_closed_form", [True, False])
 @pytest.mark.parametrize("strain", DOUBLY_CURVED)
-def test_order_two_against_a_fine_grid(strain: ShellStrain, around_closed_form: bool) -> None:
+def test_order_two_against_a_fine_grid(strain: ShellStrain) -> None:
     reference = points()
-    fine, _ = surface(strain, cells=256, around_closed_form=True).at(reference)
-    errors = [
-        np.abs(surface(strain, cells=int(c), around_closed_form=around_closed_form).at(reference)[0] - fine).max()
-        for c in CELLS
-    ]
+    fine, _ = surface(strain, cells=256).at(reference)
+    errors = [np.abs(surface(strain, cells=int(c)).at(reference)[0] - fine).max() for c in CELLS]
     assert errors[0] > 1e-5
     assert observed_order(errors) == pytest.approx(2.0, abs=0.1)
 
@@ -121,34 +103,15 @@ def test_the_tile_keeps_its_mean_gradient(strain: ShellStrain, margin: float) ->
 
 
 def test_the_tile_hardly_depends_on_the_domain() -> None:
-    """With the tile's own mean the domain matters little; with the domain's mean a dome stretches as it grows."""
-    corner = np.array([[0.5, 0.6, 0.0]])
-    strain, change = ShellStrain(II11=0.4, II22=0.4), {}
-    for tile_mean in (True, False):
-        place = [
-            PoissonMidsurface(strain, period=PERIOD, margin=m * PERIOD, tile_mean=tile_mean).at(corner)[0]
-            for m in (1.0, 2.0)
-        ]
-        change[tile_mean] = float(np.linalg.norm(place[1] - place[0]))
-    assert change[True] < 0.05 * change[False]
-
-
-def test_a_dome_stretches_in_the_middle_as_predicted() -> None:
-    """Least squares on a wide domain leaves the middle stretched by about κ²L²/16, the disc's closed form."""
-    size, curvature = 2.5, 0.08
-    strain = ShellStrain(II11=curvature, II22=curvature)
-    solved = PoissonMidsurface(strain, period=(1.0, 1.0), margin=(2.0, 2.0), tile_mean=False)
-    probe = np.array([[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0]])
-    place, _ = solved.at(probe)
-    stretch = np.linalg.norm(place[0] - place[1]) / 0.1 - 1
-    # A square of half side L lies between its inner and outer discs.
-    assert (curvature * size) ** 2 / 16 < stretch < 2 * (curvature * size) ** 2 / 16
+    """With its own mean gradient kept, only a small part of det II · p² (here 0.2) is left of the choice of domain."""
+    corner, strain = np.array([[0.5, 0.6, 0.0]]), ShellStrain(II11=0.4, II22=0.4)
+    place = [PoissonMidsurface(strain, period=PERIOD, margin=m * PERIOD).at(corner)[0] for m in (1.0, 2.0)]
+    assert 0.0 < float(np.linalg.norm(place[1] - place[0])) < 2e-3
 
 
 @pytest.mark.parametrize("strain", [*CYLINDERS, *DOUBLY_CURVED, ShellStrain(0.1, 0.2, 0.3)])
-@pytest.mark.parametrize("around_closed_form", [True, False])
-def test_derivatives_by_the_state(strain: ShellStrain, around_closed_form: bool) -> None:
-    options = {"centre": (0.2, 0.1), "around_closed_form": around_closed_form}
+def test_derivatives_by_the_state(strain: ShellStrain) -> None:
+    options = {"centre": (0.2, 0.1)}
     reference, u = points(30), np.random.default_rng(1).normal(size=(30, 3))
     exact = surface(strain, **options).by_state(reference, u)
     assert (np.abs(exact).max(axis=(0, 1)) > 1e-2).all()

@@ -46,17 +46,14 @@ CELLS = 16
 
 
 @cache
-def _target_kernel(corrects: bool, derivative: bool, axis: int) -> Kernel:
-    """T (3×2), or R S itself, at a point ξ, its column of an axis; or the derivative of that by the state, 3×6."""
+def _target_kernel(derivative: bool, axis: int) -> Kernel:
+    """Column of T (3×2) of an axis at a point ξ, or its derivative by the state, 3×6."""
     z, xi = ca.SX.sym("z", 6), ca.SX.sym("xi", 2)
     stretch, _ = midsurface_frames(z)
     point, rotation = midsurface_point(z, ca.vertcat(xi, 0))
-    target = rotation[:, 0:2] @ stretch
-    if corrects:
-        target = target - ca.jacobian(point, xi)
-    column = target[:, axis]
+    column = (rotation[:, 0:2] @ stretch - ca.jacobian(point, xi))[:, axis]
     output = ca.vec(ca.jacobian(column, z).T) if derivative else column
-    name = f"midsurface_gradient_{axis}" + "_misfit" * corrects + "_by_state" * derivative
+    name = f"midsurface_misfit_{axis}" + "_by_state" * derivative
     return compile_kernel(ca.Function(name, [z, xi], [ca.densify(output)], {"cse": True}), name, shared=(0,))
 
 
@@ -157,14 +154,11 @@ class PoissonMidsurface:
         margin: ArrayLike | None = None,
         length: float = 1.0,
         cells: int = CELLS,
-        around_closed_form: bool = True,
-        tile_mean: bool = True,
     ) -> None:
         """period, centre (2,): of the tile, reference coordinates in the unit ``length`` [m] of all coordinates.
 
         margin (2,): distance beyond the tile up to which points are evaluated; one period by default. cells: of the
-        grid over one period, a multiple of four. around_closed_form: solve for the correction of the closed form only;
-        else for all of φ, as published. tile_mean: keep the mean gradient of the tile; else that of the whole domain.
+        grid over one period, a multiple of four.
         """
         self.strain = strain
         self._scale = np.array([1.0, 1.0, 1.0, length, length, length])
@@ -173,7 +167,6 @@ class PoissonMidsurface:
         sides = tuple(float(v) for v in np.asarray(period, float))
         around = sides if margin is None else tuple(float(v) for v in np.asarray(margin, float))
         self.grid = Grid.of(sides, around, cells)
-        self._corrects, self._tile_mean = around_closed_form, tile_mean
         self._closed = Midsurface(strain, length=length)
         flat = Midsurface(ShellStrain(strain.s_x, strain.s_a, strain.s_y), length=length)
         self._origin = flat.at(self._centre[None])[0][0]
@@ -185,14 +178,10 @@ class PoissonMidsurface:
         gradients = []
         for axis in (0, 1):
             points = self.grid.edge_middles(axis)
-            kernel = _target_kernel(self._corrects, derivative, axis)
-            column = run_columns(kernel, self._z[None], points.reshape(-1, 2))[0]
+            column = run_columns(_target_kernel(derivative, axis), self._z[None], points.reshape(-1, 2))[0]
             gradients.append(column.T.reshape(*((3, 6) if derivative else (3,)), *points.shape[:2]))
         both = gradients[0], gradients[1]
-        field = self.grid.least_squares(both)
-        if self._tile_mean:
-            field = self.grid.keep_tile_mean(field, both)
-        return self.grid.interpolant(field)
+        return self.grid.interpolant(self.grid.keep_tile_mean(self.grid.least_squares(both), both))
 
     @cached_property
     def _correction(self) -> Callable[[Array], Array]:
@@ -206,8 +195,6 @@ class PoissonMidsurface:
         """Points m (n, 3) and rotations R (n, 3, 3) at reference coordinates (n, 3)."""
         local = reference - self._centre
         points, rotations = self._closed.at(local)
-        if not self._corrects:
-            points = local[:, 2:] * rotations[:, :, 2]
         return points + self._correction(local[:, :2]) + self._origin, rotations
 
     def rotation_vectors(self, reference: Array) -> Array:
@@ -218,9 +205,6 @@ class PoissonMidsurface:
         """∂(m + R û)/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û, shape (n, 3, 6); lengths in the unit."""
         local = reference - self._centre
         slopes = self._closed.by_state(local, fluctuation)
-        if not self._corrects:
-            flat = local * np.array([1.0, 1.0, 0.0])
-            slopes -= self._closed.by_state(flat, np.zeros_like(flat))
         slopes += self._correction_by_state(local[:, :2]) * self._scale
         return slopes + self._origin_by_state
 
