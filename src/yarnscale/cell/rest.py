@@ -9,6 +9,7 @@ yarns are at rest instead, as knitting and finishing do (nothing is left that co
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +23,6 @@ from yarnscale.cell.rest_outcome import (
     RestStatus,
     RestStress,
     RoundObserver,
-    described,
     note_round,
     outcome,
     rest_stress_ratio,
@@ -94,9 +94,8 @@ def settled(
         attempts.append(estimated_rest(cell, shortening=share, max_rounds=rounds, progress=progress))
         if attempts[-1].converged:
             break
-    last, seconds = attempts[-1], sum(attempt.seconds for attempt in attempts)
     history = tuple(entry for attempt in attempts for entry in attempt.history)
-    return described(last.pattern, pattern, last.status, last.stress, history, seconds)
+    return replace(attempts[-1], history=history, seconds=sum(attempt.seconds for attempt in attempts))
 
 
 def shrunk_to_rest(
@@ -126,4 +125,4 @@ def shrunk_to_rest(
         # Redrawn, the constraint that holds yarns in place follows their new tangents: a little stress comes back.
         elif found.converged and np.abs(found.change).max() < SMALLEST_STEP:
             status = RestStatus.CONVERGED
-    return outcome(cell, drawn, status, history, began)
+    return outcome(cell, status, history, began)

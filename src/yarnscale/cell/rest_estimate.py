@@ -21,12 +21,16 @@ from yarnscale.cell.rest_outcome import (
     rest_stress_ratio,
     shortened,
 )
-from yarnscale.cell.rest_shape import rebased, set_as_drawn
+from yarnscale.cell.rest_shape import rebased, reset, set_as_drawn
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
 
 LARGEST_MOMENTUM = 0.85
 """Share of the last reset that is repeated with the next where contact decays slowly."""
+LENGTH_BOUND = 0.2
+"""Largest relative change of a rest length."""
+_SHORT_ROUNDS, _SHORT_ITERATIONS = 4, 6
+"""How many solves stop early, and after how many iterations: contact may be strong and uneven at first."""
 
 
 def estimated_rest(
@@ -34,16 +38,13 @@ def estimated_rest(
     *,
     shortening: float = 0.1,
     max_rounds: int = 200,
-    short_rounds: int = 4,
-    short_iterations: int = 6,
-    length_bound: float = 0.2,
     progress: RoundObserver | None = None,
 ) -> RestShape:
     """Move the rest shape of the yarns towards their present one, until the stress at the given periods is small.
 
     Solves for equilibrium alternate with resetting rest lengths, curvatures and twists to the shape reached; contact
-    pushes the yarns apart a little less every time. The first ``short_rounds`` solves stop after a few iterations,
-    as contact may be strong and uneven at first (EST22 §7.2). Rest lengths stay within ``length_bound`` of the given.
+    pushes the yarns apart a little less every time. The first solves stop after a few iterations (EST22 §7.2). Rest
+    lengths stay within ``LENGTH_BOUND`` of the given.
 
     A reset covers half of the difference at first, so that the search ends at the first shape that is good enough,
     still slightly pre-tensed: yarns without any force would leave a slack cell. Where contact decays
@@ -51,16 +52,14 @@ def estimated_rest(
     yarns are shortened first by the share ``shortening`` (then reset like all else): a drawing whose yarns hardly
     touch would stay slack.
 
-    Raises InputError for a shortening outside [0, 0.5] or beyond ``length_bound``.
+    Raises InputError for a shortening outside [0, ``LENGTH_BOUND``].
     """
-    if not 0.0 <= length_bound < 1.0 or shortening > length_bound:
-        raise InputError(
-            "length_bound is out of range", expected="from shortening to below 1", found=f"{length_bound:g}"
-        )
+    if shortening > LENGTH_BOUND:
+        raise InputError("shortening is out of range", expected=f"0 to {LENGTH_BOUND:g}", found=shortening)
     began = time.perf_counter()
-    search = _Estimation(shortened(cell, shortening), cell.pattern, length_bound, progress)
-    status = search.run(max_rounds, short_rounds, short_iterations)
-    return outcome(search.cell, cell.pattern, status, search.history, began)
+    search = _Estimation(shortened(cell, shortening), cell.pattern, progress)
+    status = search.run(max_rounds)
+    return outcome(search.cell, status, search.history, began)
 
 
 @dataclass
@@ -69,7 +68,6 @@ class _Estimation:
 
     cell: PeriodicCell
     drawn: YarnPattern
-    length_bound: float
     progress: RoundObserver | None
     history: list[RestRound] = field(default_factory=list)
     share: float = 0.5
@@ -80,11 +78,11 @@ class _Estimation:
     def __post_init__(self) -> None:
         self.last = self.cell.pattern
 
-    def run(self, max_rounds: int, short_rounds: int, short_iterations: int) -> RestStatus:
+    def run(self, max_rounds: int) -> RestStatus:
         before = None
         for index in range(max_rounds):
-            short = index < short_rounds
-            limit = short_iterations if short else self.cell.options.max_iterations
+            short = index < _SHORT_ROUNDS
+            limit = _SHORT_ITERATIONS if short else self.cell.options.max_iterations
             state = self.cell.with_options(max_iterations=limit).relax()
             self.cell = replace(self.cell, pattern=rebased(self.cell.pattern, state))
             note_round(self.history, self.drawn, self.cell.pattern, state, progress=self.progress)
@@ -122,28 +120,15 @@ class _Estimation:
         worst = int(np.abs(stress).argmax())
         passed = before[worst] * stress[worst] < 0.0 and not self.stepped_back
         if passed:
-            share = stress[worst] / (stress[worst] - before[worst])
-            now, last = self.cell.pattern, self.last
-            back = {
-                name: getattr(now, name) + share * (getattr(last, name) - getattr(now, name))
-                for name in ("rest_length", "rest_curvature", "rest_twist")
-            }
-            self.cell = replace(self.cell, pattern=replace(now, **back))
+            share, now = stress[worst] / (stress[worst] - before[worst]), self.cell.pattern
+            self.cell = replace(self.cell, pattern=reset(now, now, self.last, share))
             self.momentum = 0.0
         self.stepped_back = passed
         return passed
 
     def _reset(self) -> None:
         """Move the rest shape towards the drawing, and on in the direction of the last reset."""
-        pattern, last, pace = self.cell.pattern, self.last, self.momentum
-        self.last = pattern
-        moved = set_as_drawn(pattern, share=self.share)
-        given, bound = self.drawn.rest_length, self.length_bound
-        length = moved.rest_length + pace * (pattern.rest_length - last.rest_length)
-        moved = replace(
-            moved,
-            rest_length=np.clip(length, given * (1.0 - bound), given * (1.0 + bound)),
-            rest_curvature=moved.rest_curvature + pace * (pattern.rest_curvature - last.rest_curvature),
-            rest_twist=moved.rest_twist + pace * (pattern.rest_twist - last.rest_twist),
-        )
-        self.cell = replace(self.cell, pattern=moved)
+        pattern, given = self.cell.pattern, self.drawn.rest_length
+        moved = reset(set_as_drawn(pattern, share=self.share), self.last, pattern, self.momentum)
+        length = np.clip(moved.rest_length, given * (1.0 - LENGTH_BOUND), given * (1.0 + LENGTH_BOUND))
+        self.last, self.cell = pattern, replace(self.cell, pattern=replace(moved, rest_length=length))

@@ -13,7 +13,7 @@ from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.kinematics import ShellStrain
+from yarnscale.kinematics import COMPONENTS, ShellStrain
 from yarnscale.yarn.pattern import YarnPattern
 
 RATIO_STRAIN = 0.05
@@ -83,20 +83,17 @@ class RestShape:
     """Outcome of a search for a rest shape; ``status`` says whether it is one.
 
     pattern: the pattern reached, also where the search did not end well. stress: how far it is from rest.
-    history: its rounds. length_change: largest relative change of a rest length. moved: largest move of a vertex
-    against the affine motion of the drawing, over the radius. seconds: wall time.
+    history: its rounds. seconds: wall time.
     """
 
     pattern: YarnPattern
     status: RestStatus
     stress: RestStress
     history: tuple[RestRound, ...]
-    length_change: float
-    moved: float
     seconds: float
 
     def __repr__(self) -> str:
-        ratio = 100.0 * float(self.stress.ratios.max())
+        ratio = 100.0 * self.stress.largest
         return f"RestShape({self.status.value}: {self.pattern!r}, stress {ratio:.2g} % of that at 5 % strain)"
 
     @property
@@ -109,24 +106,16 @@ RoundObserver = Callable[[RestRound], None]
 """Called after every round."""
 
 
-def rest_stress_ratio(cell: PeriodicCell, *, rest: Equilibrium | None = None) -> RestStress:
+def rest_stress_ratio(cell: PeriodicCell) -> RestStress:
     """How large the coarse stress at rest is against that at 5 % strain.
 
     The criterion of rest, in-plane: |∂Ψ/∂s_x(0)| ≤ 0.01 |∂Ψ/∂s_x(s_x = 0.05)|, the same for s_y, and |∂Ψ/∂s_a(0)|
     ≤ 0.01 of the larger of the two. Bending stress has no part in it: a fabric that curls has ∂Ψ/∂II ≠ 0 when flat.
-    ``rest``: the relaxed undeformed cell, where it is known. ``relaxed``: whether all solves converged.
     """
-    rest = cell.relax() if rest is None else rest
-    course = cell.relax(ShellStrain(s_x=RATIO_STRAIN), start=rest)
-    shear = cell.relax(ShellStrain(s_a=RATIO_STRAIN), start=rest)
-    wale = cell.relax(ShellStrain(s_y=RATIO_STRAIN), start=rest)
-    return RestStress(
-        rest.stress,
-        float(course.stress[0]),
-        float(shear.stress[1]),
-        float(wale.stress[2]),
-        rest.converged and course.converged and shear.converged and wale.converged,
-    )
+    rest = cell.relax()
+    strained = [cell.relax(ShellStrain(**{name: RATIO_STRAIN}), start=rest) for name in COMPONENTS[:3]]
+    course, shear, wale = (float(state.stress[k]) for k, state in enumerate(strained))
+    return RestStress(rest.stress, course, shear, wale, all(state.converged for state in (rest, *strained)))
 
 
 def shortened(cell: PeriodicCell, shortening: float) -> PeriodicCell:
@@ -146,22 +135,15 @@ def note_round(
     progress: RoundObserver | None,
 ) -> None:
     """Add a round, a state of the pattern, to the history and report it."""
-    stretch = pattern.period * (1.0 + state.strain.vector[[0, 2]]) / drawn.period
-    history.append(
-        RestRound(
-            (float(stretch[0]), float(stretch[1])),
-            (float(state.stress[0]), float(state.stress[1]), float(state.stress[2])),
-            state.energy_density * pattern.area,
-            state.iterations,
-        )
-    )
+    x, y = (pattern.period * (1.0 + state.strain.vector[[0, 2]]) / drawn.period).tolist()
+    course, shear, wale = state.stress[:3].tolist()
+    energy = state.energy_density * pattern.area
+    history.append(RestRound((x, y), (course, shear, wale), energy, state.iterations))
     if progress is not None:
         progress(history[-1])
 
 
-def outcome(
-    cell: PeriodicCell, drawn: YarnPattern, status: RestStatus, history: list[RestRound], began: float
-) -> RestShape:
+def outcome(cell: PeriodicCell, status: RestStatus, history: list[RestRound], began: float) -> RestShape:
     """The outcome with its criterion measured, whatever the search believes."""
     stress = rest_stress_ratio(cell)
     if status is RestStatus.CONVERGED:
@@ -172,21 +154,4 @@ def outcome(
             status = RestStatus.STALLED
         elif not shear:
             status = RestStatus.SKEWED
-    return described(cell.pattern, drawn, status, stress, tuple(history), time.perf_counter() - began)
-
-
-def described(
-    pattern: YarnPattern,
-    drawn: YarnPattern,
-    status: RestStatus,
-    stress: RestStress,
-    history: tuple[RestRound, ...],
-    seconds: float,
-) -> RestShape:
-    """The outcome with its distance from the drawing."""
-    stretch = pattern.period / drawn.period
-    shift = pattern.vertices - drawn.vertices * np.append(stretch, 1.0)
-    shift -= shift.mean(axis=0)
-    change = float(np.abs(pattern.rest_length / drawn.rest_length - 1.0).max())
-    moved = float(np.linalg.norm(shift, axis=1).max()) / pattern.radius
-    return RestShape(pattern, status, stress, history, change, moved, seconds)
+    return RestShape(cell.pattern, status, stress, tuple(history), time.perf_counter() - began)

@@ -74,18 +74,21 @@ def set_as_drawn(pattern: YarnPattern, *, share: float = 1.0, lengths: bool = Tr
     Rest curvatures and twists, and rest lengths unless ``lengths`` is false, move by ``share`` of the difference from
     what they are to what the drawing has.
     """
-    edge = pattern.edge_vectors()
-    tangent = unit(edge)
-    previous = pattern.previous_vertex
+    tangent, previous = unit(pattern.edge_vectors()), pattern.previous_vertex
     director = upright(pattern.reference_director, tangent)
-    curvature = material_curvature(tangent, director, pattern.twist, previous)
-    twist = pattern.twist - pattern.twist[previous] + pattern.reference_twist
-    rest_length = pattern.rest_length
-    if lengths:
-        rest_length = rest_length + share * (pattern.drawn_length - rest_length)
-    return replace(
+    drawn = replace(
         pattern,
-        rest_length=rest_length,
-        rest_curvature=pattern.rest_curvature + share * (curvature - pattern.rest_curvature),
-        rest_twist=pattern.rest_twist + share * (twist - pattern.rest_twist),
+        rest_length=pattern.drawn_length if lengths else pattern.rest_length,
+        rest_curvature=material_curvature(tangent, director, pattern.twist, previous),
+        rest_twist=pattern.twist - pattern.twist[previous] + pattern.reference_twist,
     )
+    return reset(pattern, pattern, drawn, share)
+
+
+def reset(pattern: YarnPattern, before: YarnPattern, after: YarnPattern, share: float) -> YarnPattern:
+    """The pattern with the rest shape of its yarns moved by a share of the difference between two others."""
+    moved = {
+        name: getattr(pattern, name) + share * (getattr(after, name) - getattr(before, name))
+        for name in ("rest_length", "rest_curvature", "rest_twist")
+    }
+    return replace(pattern, **moved)
