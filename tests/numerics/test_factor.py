@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.sparse import csc_array
@@ -101,15 +103,21 @@ def test_a_large_matrix_is_solved_alike_by_any_number_of_threads(threads: int, m
     np.testing.assert_allclose(*solutions, rtol=1e-11, atol=1e-14)
 
 
-def test_order_and_fronts_fill_hardly_more_than_a_general_library() -> None:
+@pytest.mark.parametrize("metis", [True, False])
+def test_order_and_fronts_fill_hardly_more_than_a_general_library(metis: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Entries of the factor, zeros of joined columns included, against those of SuperLU's factor."""
+    if not metis:
+        monkeypatch.setitem(sys.modules, "pymetis", None)
     pattern, values = _grid(24)
     lower = csc_array((values, pattern.rows, pattern.starts), shape=(pattern.size, pattern.size))
     full = csc_array(lower + lower.T)
     lu = splu(full, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    parts = Fronts.of(pattern.size, pattern.starts, pattern.rows, None, threads=1)
+    parts = Fronts.of(pattern.size, pattern.starts, pattern.rows, threads=1)
     width, height = np.diff(parts.first), np.diff(parts.starts)
     assert (width * (width + 1) // 2 + width * height).sum() < 1.2 * lu.L.nnz
+    factor, right = Factorisation(pattern), np.ones(pattern.size)
+    assert factor.factor(values)
+    np.testing.assert_allclose(pattern.multiply(values, factor.solve(right)), right, atol=1e-11)
 
 
 def test_multiply_is_the_symmetric_product() -> None:

@@ -46,7 +46,7 @@ def constraints() -> ChainConstraints:
         Chain(np.array([6, 8, 7, 9]), generator.uniform(0.5, 2.0, (4, 1))),
     ]
     everywhere = generator.standard_normal((2, int(SIZES.sum())))
-    return ChainConstraints(SIZES, chains, everywhere, generator.standard_normal((len(SIZES), 2)))
+    return ChainConstraints(SIZES, chains, everywhere)
 
 
 def _rows(constraints: ChainConstraints) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_rows_that_chains_imply_are_left_out() -> None:
     row = np.zeros(int(SIZES.sum()))
     row[:6] = 1.0
     chains = [Chain(np.array([0, 1]), np.ones((2, 3)))]
-    constraints = ChainConstraints(SIZES, chains, row[None], np.zeros((len(SIZES), 2)))
+    constraints = ChainConstraints(SIZES, chains, row[None])
     assert constraints.matrix.shape[0] == 1
     solver = NullSpaceSolver(constraints)
     assert solver.factorise(_Model(), 0.0)

@@ -62,6 +62,4 @@ def constraint_chains(pattern: YarnPattern, sliding: bool) -> ChainConstraints:
     """The same constraints with each yarn as a chain of its own vertices."""
     n = len(pattern.edges)
     translations, chains = _translations_and_chains(pattern, sliding)
-    sizes = np.concatenate([np.full(n, 3), np.ones(n, np.int64)])
-    places = np.mod(pattern.vertices[:, :2], pattern.period)
-    return ChainConstraints(sizes, chains, translations, np.concatenate([places, places]))
+    return ChainConstraints(np.repeat([3, 1], n), chains, translations)

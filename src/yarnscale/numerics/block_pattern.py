@@ -6,7 +6,7 @@ same thing; entries are found by group, not one by one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -61,19 +61,11 @@ class BlockPattern:
         pattern = SymmetricPattern(size, column_starts, entry_rows)
         return cls(pattern, group, first, starts, rows.astype(np.int32), offsets)
 
-    def staged(self, stages: Integers) -> BlockPattern:
-        """The same with the stage (g,) at which each group is best eliminated."""
-        return replace(self, pattern=replace(self.pattern, stages=stages[self.group]))
-
-    def meetings(self) -> tuple[Integers, Integers]:
-        """Column and row group of every block."""
-        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), self.rows.astype(np.int64)
-
     @property
     def keys(self) -> Integers:
         """Keys ``column·g + row`` of all blocks, increasing."""
-        columns, rows = self.meetings()
-        return columns * (len(self.starts) - 1) + rows
+        groups = len(self.starts) - 1
+        return np.repeat(groups * np.arange(groups), np.diff(self.starts)) + self.rows
 
     def add_blocks(self, places: Integers, blocks: Array, entries: Array) -> None:
         """Add 3×3 blocks (m, 9), row by row, to the entries of a matrix whose groups are threes.

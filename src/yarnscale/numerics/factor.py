@@ -17,14 +17,12 @@ from yarnscale.numerics.threads import available_threads, one_thread, run_parts
 class SymmetricPattern:
     """Where a symmetric matrix may be nonzero: its lower triangle by columns, rows sorted, diagonal present.
 
-    size: number of rows n; starts: (n + 1,) int64, first entry of each column; rows: (nnz,) int64. stages: (n,) at
-    which rows are best eliminated (``dissection``), None: the factorisation finds an order by itself.
+    size: number of rows n; starts: (n + 1,) int64, first entry of each column; rows: (nnz,) int64.
     """
 
     size: int
     starts: Integers
     rows: Integers
-    stages: Integers | None = None
 
     @classmethod
     def from_keys(cls, size: int, keys: Integers) -> SymmetricPattern:
@@ -86,7 +84,7 @@ class Factorisation:
 
     def __init__(self, pattern: SymmetricPattern, *, threads: int | None = None) -> None:
         threads = available_threads() if threads is None else threads
-        fronts = Fronts.of(pattern.size, pattern.starts, pattern.rows, pattern.stages, threads=threads)
+        fronts = Fronts.of(pattern.size, pattern.starts, pattern.rows, threads=threads)
         self._fronts = fronts
         self._factor, self._updates = np.empty(fronts.factor[-1]), np.empty(fronts.room)
         by_parent = np.argsort(fronts.parent, kind="stable")

@@ -1,14 +1,14 @@
 """Symbolic part of a sparse Cholesky factorisation: order of elimination, fronts, and who works on them.
 
-Unknowns that meet the same others (the coordinates of a vertex) are one node. Nodes are ordered by multiple minimum
-degree (Liu 1985), as SuperLU does, within the stages of the pattern. Columns of like structure are joined to
-supernodes, with few zeros more (Ashcraft and Grimes 1989); each is a dense front that passes what is left of its other
-rows to its parent (Duff and Reid 1983).
+Unknowns that meet the same others (the coordinates of a vertex) are one node. Nodes are ordered by METIS (Karypis and
+Kumar 1998). Columns of like structure are joined to supernodes, with few zeros more (Ashcraft and Grimes 1989); each is
+a dense front that passes what is left of its other rows to its parent (Duff and Reid 1983).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -52,16 +52,13 @@ class Fronts:
     room: int
 
     @classmethod
-    def of(cls, size: int, starts: Integers, rows: Integers, stages: Integers | None, *, threads: int) -> Fronts:
-        """Of the lower triangle of a symmetric pattern by columns; stages as those of the pattern."""
+    def of(cls, size: int, starts: Integers, rows: Integers, *, threads: int) -> Fronts:
+        """Of the lower triangle of a symmetric pattern by columns."""
         columns = np.repeat(np.arange(size), np.diff(starts))
         node = _nodes(size, columns, rows)
         sizes = np.bincount(node)
         graph = _graph(node, columns, rows)
-        order = _by_degree(graph)
-        if stages is not None:
-            stage = stages[np.searchsorted(node, np.arange(len(sizes)))]
-            order = order[np.argsort(stage[order], kind="stable")]
+        order = _elimination_order(graph)
         order = order[_postorder(_tree(*_permuted(graph, order)))]
         graph = _permuted(graph, order)
         sizes = sizes[order]
@@ -101,14 +98,13 @@ def _nodes(size: int, columns: Integers, rows: Integers) -> Integers:
 
 
 def _graph(node: Integers, columns: Integers, rows: Integers) -> csc_array:
-    """Symmetric graph of nodes; diagonally dominant."""
+    """Symmetric graph of nodes, without its diagonal."""
     leads = np.diff(node, prepend=-1) > 0
     met = leads[columns] & leads[rows] & (columns != rows)
     first, second = node[columns[met]], node[rows[met]]
     count = int(node[-1]) + 1
     half = coo_array((np.full(len(first), -1.0), (first, second)), shape=(count, count))
-    graph = csc_array(half + half.T)
-    return csc_array(graph + diags_array(np.diff(graph.indptr) + 2.0))
+    return csc_array(half + half.T)
 
 
 def _permuted(graph: csc_array, order: Integers) -> tuple[Integers, Integers]:
@@ -117,9 +113,16 @@ def _permuted(graph: csc_array, order: Integers) -> tuple[Integers, Integers]:
     return new.indptr.astype(np.int64), new.indices.astype(np.int64)
 
 
-def _by_degree(graph: csc_array) -> Integers:
-    options = {"SymmetricMode": True}
-    return np.argsort(splu(graph, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).perm_c)
+def _elimination_order(graph: csc_array) -> Integers:
+    """Nodes in an order that leaves little to fill in: nested dissection; without METIS multiple minimum degree."""
+    try:
+        from pymetis import CSRAdjacency, nested_dissection
+    except ImportError:
+        dominant = csc_array(graph + diags_array(np.diff(graph.indptr) + 2.0))
+        options = {"SymmetricMode": True}
+        return np.argsort(splu(dominant, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).perm_c)
+    links: Any = graph.indptr, graph.indices
+    return np.array(nested_dissection(CSRAdjacency(*links))[0], np.int64)
 
 
 @numba.njit(**_JIT)

@@ -17,15 +17,12 @@ from scipy.sparse import csr_array, vstack
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.block_pattern import BlockPattern, find_block
-from yarnscale.numerics.dissection import LEAF, Dissection
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints, QuadraticModel
 from yarnscale.numerics.regularisation import ShiftedHessian
 
 WIDTH = 4
 """Most reduced unknowns behind one group: two of the chain and two across it."""
-_MOST_MOVED = 0.05
-"""Share of groups that may move in a dissection before the graph is dissected anew."""
 _JIT = {"cache": True, "error_model": "numpy"}
 
 
@@ -44,13 +41,12 @@ class Chain:
 class GroupBasis:
     """Groups x_g = weight[g] @ y[index[g]] of reduced unknowns y.
 
-    index: (g, WIDTH), −1: none. weight: (g, 3, WIDTH). sizes: of the reduced groups; owner: group each belongs to.
+    index: (g, WIDTH), −1: none. weight: (g, 3, WIDTH). sizes: of the reduced groups.
     """
 
     index: Integers
     weight: Array
     sizes: Integers
-    owner: Integers
 
     @classmethod
     def of(cls, group_sizes: Integers, chains: Sequence[Chain]) -> GroupBasis:
@@ -84,8 +80,7 @@ class GroupBasis:
         for column in range(3):
             there = ~along & (group_sizes > column)
             index[there, column] = first[there, 1] + column
-        present = own.ravel() > 0
-        return cls(index, weight, own.ravel()[present].astype(np.int64), np.repeat(np.arange(count), 2)[present])
+        return cls(index, weight, own[own > 0].astype(np.int64))
 
     def matrix(self, group_sizes: Integers) -> csr_array:
         """Z as a sparse matrix (n, r)."""
@@ -108,14 +103,12 @@ def _across(unit: Array) -> tuple[Array, Array]:
 class ChainConstraints:
     """Homogeneous constraints: chains that share no group, and a few rows on all unknowns.
 
-    group_sizes: (g,). everywhere: (d, n) rows, made independent. places: (g, 2) where groups lie, for the order of
-    elimination. ``matrix`` has orthonormal rows.
+    group_sizes: (g,). everywhere: (d, n) rows, made independent. ``matrix`` has orthonormal rows.
     """
 
     group_sizes: Integers
     chains: Sequence[Chain]
     everywhere: Array
-    places: Array
     matrix: csr_array = field(init=False, repr=False)
     right: Array = field(init=False, repr=False)
 
@@ -153,8 +146,6 @@ class NullSpaceSolver:
     constraints: ChainConstraints
     _pattern: SymmetricPattern | None = None
     _values: Array | None = None
-    _dissection: Dissection | None = None
-    _moved: int = 0
 
     def __post_init__(self) -> None:
         few = self.constraints.few_reduced
@@ -189,23 +180,11 @@ class NullSpaceSolver:
         self._pattern, self._starts, self._first = pattern, pattern.starts, first
         self._blocks = column, row, _ = _blocks(pattern.starts, pattern.rows, group, first)
         reduced = BlockPattern.of(basis.sizes, [np.hstack([basis.index[row], basis.index[column]])])
-        if len(constraints.places) > 2 * LEAF:
-            reduced = reduced.staged(self._dissected(*reduced.meetings()))
         self._slots = _slots(
             reduced.starts, reduced.rows, reduced.offsets, reduced.group, reduced.first, reduced.pattern.starts,
             row, column, basis.index,
         )  # fmt: skip
         self._inner = reduced.pattern
-
-    def _dissected(self, first: Integers, second: Integers) -> Integers:
-        """Stages of the reduced groups; those of the pattern before, repaired, where that moves few of them."""
-        places = self.constraints.places[self.constraints.basis.owner]
-        if self._dissection is not None:
-            self._dissection, moved = self._dissection.repaired(first, second)
-            self._moved += moved
-        if self._dissection is None or self._moved > _MOST_MOVED * len(places):
-            self._dissection, self._moved = Dissection.of(first, second, places), 0
-        return self._dissection.stage
 
     def step(self, right: Array, gap: Array | None) -> Array:
         """Solve K p + Cᵀ λ = right, C p = gap (None: 0) for columns (n, k) or a vector (n,)."""

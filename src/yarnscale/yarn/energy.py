@@ -16,7 +16,6 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.dissection import Dissection
 from yarnscale.yarn.contact_list import SKIN, ContactList, Contacts, PlacedPairs
 from yarnscale.yarn.rod import BEND_TWIST
 from yarnscale.yarn.stiffness import PatternStiffness
@@ -26,8 +25,6 @@ PATTERN_MARGIN = 0.1
 """How much farther than they touch pairs have a place in the matrix [r]: more saves analyses, less keeps it sparse."""
 NEARLY = 0.2
 """How much farther than they touch pairs are asked for a Hessian [r]: more saves slots, less saves kernels."""
-DISSECTED = 3000
-"""Vertices of a finite fabric from which the matrix is dissected: factors of smaller ones take no time."""
 NOT_TURNED = np.empty((0, 3, 3))
 
 
@@ -151,17 +148,11 @@ class RodEnergy:
 
     def _laid_out(self, rods: list[Integers], near: Integers, full: Array) -> BlockPattern:
         """A pattern of the rods and of pairs within the margin, beyond the list where that is wide."""
-        positions = self.positions(full)
         if self._margin > SKIN:
-            pairs = self.contact_list.pairs_within(positions, self.contact_list.reach + self._margin)
+            reach = self.contact_list.reach + self._margin
+            pairs = self.contact_list.pairs_within(self.positions(full), reach)
             near = self._unknowns(self.contact_list.variables(*pairs))
-        groups = np.concatenate([np.full(self.count, 3), np.ones(self.count, np.int64)])
-        pattern = BlockPattern.of(groups, [*rods, near])
-        if self._copies is not None or self.count < DISSECTED:
-            return pattern
-        # An edge's twist goes along with its first vertex.
-        first, second = (met % self.count for met in pattern.meetings())
-        return pattern.staged(np.tile(Dissection.of(first, second, positions).stage, 2))
+        return BlockPattern.of(np.repeat([3, 1], self.count), [*rods, near])
 
     # --- read-outs ------------------------------------------------------------------------------------
 
