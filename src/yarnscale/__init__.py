@@ -14,7 +14,7 @@ from yarnscale.version import __version__
 
 if TYPE_CHECKING:
     from yarnscale.cell.equilibrium import Equilibrium
-    from yarnscale.cell.friction import CellHistory, path_with_friction
+    from yarnscale.cell.friction import CellHistory
     from yarnscale.cell.periodic import PeriodicCell
     from yarnscale.cell.rest import RestShape, settled
     from yarnscale.detail.fluctuations import FluctuationTable
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from yarnscale.files.measurements import read_measurements
     from yarnscale.files.patterns import read_pattern, read_yarns, structure_of, write_pattern
     from yarnscale.files.scene_run import run
+    from yarnscale.homogeneous.histories import path_with_friction
     from yarnscale.homogenize.compact_fit import fit_compact_material
     from yarnscale.homogenize.homogenize import Homogenization, fit, fit_published
     from yarnscale.homogenize.homogenize import homogenize as homogenize_cell
@@ -121,7 +122,7 @@ _HOME = {
     "jersey": "fabric.spline_knit",
     "knit": "drawing.knit",
     "material_library": "files.material_library:",
-    "path_with_friction": "cell.friction",
+    "path_with_friction": "homogeneous.histories",
     "patterns": "drawing.library:",
     "read_grid": "files.grid_toml",
     "read_material": "files.material_json",

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
-from yarnscale.cell.friction import CellHistory, path_with_friction
+from yarnscale.cell.friction import CellHistory
 from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.supercell import supercell, tiled
 from yarnscale.drawing import library
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
 from yarnscale.errors import InputError
+from yarnscale.homogeneous.histories import path_with_friction
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn.friction import YarnFriction

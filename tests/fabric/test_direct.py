@@ -292,6 +292,35 @@ def test_friction_resists_sliding_with_the_share_of_the_pressure(crossing: Cross
     assert np.abs(drag.reshape(-1)[: 3 * energy.count].reshape(-1, 3).sum(axis=0)).max() < 1e-12 * held
 
 
+def test_a_yarn_pulled_over_another_has_the_tensions_of_a_capstan() -> None:
+    """Half around a held yarn: the tensions of both ends differ by exp(μ π)."""
+    friction, radius, leg = 0.3, 1e-3, 8
+    yarn = YarnMaterial(5e5, 2e5, 1e-3, 60.0, 120.0)
+    turn, down = np.linspace(0.5 * math.pi, -0.5 * math.pi, 21), 0.3 * np.arange(leg, 0, -1)
+    x = 1.95 * np.concatenate([np.full(leg, -1.0), -np.sin(turn), np.full(leg, 1.0)])
+    z = np.concatenate([-down, 1.95 * np.cos(turn), -down[::-1]])
+    over = radius * np.column_stack([x, np.zeros(len(x)), z])
+    post = radius * np.column_stack([np.zeros(21), np.linspace(-4.0, 4.0, 21), np.zeros(21)])
+    sheet = YarnSheet.from_lines([post, over], radius)
+    nodes, ends = np.concatenate([np.arange(21), [21, 20 + len(over)]]), np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.6]])
+
+    def holds(time: float) -> Holds:
+        targets = sheet.vertices[nodes].copy()
+        targets[-2:] += time * radius * ends
+        return Holds(nodes, targets)
+
+    energy = FabricEnergy(sheet, yarn)
+    settings = MotionSettings(
+        (0.0, 0.0, 0.0), friction=YarnFriction(friction), damping=50.0, iterations=100, enough=1e-6
+    )
+    dynamics, motion = FabricDynamics(energy, settings, holds), energy.start()
+    motion = FabricMotion(motion, 0.0 * motion)
+    for _ in range(10):  # every step slides by more than the slip within which yarns stick
+        motion = dynamics.step(motion, 0.1).state
+    followed, pulled = np.abs(holds(motion.time).forces(energy, motion.x)[-2:, 2])
+    assert pulled / followed == pytest.approx(math.exp(friction * math.pi), rel=0.05)
+
+
 def test_a_yarn_that_falls_on_the_floor_stays_on_it() -> None:
     sheet = _straight(10, 0.02)
     energy = FabricEnergy(sheet, SOLID)

@@ -66,7 +66,7 @@ def test_a_compact_material_comes_back_to_the_last_bit(tmp_path, counts):
 
 
 def test_friction_comes_back_and_is_refused_where_it_is_broken(tmp_path):
-    sliders = Sliders.checked(np.eye(6)[:2], [3.0, 1 / 3], np.full((2, 6), 0.01))
+    sliders = Sliders.checked(np.eye(6)[:2], [[0.5], [-0.1]], [3.0, 1 / 3], [0.0, 0.02], np.full((2, 6), 0.01))
     material, path = replace(compact_material(1, 1, 0), sliders=sliders), tmp_path / "material.json"
     write_material(path, material)
     back = read_material(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ def test_known_sliders_are_found_again(monkeypatch) -> None:
     random = np.random.default_rng(2)
     directions = random.normal(size=(2, 6))
     directions[:, 1] = directions[:, 4] = 0.0  # their own mirror images
-    known = Sliders.checked(directions, [20.0, 8.0], random.uniform(0, 0.02, (2, 6)))
+    known = Sliders.checked(directions, [[0.0]] * 2, [20.0, 8.0], [0.02, 0.0], random.uniform(0, 0.02, (2, 6)))
     paths = []
     for number in range(4):
         corners = np.concatenate([np.zeros((1, 6)), 0.4 * random.uniform(-1, 1, (4, 6))]) * SCALE
@@ -53,6 +54,20 @@ def test_known_sliders_are_found_again(monkeypatch) -> None:
         friction_fit.with_friction(material(), [], 0.3)
 
 
+def test_the_fit_sees_the_stress_that_the_material_has() -> None:
+    fabric, random = material(), np.random.default_rng(5)
+    steps = {"steps": random.normal(size=(1, 6)), "step_offsets": np.array([0.3])}
+    fabric = replace(fabric, springs=fabric.springs._replace(**steps))
+    strains = np.cumsum(0.04 * random.normal(size=(60, 6)), axis=0) * SCALE
+    unknowns = random.normal(size=(3, 14)) * [*[1.0] * 7, *[0.2] * 7]
+    trace = friction_fit._trace(fabric, FrictionPath("random", strains, *np.zeros((2, 60, 6)), complete=True))
+    history = MaterialHistory.begin(replace(fabric, sliders=friction_fit.sliders_of(unknowns)), strains[0])
+    for strain, expected in zip(strains[1:], friction_fit.friction_of(trace, unknowns)[0][1:], strict=True):
+        history = history.after(strain)
+        found = (history.force - fabric.stress(strain)) * SCALE
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
 def test_a_path_without_friction_has_sliders_that_hold_nothing(monkeypatch) -> None:
     monkeypatch.setattr(friction_fit, "COUNT", 1)
     strains = 0.1 * np.random.default_rng(0).uniform(-1, 1, (40, 6)) * SCALE
@@ -63,19 +78,42 @@ def test_a_path_without_friction_has_sliders_that_hold_nothing(monkeypatch) -> N
     np.testing.assert_allclose(history.force * SCALE, stress[1] * SCALE, atol=1e-3)
 
 
-def test_a_cell_follows_cycles_of_its_material(monkeypatch) -> None:
+def test_a_cell_follows_cycles_of_its_material_and_paths_are_kept(monkeypatch, tmp_path) -> None:
     monkeypatch.setattr(friction_paths, "STEPS", 1)
     cell = ys.PeriodicCell(ys.patterns.build("plain"), ys.YarnMaterial.preset("hylc2020-basket"))
-    done: list[tuple[int, int]] = []
-    paths = friction_paths.friction_paths(
-        cell, material(), YarnFriction(0.2), limit=1.0, progress=lambda *parts: done.append(parts)
-    )
-    assert done[-1] == (len(paths), len(paths))
-    names = [path.name for path in paths]
-    assert "tension 45" in names and "bending 0 under tension" in names and "biaxial" in names
-    pulled = paths[names.index("tension 0")]
+    walked: list[str] = []
+
+    def at_once(work, cell, **_) -> None:
+        for unit in work.pending():
+            task, arguments = work.task(unit)
+            walked.append(arguments[1])
+            work.keep(unit, task(cell, *arguments)[0])
+
+    monkeypatch.setattr(friction_paths, "work_off", at_once)
+
+    def paths(mu: float) -> list[FrictionPath]:
+        return friction_paths.friction_paths(cell, material(), YarnFriction(mu), limit=1.0, folder=tmp_path)
+
+    found = paths(0.2)
+    names = [path.name for path in found]
+    assert sorted(walked) == sorted(names) and "tension 45" in names and "bending 0 under tension" in names
+    pulled = found[names.index("tension 0")]
     assert pulled.complete and len(pulled.strains) == 7
     assert pulled.strains.shape == pulled.stresses.shape == pulled.elastic.shape
     friction = pulled.stresses - pulled.elastic
     assert np.abs(friction[1:]).max() > 0.0 and np.abs(friction[0]).max() == 0.0
     assert (friction[1::2, 0] > friction[2::2, 0]).all()  # more on pulling than on letting go
+    walked.clear()
+    (tmp_path / "tension-45.npz").write_bytes(b"half a file")
+    again = paths(0.2)
+    assert walked == ["tension 45"]
+    for one, other in zip(found, again, strict=True):
+        np.testing.assert_array_equal(one.stresses, other.stresses)
+    paths(0.3)
+    assert walked == ["tension 45", *names]
+
+
+def test_a_cell_without_a_first_step_is_refused_before_anything_long() -> None:
+    cell = ys.PeriodicCell(ys.patterns.build("plain"), ys.YarnMaterial.preset("hylc2020-basket"))
+    with pytest.raises(InputError, match="paths with friction"):
+        friction_paths.check_friction(cell.with_options(max_iterations=1), YarnFriction(0.2))

@@ -7,9 +7,8 @@ lost in a step is exact: sliding forces times slid distances, and what springs l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,27 +18,9 @@ from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.friction import Rubbing, YarnFriction
 
 Solve = Callable[[PeriodicCell, Equilibrium], Equilibrium | None]
-Control = TypeVar("Control", float, Array)
-
-
-class History(Protocol):
-    """Fabric with friction at the end of a step, a frozen dataclass; dissipated: in the step [J/m²]."""
-
-    @property
-    def dissipated(self) -> float: ...
-
-    def step(self, solve: Any) -> Any:
-        """The history after the next step; None where a solve found no equilibrium."""
-        ...
-
-
-Followed = TypeVar("Followed", bound=History)
-
-_HALVINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,50 +81,3 @@ class CellHistory:
         limit, slack = self.friction.coefficient * pairs.pressure, np.zeros_like(normal)
         fresh = FrictionPairs(keys, pairs.place, slack, normal, limit, pairs.stiffness, slack)
         return fresh.since(energy.strands, positions, energy.frames, self.friction_pairs)
-
-
-def path_with_friction(start: CellHistory, strains: Iterable[ShellStrain]) -> Iterator[CellHistory]:
-    """Equilibria at one macroscopic state after the other, after a history; ends at a state that has no equilibrium.
-
-    Steps that fail are halved. Results converge as the steps become shorter.
-    """
-
-    def solver(strain: Array) -> Solve:
-        return lambda cell, near: cell.relax(ShellStrain.from_vector(strain), start=near, nearby=True)
-
-    yield from followed(start, start.state.strain.vector, (s.vector for s in strains), solver)
-
-
-def followed(
-    start: Followed,
-    first: Control,
-    values: Iterable[Control],
-    solver: Callable[[Control], Any],
-) -> Iterator[Followed]:
-    """``path_with_friction`` through values of what a step solves for, loads for instance; first: that of the start."""
-    here: Followed | None = start
-    for value in values:
-        here = _stepped(here, first, value, solver, _HALVINGS)
-        if here is None:
-            return
-        first = value
-        yield here
-
-
-def _stepped(
-    here: Followed,
-    before: Control,
-    value: Control,
-    solver: Callable[[Control], Any],
-    halvings: int,
-) -> Followed | None:
-    """The history one step on, through the state half-way where that fails; its dissipation is that of both."""
-    found = here.step(solver(value))
-    if found is not None or halvings == 0:
-        return found
-    middle = 0.5 * (before + value)
-    half = _stepped(here, before, middle, solver, halvings - 1)
-    end = None if half is None else _stepped(half, middle, value, solver, halvings - 1)
-    if end is None or half is None:
-        return None
-    return replace(end, dissipated=half.dissipated + end.dissipated)  # type: ignore[type-var]

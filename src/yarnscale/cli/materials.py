@@ -23,7 +23,7 @@ from yarnscale.files.run_folder import RunFolder
 from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.compact_problem import STRESS_FLOOR, stress_errors
 from yarnscale.homogenize.executors import reach_workers
-from yarnscale.homogenize.homogenize import Homogenization
+from yarnscale.homogenize.homogenize import FRICTION, Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.plan import StrainRange
 from yarnscale.homogenize.published_fit import PublishedOptions
@@ -161,7 +161,7 @@ def _friction_error(outcome: Homogenization) -> tuple[float, float] | None:
 
 def results_of_homogenize(path: Path, *, overwrite: bool = False, resume: bool = False) -> RunFolder:
     """The folder of a homogenized pattern."""
-    stores = ("samples/", "unseen/")
+    stores = ("samples/", "unseen/", f"{FRICTION}/")
     pictures = ("cell", "tension", "bending", "terms", "stress", "errors")
     makes = (*stores, PATTERN, "material.json", "index.html", *(f"pictures/{name}.png" for name in pictures))
     return RunFolder(path, "homogenize", makes, overwrite=overwrite, resume=resume, goes_on_from=(*stores, PATTERN))

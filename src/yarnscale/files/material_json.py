@@ -146,15 +146,18 @@ def _read_compact(fields: Fields) -> CompactMaterial:
             samples=trusted.numbers("samples", shape=(rows, 6)),
             spacing=trusted.number("spacing", positive=True),
             provenance=fields.fields("provenance").content,
-            sliders=_read_friction(fields.fields("friction")) if "friction" in fields.content else None,
+            sliders=_read_friction(fields.fields("friction"), counts[0]) if "friction" in fields.content else None,
         )
 
 
-def _read_friction(fields: Fields) -> Sliders:
+def _read_friction(fields: Fields, steps: int) -> Sliders:
     _check_units(fields, FRICTION_UNITS)
     count = len(fields.numbers("stiffnesses"))
-    shapes = {"directions": (count, 6), "stiffnesses": (count,), "growth": (count, 6)}
-    return Sliders.checked(*(fields.numbers(name, shape=shape) for name, shape in shapes.items()))
+    shapes = {
+        "directions": (count, 6), "bends": (count, steps), "stiffnesses": (count,), "rest": (count,),
+        "growth": (count, 6),
+    }  # fmt: skip
+    return Sliders.checked(*(_matrix(fields, name, shape) for name, shape in shapes.items()))
 
 
 def _matrix(terms: Fields, name: str, shape: tuple[int, ...]) -> Array:

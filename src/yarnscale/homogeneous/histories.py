@@ -1,27 +1,32 @@
-"""Fabric with friction under loads, step by step: a periodic cell of yarns, or a shell material that remembers."""
+"""Fabric with friction under strains or loads, step by step: a periodic cell of yarns, or a shell material that
+remembers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
-from yarnscale.cell.friction import CellHistory
+from yarnscale.cell.friction import CellHistory, Solve
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.fabrics import CellFabric, MaterialFabric, Response
 from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
+from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
 from yarnscale.shell.materials.history import MaterialHistory
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.yarn.friction import YarnFriction
 
 FabricHistory = CellHistory | MaterialHistory
+Followed = TypeVar("Followed", bound=FabricHistory)
+Control = TypeVar("Control", float, Array)
 _KEPT = 5
 """Responses that have the same moduli."""
+_HALVINGS = 4
 
 
 def history_of(
@@ -100,3 +105,50 @@ def loaded_state(history: FabricHistory | None) -> LoadedState:
     else:
         strain, stress = history.strain, history.force
     return LoadedState(Response(strain, history.stored, stress), nothing, 0.0, Status.CONVERGED, 0)
+
+
+def path_with_friction(start: CellHistory, strains: Iterable[ShellStrain]) -> Iterator[CellHistory]:
+    """Equilibria at one macroscopic state after the other, after a history; ends at a state that has no equilibrium.
+
+    Steps that fail are halved. Results converge as the steps become shorter.
+    """
+
+    def solver(strain: Array) -> Solve:
+        return lambda cell, near: cell.relax(ShellStrain.from_vector(strain), start=near, nearby=True)
+
+    yield from followed(start, start.state.strain.vector, (s.vector for s in strains), solver)
+
+
+def followed(
+    start: Followed,
+    first: Control,
+    values: Iterable[Control],
+    solver: Callable[[Control], Any],
+) -> Iterator[Followed]:
+    """``path_with_friction`` through values of what a step solves for, loads for instance; first: that of the start."""
+    here: Followed | None = start
+    for value in values:
+        here = _stepped(here, first, value, solver, _HALVINGS)
+        if here is None:
+            return
+        first = value
+        yield here
+
+
+def _stepped(
+    here: Followed,
+    before: Control,
+    value: Control,
+    solver: Callable[[Control], Any],
+    halvings: int,
+) -> Followed | None:
+    """The history one step on, through the state half-way where that fails; its dissipation is that of both."""
+    found: Any = here.step(solver(value))
+    if found is not None or halvings == 0:
+        return found
+    middle = 0.5 * (before + value)
+    half = _stepped(here, before, middle, solver, halvings - 1)
+    end = None if half is None else _stepped(half, middle, value, solver, halvings - 1)
+    if end is None or half is None:
+        return None
+    return replace(end, dissipated=half.dissipated + end.dissipated)

@@ -7,31 +7,38 @@ states into which a frictionless one slips. The cell follows them with friction,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.cell.friction import CellHistory, followed, path_with_friction
+from yarnscale.cell.friction import CellHistory
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.homogeneous.histories import history_of, loaded_state, under_loads
+from yarnscale.errors import InputError
+from yarnscale.homogeneous.histories import followed, history_of, loaded_state, path_with_friction, under_loads
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
-from yarnscale.homogenize.executors import local_workers
+from yarnscale.homogenize.sample import SamplingProgress, work_off
+from yarnscale.homogenize.units import Task
+from yarnscale.homogenize.worker import peak_megabytes
 from yarnscale.kinematics import ShellStrain
 from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.friction import Sliders
 from yarnscale.yarn.friction import YarnFriction
 
 COUNT = 10
-"""Sliders of a fitted material, with their mirror images twice as many."""
+"""Sliders of a fitted material."""
 STEPS = 12
 """Steps between two turns."""
 _GUESS, _SLIP, _ACROSS = 0.3, 0.02, 0.1
 """Of the guess: limits over elastic stresses, scaled strain at which sliders move under 1 J/m², and share
 of other stresses in the limit."""
+_FIRST_STEP = 0.005
+"""Stretch s_x of a first step."""
 _SMALL = 4e-4
 """Of the largest load: what counts as none where loads grow by shares."""
 _AMPLITUDES = ((0.04, 0.002), (0.2, 0.01), (1.0, 0.004))
@@ -59,47 +66,107 @@ class FrictionPath:
     complete: bool
 
 
+def check_friction(cell: PeriodicCell, friction: YarnFriction) -> None:
+    """InputError where a cell has no first step with friction, before anything long begins."""
+    first = _walked(cell, friction, "first step", np.outer([0.0, _FIRST_STEP], np.eye(6)[0]))
+    if not first.complete:
+        raise InputError("paths with friction", expected="a cell that rests and can be stretched", found="none")
+
+
 def friction_paths(
     cell: PeriodicCell,
     material: CompactMaterial,
     friction: YarnFriction,
     *,
     limit: float,
+    folder: Path,
     workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    dask: str | None = None,
+    progress: Callable[[SamplingProgress], None] | None = None,
 ) -> list[FrictionPath]:
     """Paths of a cell for its elastic material, up to loads of ``limit`` [N/m].
 
-    ``progress`` gets the number of paths done and in all.
+    folder: where each path is kept once it is done; those of the same strains and friction are not walked again.
+    workers, dask, progress: as of ``sample``.
     """
-    guessed = replace(material, sliders=_guess(material.mirrored))
-    planned = [(name, _strains(guessed, corners)) for name, corners in _programme(cell.pattern.radius, limit)]
-    walk = partial(_walked, cell, friction)
-    found: list[FrictionPath] = []
-
-    def take(path: FrictionPath) -> None:
-        found.append(path)
-        if progress is not None:
-            progress(len(found), len(planned))
-
-    if workers == 1:
-        for plan in planned:
-            take(walk(plan))
-    else:
-        with local_workers(workers) as pool:
-            for path in pool.map(walk, planned):
-                take(path)
-    return found
+    guessed = replace(material, sliders=_guess(material))
+    planned = {name: _strains(guessed, corners) for name, corners in _programme(cell.pattern.radius, limit)}
+    work = _PathUnits(folder, planned, friction)
+    work_off(work, cell, workers=workers, dask=dask, progress=progress)
+    missing = [FrictionPath(name, *np.zeros((3, 0, 6)), complete=False) for name in planned]
+    return [work.found.get(unit, path) for unit, path in enumerate(missing)]
 
 
-def _guess(mirrored: bool) -> Sliders:
+class _PathUnits:
+    """Paths to walk, each on its own; kept as ``NAME.npz`` with what was asked for."""
+
+    def __init__(self, folder: Path, planned: Mapping[str, Array], friction: YarnFriction) -> None:
+        self.folder, self.planned, self.friction = folder, planned, friction
+        self.names, self.total = list(planned), len(planned)
+        self.found = {unit: path for unit, name in enumerate(planned) if (path := self._kept(name)) is not None}
+
+    def _asked(self, name: str) -> dict[str, Array]:
+        return {
+            "planned": self.planned[name],
+            "friction": np.array([self.friction.coefficient, self.friction.slip]),
+        }
+
+    def _kept(self, name: str) -> FrictionPath | None:
+        try:
+            with np.load(self._file(name)) as kept:
+                if any(not np.array_equal(kept[key], value) for key, value in self._asked(name).items()):
+                    return None
+                arrays = [kept[key] for key in ("strains", "stresses", "elastic")]
+        except (OSError, KeyError, ValueError, BadZipFile):
+            return None
+        return FrictionPath(name, *arrays, complete=len(arrays[0]) == len(self.planned[name]))
+
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{name.replace(' ', '-')}.npz"
+
+    def pending(self) -> list[int]:
+        """Paths that are not kept."""
+        return [unit for unit in range(self.total) if unit not in self.found]
+
+    def ready(self, unit: int) -> bool:
+        """Each begins on its own."""
+        return True
+
+    def settled(self, unit: int) -> bool:
+        """All are walked."""
+        return False
+
+    def task(self, unit: int) -> Task:
+        """What a worker is to call, behind the cell."""
+        name = self.names[unit]
+        return _walk, (self.friction, name, self.planned[name])
+
+    def keep(self, unit: int, result: FrictionPath) -> None:
+        """Write a path whole or not at all."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        file = self._file(result.name)
+        building = file.with_suffix(".building.npz")
+        arrays = {key: getattr(result, key) for key in ("strains", "stresses", "elastic")}
+        np.savez(building, allow_pickle=False, **arrays, **self._asked(result.name))
+        os.replace(building, file)
+        self.found[unit] = result
+
+    def give_up(self, unit: int) -> None:
+        """A path whose workers died is not there."""
+
+    @property
+    def converged(self) -> int:
+        """Paths that were followed to the end."""
+        return sum(path.complete for path in self.found.values())
+
+
+def _guess(material: CompactMaterial) -> Sliders:
     # As many sliders as the fitted material has, so that both share their kernels.
-    count = COUNT * (2 if mirrored else 1)
-    directions, stiffnesses = np.zeros((count, 6)), np.zeros(count)
+    directions, stiffnesses, growth = np.zeros((COUNT, 6)), np.zeros(COUNT), np.full((COUNT, 6), _ACROSS * _SLIP)
     directions[:6], stiffnesses[:6] = np.eye(6), _GUESS / _SLIP
-    growth = np.full((count, 6), _ACROSS * _SLIP)
     growth[:6] += (1.0 - _ACROSS) * _SLIP * np.eye(6)
-    return Sliders.checked(directions, stiffnesses, growth)
+    bends = np.zeros((COUNT, len(material.springs.steps)))
+    return Sliders.checked(directions, bends, stiffnesses, np.zeros(COUNT), growth)
 
 
 def _programme(radius: float, limit: float) -> Iterator[tuple[str, list[Corner]]]:
@@ -155,9 +222,13 @@ def _between(first: Loads, last: Loads, share: float) -> Loads:
     return Loads(tensions=tuple(mixed))
 
 
-def _walked(cell: PeriodicCell, friction: YarnFriction, plan: tuple[str, Array]) -> FrictionPath:
-    """The cell along strains, with friction and without."""
-    name, strains = plan
+def _walk(cell: PeriodicCell, friction: YarnFriction, name: str, strains: Array) -> tuple[FrictionPath, float]:
+    """``_walked`` as a worker calls it, with its peak memory [MB]."""
+    return _walked(cell, friction, name, strains), peak_megabytes()
+
+
+def _walked(cell: PeriodicCell, friction: YarnFriction, name: str, strains: Array) -> FrictionPath:
+    """The cell along strains (n, 6), with friction and without."""
     states = [ShellStrain.from_vector(strain) for strain in strains]
     rest = cell.relax(states[0]) if states else None
     if rest is None or not rest.usable:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_compact_material
 from yarnscale.homogenize.friction_fit import with_friction
-from yarnscale.homogenize.friction_paths import friction_paths
+from yarnscale.homogenize.friction_paths import check_friction, friction_paths
 from yarnscale.homogenize.load_samples import UNSEEN_SHARE, sample_loads
 from yarnscale.homogenize.plan import StrainRange, axes_and_planes, random_states, scattered_axes
 from yarnscale.homogenize.published_fit import (
@@ -38,6 +37,8 @@ from yarnscale.yarn.friction import YarnFriction
 
 Form = Literal["compact", "hylc2020"]
 FEWEST_UNSEEN = 10
+FRICTION = "friction"
+"""Folder of the paths with friction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +116,20 @@ def homogenize(
     form: "compact" samples along loads up to ``limit`` [N/m], where a simulation went (strains ``visited``, (n, 6)) and
     where the material goes in its own virtual tests; "hylc2020" samples axes and planes of a ``range`` of strains for
     the published splines. solves: about how many equilibria, for the tests a tenth more. options: of the fit of that
-    form. folder: gets the stores ``samples`` and ``unseen``. resume: go on with the stores that are there. friction: of
-    the yarns, in the form "compact": the material has sliders then, see ``friction_fit``. dask: address of a scheduler,
-    whose workers take the place of processes. Raises InputError for a store of another run.
+    form. folder: gets the stores ``samples`` and ``unseen``, and the paths of ``friction``. resume: go on with what is
+    there. friction: of the yarns, in the form "compact": the material has sliders then, see ``friction_fit``. dask:
+    address of a scheduler, whose workers take the place of processes. Raises InputError for a store of another
+    run.
     """
     if form == "compact":
         if range is not None:
             raise InputError("range of strains", expected="the form hylc2020 with it; loads set the range")
         if not isinstance(options, CompactOptions | None):
             raise InputError("options of the fit", expected="CompactOptions", found=options)
-        run = {"workers": workers, "dask": dask, "progress": progress}
+        run: dict[str, Any] = {"workers": workers, "dask": dask, "progress": progress}
+        rubbing = None if friction is None or friction.coefficient == 0.0 else friction
+        if rubbing is not None:
+            check_friction(cell, rubbing)
         found = sample_loads(cell, folder, solves=solves, limit=limit, visited=visited, resume=resume, **run)
         material = fit(found.store, options=options)
         if TESTED not in found.samples.kinds:
@@ -133,9 +138,9 @@ def homogenize(
             if TESTED in found.samples.kinds:  # as ``fit`` does
                 material = _fitted(found.samples, found.store, options, material)
         samples, unseen, summary = found.samples, found.unseen, found.summary
-        if friction is not None and friction.coefficient > 0:
+        if rubbing is not None:
             largest = limit or largest_load(cell)
-            material = remembering(cell, material, friction, limit=largest, workers=workers, progress=progress)
+            material = remembering(cell, material, rubbing, limit=largest, folder=folder / FRICTION, **run)
     else:
         if friction is not None:
             raise InputError("friction", expected="the form compact with it", found=form)
@@ -153,18 +158,13 @@ def homogenize(
 
 
 def remembering(
-    cell: PeriodicCell, material: CompactMaterial, friction: YarnFriction, *, limit: float, workers: int = 1,
-    progress: Callable[[SamplingProgress], None] | None = None,
-) -> CompactMaterial:  # fmt: skip
-    """The elastic material with friction fitted to paths of its cell up to loads of ``limit`` [N/m]."""
-    begun = time.monotonic()
+    cell: PeriodicCell, material: CompactMaterial, friction: YarnFriction, *, limit: float, folder: Path, **options: Any
+) -> CompactMaterial:
+    """The elastic material with friction fitted to paths of its cell up to loads of ``limit`` [N/m].
 
-    def walked(done: int, total: int) -> None:
-        if progress is not None:
-            spent = time.monotonic() - begun
-            progress(SamplingProgress(done, total, done, spent, spent * (total - done) / done))
-
-    paths = friction_paths(cell, material, friction, limit=limit, workers=workers, progress=walked)
+    folder: keeps the paths, so that they are not walked again. options: workers, dask, progress, as of ``sample``.
+    """
+    paths = friction_paths(cell, material, friction, limit=limit, folder=folder, **options)
     return with_friction(material, paths, friction.coefficient)
 
 

@@ -23,7 +23,7 @@ from yarnscale.errors import InputError
 from yarnscale.homogenize.executors import DaskExecutor, dask_workers, is_loss, local_workers
 from yarnscale.homogenize.rays import ITERATES, TESTED, VISITED, Ray
 from yarnscale.homogenize.store import RAY_DIMS, SampleStore
-from yarnscale.homogenize.units import GridUnits, RayUnits
+from yarnscale.homogenize.units import GridUnits, RayUnits, Units
 from yarnscale.homogenize.worker import STRAINS
 from yarnscale.yarn.material import YarnMaterial
 
@@ -228,15 +228,12 @@ def _has_result(future: Future) -> bool:
 
 
 class _Run:
-    """Hands units of work, a state of a grid or a level of a ray, to workers as soon as their start is there."""
+    """Hands units of work to workers as soon as their start is there."""
 
-    def __init__(
-        self, store: SampleStore, cell: PeriodicCell, report: Callable[[SamplingProgress], None] | None
-    ) -> None:
-        self.store, self.cell, self.report = store, cell, report
+    def __init__(self, work: Units, cell: PeriodicCell, report: Callable[[SamplingProgress], None] | None) -> None:
+        self.work, self.cell, self.report = work, cell, report
         self.began = time.perf_counter()
-        self.work = RayUnits(store) if store.dims == RAY_DIMS else GridUnits(store)
-        self.total, self.pending = self.work.total, self.work.pending()
+        self.total, self.pending = work.total, work.pending()
         self.finished_before = self.total - len(self.pending)
         self.running: dict[Future, int] = {}
         self.attempts: dict[int, int] = {}
@@ -335,10 +332,28 @@ def sample(
 
     Starts are chosen by state alone, so the results do not depend on the number of workers or on interruptions.
     """
+    store.discard_unfinished()
+    work = RayUnits(store) if store.dims == RAY_DIMS else GridUnits(store)
+    seconds, workers, peak = work_off(work, cell, workers=workers, dask=dask, progress=progress)
+    return SampleSummary(work.solved, work.converged, seconds, workers, peak, len(work.pending()), work.ended)
+
+
+def work_off(
+    work: Units,
+    cell: PeriodicCell,
+    *,
+    workers: int = 2,
+    dask: str | None = None,
+    progress: Callable[[SamplingProgress], None] | None = None,
+) -> tuple[float, int, float]:
+    """Have workers do all units that are left: wall seconds, number of workers, largest worker memory [MB].
+
+    Units whose workers died are tried again, a few times. Raises InputError without workers, ChildProcessError where
+    all are lost again and again.
+    """
     if workers < 1:
         raise InputError("workers", expected="at least 1", found=workers)
-    store.discard_unfinished()
-    run = _Run(store, cell, progress)
+    run = _Run(work, cell, progress)
     if run.pending and dask is None:
         # Once here, not at the same time in every worker, whose memory compiling would more than double.
         cell.warm_up()
@@ -350,6 +365,4 @@ def sample(
             whole = run.submit(executor, room + 1)
             while whole and run.running:
                 whole = run.collect(executor) and run.submit(executor, room + 1)
-    seconds = time.perf_counter() - run.began
-    work = run.work
-    return SampleSummary(work.solved, work.converged, seconds, workers, run.peak, len(work.pending()), work.ended)
+    return time.perf_counter() - run.began, workers, run.peak

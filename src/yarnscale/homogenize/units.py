@@ -1,9 +1,9 @@
-"""Units of work of a sampling run: a state of a grid, or a level of a ray; what each starts from and leaves."""
+"""Units of work of a sampling run: a state of a grid, a level of a ray, ...; what each starts from and leaves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,6 +16,39 @@ from yarnscale.kinematics import ShellStrain
 
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
 _CONVERGED, _STALLED, _EXCLUDED = (CODE_OF[name] for name in ("converged", "stalled", "excluded"))
+
+
+class Units(Protocol):
+    """Numbered units of work: ``total`` of them, of which so many ``converged``."""
+
+    total: int
+
+    @property
+    def converged(self) -> int: ...
+
+    def pending(self) -> list[int]:
+        """Units that are left, in the order of work."""
+        ...
+
+    def ready(self, unit: int) -> bool:
+        """Whether what the unit starts from is done."""
+        ...
+
+    def settled(self, unit: int) -> bool:
+        """Whether the unit needs no work after all."""
+        ...
+
+    def task(self, unit: int) -> Task:
+        """What a worker is to call, behind the cell; it returns a result and its peak memory [MB]."""
+        ...
+
+    def keep(self, unit: int, result: Any) -> None:
+        """Store what a worker has found."""
+        ...
+
+    def give_up(self, unit: int) -> None:
+        """Leave a unit pending that made workers die."""
+        ...
 
 
 class GridUnits:

@@ -98,7 +98,7 @@ def solve(
     """One solve, run by a worker: its record, with moduli if asked, and the worker's peak memory [MB]."""
     equilibrium = cell.relax(strain_of(state), start=start)
     extra = {"moduli": moduli_of(cell, equilibrium)} if moduli else {}
-    return record(equilibrium) | extra, _peak_megabytes()
+    return record(equilibrium) | extra, peak_megabytes()
 
 
 LEVEL_TOLERANCE, LEVEL_FLOOR = 0.1, 2e-5
@@ -122,7 +122,7 @@ def sample_level(
         strain = start.strain.vector
         bent = np.abs(strain[3:]).max() * cell.pattern.radius > BENT_ENOUGH
         if bent or min(strain[0], strain[2]) < CRUSHED:
-            return (found, True), _peak_megabytes()
+            return (found, True), peak_megabytes()
 
     def keep(response: Response, moduli: Array) -> None:
         found.append(record(response.state) | {"strain": response.strain, "moduli": moduli})
@@ -136,10 +136,10 @@ def sample_level(
         CellFabric(cell), loads, prescribed=prescribed, start=before, tolerance=LEVEL_TOLERANCE, floor=LEVEL_FLOOR,
         radius=LEVEL_STEP * stretch, max_iterations=iterates, observe=keep,
     )  # fmt: skip
-    return (found, outcome.status in (Status.STALLED, Status.INVALID)), _peak_megabytes()
+    return (found, outcome.status in (Status.STALLED, Status.INVALID)), peak_megabytes()
 
 
-def _peak_megabytes() -> float:
+def peak_megabytes() -> float:
     """Largest memory of this process [MB]."""
     try:
         # getrusage would count what the parent held when it started this process.

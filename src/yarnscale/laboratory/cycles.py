@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from yarnscale.cell.friction import followed
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.fabrics import HomogeneousFabric
-from yarnscale.homogeneous.histories import FabricHistory, history_of, loaded_state, under_loads
+from yarnscale.homogeneous.histories import FabricHistory, followed, history_of, loaded_state, under_loads
 from yarnscale.homogeneous.loads import FLAT, LoadedState, Loads, Prescribed
 from yarnscale.laboratory import homogeneous_tests as tests
 from yarnscale.shell.materials.material import ShellMaterial

@@ -12,7 +12,7 @@ from yarnscale.errors import InputError
 from yarnscale.homogeneous.fabrics import MaterialFabric
 from yarnscale.homogeneous.histories import history_of, under_loads
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed, equilibrium_under
-from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
+from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.friction import ROUNDING, Sliders
 from yarnscale.shell.materials.history import MaterialHistory
 
@@ -20,16 +20,20 @@ SCALE = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
 
 
 def material(sliders: Sliders | None) -> CompactMaterial:
-    """A quadratic energy of 4 x² with sliders."""
+    """A quadratic energy of 4 x² with sliders, whose directions may turn by a step."""
     none = SpringNetwork(*(np.zeros(tuple(shape)) for shape in shapes_of(1, 1, 1)))
-    springs = none._replace(background=np.full(6, 8.0))
+    steps = {"steps": np.array([[3.0, 2.0, -1.0, 0.5, 1.0, 0.0]]), "step_offsets": np.array([0.2])}
+    springs = none._replace(background=np.full(6, 8.0), **steps)
     return CompactMaterial(0.0, SCALE, springs, density=0.2, sliders=sliders)
 
 
 def some_sliders(count: int = 5) -> Sliders:
     random = np.random.default_rng(3)
+    directions, stiffnesses, growth = (
+        random.normal(size=(count, 6)), random.uniform(1, 20, count), random.uniform(0, 0.02, (count, 6)),
+    )  # fmt: skip
     return Sliders.checked(
-        random.normal(size=(count, 6)), random.uniform(1, 20, count), random.uniform(0, 0.02, (count, 6))
+        directions, random.normal(size=(count, 1)), stiffnesses, random.uniform(0, 0.01, count), growth
     )
 
 
@@ -71,7 +75,9 @@ def test_random_paths_of_a_thousand_steps_lose_energy_in_every_step_and_stay_bou
     strain = np.array([history.strain for history in found])
     friction = np.array([history.force for history in found]) - fabric.stress(strain)
     pressure = np.abs(fabric.stress(strain) * SCALE).max()
-    most = sliders.stiffnesses @ (np.abs(sliders.directions) * (sliders.growth.sum(axis=1) * pressure)[:, None])
+    slopes = np.abs(sliders.directions) + np.abs(sliders.bends) @ np.abs(fabric.springs.steps)
+    limits = sliders.rest + sliders.growth.sum(axis=1) * pressure
+    most = sliders.stiffnesses @ (slopes * limits[:, None])
     assert (np.abs(friction * SCALE) <= most).all()
 
 
@@ -89,12 +95,18 @@ def test_work_is_energy_and_dissipation() -> None:
     assert errors[1] < 0.02 and errors[1] < 0.7 * errors[0]
 
 
+def plain(directions: np.ndarray, stiffnesses: np.ndarray, growth: np.ndarray, rest: float = 0.0) -> Sliders:
+    """Sliders of constant directions."""
+    count = len(stiffnesses)
+    return Sliders.checked(directions, np.zeros((count, 1)), stiffnesses, np.full(count, rest), growth)
+
+
 def one_slider(limit: float = 0.1) -> tuple[CompactMaterial, float]:
-    """A slider along s_x whose limit depends on the stress of s_y, which stays: spring of 50 J/m²."""
+    """A slider along s_x of a spring of 50 J/m²; half of its limit depends on the stress of s_y, which stays."""
     pressed = 0.5
     growth = np.zeros((1, 6))
-    growth[0, 2] = limit / (8.0 * pressed)
-    return material(Sliders.checked(np.eye(6)[:1], np.array([50.0]), growth)), pressed
+    growth[0, 2] = 0.5 * limit / (8.0 * pressed)
+    return material(plain(np.eye(6)[:1], np.array([50.0]), growth, rest=0.5 * limit)), pressed
 
 
 def test_a_small_cycle_sticks_and_a_large_one_loses_what_a_slider_takes() -> None:
@@ -125,7 +137,7 @@ def test_a_spring_that_sticks_does_not_creep() -> None:
 
 
 def test_loops_under_load_return_less_work_and_leave_a_stretch() -> None:
-    sliders = Sliders.checked(np.eye(6)[:1], np.array([30.0]), 0.02 * np.eye(6)[:1])
+    sliders = plain(np.eye(6)[:1], np.array([30.0]), 0.02 * np.eye(6)[:1])
     fabric = material(sliders)
     history = history_of(fabric, None, FLAT)
     assert isinstance(history, MaterialHistory)
@@ -142,12 +154,21 @@ def test_loops_under_load_return_less_work_and_leave_a_stretch() -> None:
 def test_without_friction_there_is_no_history_and_with_none_moving_it_is_elastic() -> None:
     with pytest.raises(InputError, match="with friction"):
         history_of(material(None), None, Prescribed())
-    idle = Sliders.checked(np.eye(6), np.zeros(6), np.zeros((6, 6)))
+    idle = plain(np.eye(6), np.zeros(6), np.zeros((6, 6)))
     found = followed(MaterialHistory.begin(material(idle), np.zeros(6)), walk(10))
     elastic = material(None)
     for history in found:
         np.testing.assert_allclose(history.force, elastic.stress(history.strain), rtol=1e-13)
         assert history.dissipated == pytest.approx(0.0, abs=1e-13)
+
+
+def test_the_mirror_image_of_a_path_has_the_mirrored_stress() -> None:
+    fabric, path = material(some_sliders()), walk(30)
+    found = followed(MaterialHistory.begin(fabric, np.zeros(6)), path)
+    mirrored = followed(MaterialHistory.begin(fabric, np.zeros(6)), path * MIRROR)
+    for one, other in zip(found, mirrored, strict=True):
+        np.testing.assert_allclose(other.force * MIRROR * SCALE, one.force * SCALE, atol=1e-9)
+        assert other.dissipated == pytest.approx(one.dissipated, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -156,11 +177,15 @@ def test_without_friction_there_is_no_history_and_with_none_moving_it_is_elastic
         ({"stiffnesses": [-1.0]}, "stiffnesses"),
         ({"growth": [[np.nan] * 6]}, "growth"),
         ({"directions": [1.0]}, "directions"),
+        ({"rest": [-0.1]}, "rest"),
     ],
 )
 def test_sliders_that_do_not_match_are_refused(change: dict, field: str) -> None:
+    good = {
+        "directions": [[1.0] * 6], "bends": [[0.0]], "stiffnesses": [1.0], "rest": [0.1], "growth": [[0.0] * 6],
+    }  # fmt: skip
     with pytest.raises(InputError, match=f"friction {field}"):
-        Sliders.checked(*({"directions": [[1.0] * 6], "stiffnesses": [1.0], "growth": [[0.0] * 6]} | change).values())
+        Sliders.checked(*(good | change).values())
 
 
 def test_a_copy_keeps_its_friction() -> None:

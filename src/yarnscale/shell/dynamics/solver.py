@@ -163,12 +163,12 @@ class ClothSolver(Body[ClothState]):
         return tested
 
     def energies(self, state: ClothState) -> dict[str, float]:
-        """Elastic, gravity, kinetic and contact energy [J]."""
+        """Elastic (of springs of friction inside, too), gravity, kinetic and contact energy [J]."""
         self._take_up(state)
         positions, velocities = state.positions, state.velocities
         height = positions @ np.asarray(self.cloth.gravity)
         return {
-            "elastic": self.energy.value(positions),
+            "elastic": self.energy.stored(positions),
             "gravity": -float(self.masses @ height),
             "kinetic": 0.5 * float(self.masses @ (velocities**2).sum(axis=1)),
             "contact": self.contact.value(self._with_obstacles(state)),

@@ -99,6 +99,17 @@ class ShellEnergy:
         total = float(np.vdot(self._evaluated(positions), self.elements.areas))
         return total if np.isfinite(total) else np.inf
 
+    def stored(self, positions: Array) -> float:
+        """Energy [J] of ψ and of the springs of friction inside, as far as the step's beginning remembers them.
+
+        ``value`` has already lost what springs beyond their new limits do not hold, and counts future sliding.
+        """
+        if self.friction is None:
+            return self.value(positions)
+        memory, self.memory = self.memory, self.friction.unlimited(self.memory)
+        found, self.memory = self.value(positions), memory
+        return found
+
     def densities(self, positions: Array) -> Array:
         """ψ of every element [J/m²], (blocks, BLOCK)."""
         return self._evaluated(positions).copy()

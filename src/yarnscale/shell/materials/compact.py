@@ -62,6 +62,11 @@ class SpringNetwork(NamedTuple):
     wall_stiffnesses: Array
 
 
+def images_of(mirrored: bool) -> tuple[Array, ...]:
+    """Signs (6,) of the strains of a state and, where its energy is the same, of its mirror image."""
+    return (np.ones(6), MIRROR) if mirrored else (np.ones(6),)
+
+
 def shapes_of(steps: int, springs: int, walls: int) -> SpringNetwork:
     """Shapes of the arrays in place of the arrays."""
     return SpringNetwork(
@@ -112,6 +117,9 @@ class CompactMaterial(ShellMaterial):
         for name in ("density", "spacing"):
             if not getattr(self, name) > 0:
                 raise InputError(name, expected="a positive number", found=getattr(self, name))
+        if self.sliders is not None and self.sliders.bends.shape[1] != counts[0]:
+            expected = f"as many columns as the energy has steps, {counts[0]}"
+            raise InputError("friction bends", expected=expected, found=self.sliders.bends.shape[1])
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     @property
@@ -183,11 +191,11 @@ def compact_energy(
     numbers: ``CompactMaterial.constants``. Derivatives follow the layers, as the energy does: written out by reverse
     differentiation of the scalar graph they would take four times the operations.
     """
-    constant, scale, c = _unpacked(numbers, shapes)
+    constant, scale, c = network_of(numbers, shapes)
     x = strains * scale
     energy = constant + 0.5 * ca.dot(c.background, x * x)
     gradient, hessian = c.background * x, ca.diag(c.background)
-    images = (np.ones(6), MIRROR) if mirrored else (np.ones(6),)
+    images = images_of(mirrored)
     for signs in images:
         sign = ca.DM(signs)
         a, b, d = _image(sign * x, c)
@@ -213,7 +221,7 @@ def _image(x: ca.SX, c: Any) -> tuple[ca.SX, ca.SX, ca.SX]:
     return energy, gradient, hessian + c.walls.T @ (ca.repmat(c.wall_stiffnesses * out_2, 1, 6) * c.walls)
 
 
-def _unpacked(numbers: ca.SX, shapes: SpringNetwork) -> tuple[ca.SX, ca.SX, SpringNetwork]:
+def network_of(numbers: ca.SX, shapes: SpringNetwork) -> tuple[ca.SX, ca.SX, SpringNetwork]:
     """The constant energy, the inverse scale and the network, of symbols."""
     parts, first = [], 0
     for shape in ((1,), (6,), *shapes):

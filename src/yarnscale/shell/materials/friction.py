@@ -1,25 +1,29 @@
 """Friction of a shell: springs with sliders in parallel, over the six strains (Jenkins elements; Iwan 1967).
 
-With x the strains over fixed scales, ψ the elastic energy, and the places p_k and limits y_k that a step begins with,
+With x the strains over fixed scales, ψ the elastic energy and σ_j(x) its steps (``shell.materials.compact``), every
+slider has a coordinate, and with the places p_k and limits y_k that a step begins with,
 
-    u_k = a_k·x − p_k,    w = Σ_k c_k ∫₀^{u_k} S(v, y_k) dv
+    g_k = a_k·x + Σ_j b_kj σ_j(x),    u_k = g_k − p_k,    w = Σ_k c_k ∫₀^{u_k} S(v, y_k) dv
 
-is what a step minimises beside ψ. S is the extension of a spring whose slider moves at the extension y: v up to
-(1 − δ) y, then a parabola, y from (1 + δ) y on, so that w has continuous second derivatives. A step ends with
+is what a step minimises beside ψ. The direction of a slider, ∂g/∂x, follows the strain: yarns of stretched fabric slide
+along other strains than those of fabric at rest. S is the extension of a spring whose slider moves at the extension y:
+v up to (1 − δ) y, then a parabola, y from (1 + δ) y on, so that w has continuous second derivatives. A step ends with
 
-    p_k ← a_k·x − S(u_k, y_k),    y_k ← Σ_j growth_kj |∂ψ/∂x_j|
+    p_k ← g_k − S(u_k, y_k),    y_k ← rest_k + Σ_j growth_kj |∂ψ/∂x_j|
 
-since yarns press on each other as hard as they are loaded. Without the parabola w is the least, over the slid way q, of
-½ c (u − q)² + c y |q| (a variational update, Ortiz and Stainier 1999). Friction takes w(u) − ½ c S(u)² ≥ 0 in a step,
-and ½ c e² − w(e) ≥ 0 at its beginning, of a spring of extension e that is now beyond its limit: never less than
-nothing, whatever the step. A spring of up to (1 − δ) y keeps its force however many steps go by. Limits are those of
-the beginning of a step, as in cells: errors are of first order.
+since yarns press on each other in fabric at rest, and the harder the more it is loaded. Without the parabola w is the
+least, over the slid way q, of ½ c (u − q)² + c y |q| (a variational update, Ortiz and Stainier 1999). Friction takes
+w(u) − ½ c S(u)² ≥ 0 in a step, and ½ c e² − w(e) ≥ 0 at its beginning, of a spring of extension e that is now beyond
+its limit: never less than nothing, whatever the step. A spring of up to (1 − δ) y keeps its force however many steps go
+by. Limits are those of the beginning of a step, as in cells: errors are of first order.
+
+Where the fabric is its own mirror image, w is the mean over both images of x, each with its own places.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -35,23 +39,27 @@ LEAST_LIMIT = 1e-9
 class Sliders(NamedTuple):
     """Numbers of springs with sliders.
 
-    directions a (K, 6) over scaled strains; stiffnesses c (K,) [J/m²]; growth (K, 6): of the limits with the magnitude
-    of each elastic stress over scaled strains [m²/J].
+    directions a (K, 6) over scaled strains; bends b (K, R) by the steps of the energy; stiffnesses c (K,) [J/m²];
+    rest (K,): limits without load; growth (K, 6): of the limits with the magnitude of each elastic stress over scaled
+    strains [m²/J].
     """
 
     directions: Array
+    bends: Array
     stiffnesses: Array
+    rest: Array
     growth: Array
 
     @classmethod
     def checked(cls, *arrays: object) -> Sliders:
         """Sliders of arrays that match; InputError."""
         found = cls(*(np.array(array, dtype=np.float64) for array in arrays))
-        count = found.stiffnesses.size
-        for name, array, shape in zip(cls._fields, found, ((count, 6), (count,), (count, 6)), strict=True):
+        count, steps = found.stiffnesses.size, found.bends.shape[-1] if found.bends.ndim else 0
+        shapes = ((count, 6), (count, steps), (count,), (count,), (count, 6))
+        for name, array, shape in zip(cls._fields, found, shapes, strict=True):
             if array.shape != shape or count == 0 or not np.isfinite(array).all():
                 raise InputError(f"friction {name}", expected=f"finite numbers of shape {shape}", found=array.shape)
-            if name != "directions" and (array < 0).any():
+            if name not in ("directions", "bends") and (array < 0).any():
                 raise InputError(f"friction {name}", expected="no negative number", found=float(array.min()))
         return found
 
@@ -62,8 +70,16 @@ class Sliders(NamedTuple):
 
     @property
     def numbers(self) -> Array:
-        """All numbers, as ``sliding`` and ``limits`` read them."""
+        """All numbers, as ``unpacked`` reads them."""
         return np.concatenate([array.ravel() for array in self])
+
+
+def unpacked(numbers: ca.SX, count: int, steps: int) -> Any:
+    """Sliders of symbols: so many of them, over so many steps of the energy."""
+    parts = ca.vertsplit(numbers, np.cumsum([0, 6 * count, steps * count, count, count, 6 * count]).tolist())
+    # Rows of our arrays lie one behind the other, CasADi's columns do.
+    directions, bends, growth = (ca.reshape(parts[k], width, count).T for k, width in ((0, 6), (1, steps), (4, 6)))
+    return Sliders(directions, bends, parts[2], parts[3], growth)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -78,24 +94,28 @@ class Sliding:
     stored: ca.SX
 
 
-def sliding(x: ca.SX, numbers: ca.SX, memory: ca.SX) -> Sliding:
-    """Sliders at scaled strains x (6); numbers: ``Sliders.numbers``; memory (2K): places, then limits."""
+def sliding(x: ca.SX, bent: tuple[ca.SX, ca.SX, ca.SX], steps: ca.SX, sliders: Any, memory: ca.SX) -> Sliding:
+    """Sliders (of symbols) at scaled strains x (6).
+
+    bent: σ (R) at x and its first two derivatives by its argument, whose gradients are ``steps`` (R, 6). memory (2K):
+    places, then limits.
+    """
     count = memory.numel() // 2
-    directions = ca.reshape(numbers[: 6 * count], 6, count).T
-    stiffness = numbers[6 * count : 7 * count]
-    along = directions @ x
-    extension, potential, slope = springs(along - memory[:count], memory[count:])
-    pull = stiffness * extension
-    stiff = ca.repmat(stiffness * slope, 1, 6) * directions
-    energy, stored = ca.dot(stiffness, potential), 0.5 * ca.dot(pull, extension)
-    return Sliding(energy, directions.T @ pull, directions.T @ stiff, along - extension, stored)
+    value, first, second = bent
+    along = sliders.directions @ x + sliders.bends @ value
+    slope = sliders.directions + (sliders.bends * ca.repmat(first.T, count, 1)) @ steps
+    extension, potential, share = springs(along - memory[:count], memory[count:])
+    pull = sliders.stiffnesses * extension
+    curved = (sliders.bends.T @ pull) * second
+    hessian = slope.T @ (ca.repmat(sliders.stiffnesses * share, 1, 6) * slope)
+    hessian += steps.T @ (ca.repmat(curved, 1, 6) * steps)
+    energy, stored = ca.dot(sliders.stiffnesses, potential), 0.5 * ca.dot(pull, extension)
+    return Sliding(energy, slope.T @ pull, hessian, along - extension, stored)
 
 
-def limits(stress: ca.SX, numbers: ca.SX) -> ca.SX:
+def limits(stress: ca.SX, sliders: Any) -> ca.SX:
     """Limits (K) after a step that ends with an elastic stress (6) over scaled strains."""
-    count = numbers.numel() // 13
-    growth = ca.reshape(numbers[7 * count :], 6, count).T
-    return growth @ ca.fabs(stress)
+    return sliders.rest + sliders.growth @ ca.fabs(stress)
 
 
 def springs(u: ca.SX, limit: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,8 +13,15 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.numerics.kernel import LANES, Kernel, compile_kernel
-from yarnscale.shell.materials.compact import CompactMaterial, compact_energy, shapes_of
-from yarnscale.shell.materials.friction import limits, sliding
+from yarnscale.shell.materials.compact import (
+    CompactMaterial,
+    compact_energy,
+    images_of,
+    network_of,
+    shapes_of,
+    step,
+)
+from yarnscale.shell.materials.friction import Sliding, limits, sliding, unpacked
 from yarnscale.shell.materials.material import (
     MaterialKernels,
     ShellMaterial,
@@ -23,11 +30,14 @@ from yarnscale.shell.materials.material import (
     strains_of_forms,
 )
 
+_UNLIMITED = 1e9
+"""Limit of springs that hold any extension."""
+
 
 class FrictionKernels(NamedTuple):
-    """Compiled energy of a step over (forms (6), parameters (P, all elements share them), memory (2K)).
+    """Compiled energy of a step over (forms (6), parameters (P, all elements share them), memory (M)).
 
-    step: ψ + w and its derivatives. after: → memory after the step (2K), energy of springs [J/m²].
+    step: ψ + w and its derivatives. after: → memory after the step (M), energy of springs [J/m²].
     """
 
     step: MaterialKernels
@@ -38,36 +48,38 @@ class FrictionKernels(NamedTuple):
 class ElementFriction:
     """A material with friction as elements use it: compiled kernels and their parameters (P, 1).
 
-    The memory (..., M, n) of n elements holds the places of all sliders, then their limits.
+    The memory (..., M, n) of n elements holds the places of all sliders, then their limits; both once more for the
+    mirror image, where the material has one (images: 2). size: M.
     """
 
     kernels: FrictionKernels
     parameters: Array
-    directions: Array
+    size: int
+    images: int
 
     @classmethod
     def of(cls, material: object) -> ElementFriction | None:
         """Of a shell material; None where it has no friction."""
         if not isinstance(material, CompactMaterial) or material.sliders is None:
             return None
-        sliders = material.sliders
+        sliders, mirrored = material.sliders, bool(material.mirrored)
+        images = len(images_of(mirrored))
         steps, springs, walls = (len(getattr(material.springs, n)) for n in ("steps", "springs", "walls"))
-        kernels = _kernels(steps, springs, walls, bool(material.mirrored), sliders.count)
+        kernels = _kernels(steps, springs, walls, mirrored, sliders.count)
         parameters = np.concatenate([material.constants, sliders.numbers[:, None]])
-        return cls(kernels, parameters, sliders.directions / material.scale)
-
-    @property
-    def size(self) -> int:
-        """Numbers M that an element remembers."""
-        return 2 * len(self.directions)
+        return cls(kernels, parameters, 2 * sliders.count * images, images)
 
     def slack(self, forms: Array) -> Array:
         """Memory of elements with forms (blocks, 6, n) whose springs are slack; n a multiple of LANES."""
-        memory, _ = self.after(forms, np.zeros((len(forms), self.size, forms.shape[2])))
-        a, b = np.sqrt(forms[:, 0]), np.sqrt(forms[:, 2])
-        strains = np.concatenate([np.stack([a - 1, forms[:, 1] / (a * b), b - 1], axis=1), forms[:, 3:]], axis=1)
-        memory[:, : len(self.directions)] = self.directions @ strains
-        return memory
+        # Springs without limits follow their sliders at once.
+        return self.after(forms, np.zeros((len(forms), self.size, forms.shape[2])))[0]
+
+    def unlimited(self, memory: Array) -> Array:
+        """The memory of springs that hold any extension: with it ψ + w is the energy that is stored."""
+        sliders = memory.shape[-2] // 2 // self.images
+        parts = memory.reshape(*memory.shape[:-2], self.images, 2, sliders, memory.shape[-1]).copy()
+        parts[..., 1, :, :] = _UNLIMITED
+        return parts.reshape(memory.shape)
 
     def after(self, forms: Array, memory: Array) -> tuple[Array, Array]:
         """Memory after a step to forms (blocks, 6, n) that began with one (blocks, M, n); energy of springs [J/m²]."""
@@ -79,32 +91,51 @@ class ElementFriction:
 
 @cache
 def _kernels(steps: int, springs: int, walls: int, mirrored: bool, count: int) -> FrictionKernels:
-    shapes = shapes_of(steps, springs, walls)
+    shapes, images = shapes_of(steps, springs, walls), images_of(mirrored)
     elastic = 7 + sum(int(np.prod(shape)) for shape in shapes)
-    size = elastic + 13 * count
+    size = elastic + (14 + steps) * count
+
+    def slid(strains: ca.SX, numbers: ca.SX, memory: ca.SX) -> tuple[Any, list[Sliding]]:
+        """The sliders, and how they slide in each image of the strains."""
+        network = network_of(numbers[:elastic], shapes)[2]
+        sliders, x = unpacked(numbers[elastic:], count, steps), numbers[1:7] * strains
+        return sliders, [
+            _image(ca.DM(sign) * x, network, sliders, part)
+            for sign, part in zip(images, ca.vertsplit(memory, 2 * count), strict=True)
+        ]
 
     def energy(forms: ca.SX, numbers: ca.SX, memory: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         strains, scale = strains_of_forms(forms), numbers[1:7]
         psi, stress, moduli = compact_energy(strains, numbers[:elastic], shapes, mirrored=mirrored)
-        slid = sliding(scale * strains, numbers[elastic:], memory)
-        return psi + slid.energy, stress + scale * slid.gradient, moduli + slid.hessian * (scale @ scale.T)
+        for sign, part in zip(images, slid(strains, numbers, memory)[1], strict=True):
+            signed = sign * scale / len(images)
+            psi += part.energy / len(images)
+            stress += signed * part.gradient
+            moduli += part.hessian * (signed @ signed.T) * len(images)
+        return psi, stress, moduli
 
     name = f"friction_{steps}_{springs}_{count}"
-    forms, numbers, memory = (ca.SX.sym(n, k) for n, k in (("forms", 6), ("numbers", size), ("memory", 2 * count)))
-    strains, scale = strains_of_forms(forms), numbers[1:7]
-    stress = compact_energy(strains, numbers[:elastic], shapes, mirrored=mirrored)[1] / scale
-    slid = sliding(scale * strains, numbers[elastic:], memory)
-    outputs = [ca.vertcat(slid.places, limits(stress, numbers[elastic:])), slid.stored]
+    memory = ca.SX.sym("memory", 2 * count * len(images))
+    forms, numbers = ca.SX.sym("forms", 6), ca.SX.sym("numbers", size)
+    strains = strains_of_forms(forms)
+    stress = compact_energy(strains, numbers[:elastic], shapes, mirrored=mirrored)[1] / numbers[1:7]
+    sliders, parts = slid(strains, numbers, memory)
+    new = [entry for part in parts for entry in (part.places, limits(stress, sliders))]
+    outputs = [ca.vertcat(*new), sum(part.stored for part in parts) / len(images)]
     after = ca.Function(f"{name}_after", [forms, numbers, memory], outputs, {"cse": True})
-    step = compile_material(energy, size, name, shared=True, memory_count=2 * count)
-    return FrictionKernels(step, compile_kernel(after, after.name(), shared=(1,)))
+    step_kernels = compile_material(energy, size, name, shared=True, memory_count=memory.numel())
+    return FrictionKernels(step_kernels, compile_kernel(after, after.name(), shared=(1,)))
+
+
+def _image(x: ca.SX, network: Any, sliders: Any, memory: ca.SX) -> Sliding:
+    return sliding(x, step(network.step_offsets + network.steps @ x), network.steps, sliders, memory)
 
 
 @dataclass(frozen=True, eq=False)
 class MaterialHistory(ShellMaterial):
     """A material with friction after some path, as the material of the next step: ψ + w and its derivatives.
 
-    memory: (2K, 1). strain: (6,) at the end of the path, force: the stress there (6,). stored: energy of ψ and the
+    memory: (M, 1). strain: (6,) at the end of the path, force: the stress there (6,). stored: energy of ψ and the
     springs there [J/m²]; dissipated: by friction in the last step, never negative [J/m²].
     """
 
