@@ -18,7 +18,7 @@ from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import drape, stretch
 from yarnscale.fabric.spline_knit import jersey
-from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
+from yarnscale.fabric.spline_motion import Reduction, SplineMotion, YarnMotion
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.motion.body import Body
@@ -49,12 +49,15 @@ def rods(scene: str, *, volume: bool = False, explicit: bool = False) -> Made:
     return body, body.start(), schedule
 
 
-def splines(*, volume: bool = False, explicit: bool = False, adaptive: bool = False) -> Made:
+def splines(
+    *, volume: bool = False, explicit: bool = False, adaptive: bool = False, reduction: Reduction = "published"
+) -> Made:
     fabric = jersey(4, 3, WOOL)
     around = BoundingVolume.around(fabric.control, (4, 4)) if volume else None
     moving = SplineMotion(
-        fabric, volume=around, held=fabric.top, method="explicit" if explicit else "implicit", damping=1.0
-    )
+        fabric, volume=around, reduction=reduction, held=fabric.top, method="explicit" if explicit else "implicit",
+        damping=1.0,
+    )  # fmt: skip
     schedule = Schedule(0.02, 1 / 240, to_rest=False, frame_interval=1 / 240 if adaptive else 0.005)
     if adaptive:
         return AdaptiveVolume(moving, AdaptiveRule(gain=1e-7, narrowest=6.0)), moving.start, schedule
@@ -68,6 +71,7 @@ CASES: dict[str, tuple[type, Callable[[], Made]]] = {
     "rods, explicit": (FabricMotion, lambda: rods("stretch", explicit=True)),
     "splines": (YarnMotion, lambda: splines()),
     "splines in a volume": (YarnMotion, lambda: splines(volume=True)),
+    "splines in a homogenized volume": (YarnMotion, lambda: splines(volume=True, reduction="homogenized")),
     "splines, explicit": (YarnMotion, lambda: splines(volume=True, explicit=True)),
     "splines in an adaptive volume": (YarnMotion, lambda: splines(volume=True, adaptive=True)),
 }

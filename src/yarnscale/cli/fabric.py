@@ -23,8 +23,8 @@ from yarnscale.fabric.rod_scene import USUAL_FRICTION, RodScene, rod_counts
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import PlannedScene, SheetScene, drape, hang, stretch
 from yarnscale.fabric.spline_knit import JERSEYS, SplineFabric, jersey, spline_fabric
-from yarnscale.fabric.spline_motion import YarnMotion
-from yarnscale.fabric.spline_scene import SplineScene
+from yarnscale.fabric.spline_motion import YarnMotion, spline_counts
+from yarnscale.fabric.spline_scene import SplineScene, reduction_for
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
 from yarnscale.files.fabric_scene import read_fabric_scene
@@ -61,6 +61,11 @@ def _check_sizes(options: argparse.Namespace) -> None:
         refuse(options, ("rows", "columns"), "none, as a mesh has its own size")
     if options.adaptive and options.method != "volume":
         raise InputError("--adaptive", expected="--method volume", found=options.method)
+    if options.reduction is not None and options.method != "volume":
+        raise InputError("--reduction", expected="--method volume", found=options.method)
+    for name in ("adaptive", "explicit"):
+        if getattr(options, name) and options.reduction == "homogenized":
+            raise InputError(f"--{name}", expected="--reduction published", found="homogenized")
 
 
 def _model(options: argparse.Namespace) -> str:
@@ -74,6 +79,8 @@ def _model(options: argparse.Namespace) -> str:
         say(f"yarns in the volume: {model}{chosen}")
         if model == "rods":
             refuse(options, ("adaptive", "explicit"), "--model splines, or --method direct")
+            if options.reduction == "homogenized":
+                raise InputError("--reduction of rods in a volume", expected="published", found="homogenized")
     elif options.model not in (None, model):
         raise InputError("--model", expected=f"--method volume, or {model} with {options.method}", found=options.model)
     return model
@@ -97,12 +104,13 @@ def _splines(options: argparse.Namespace) -> int:
     refuse(options, ONLY_RODS, "--method direct")
     knitted, yarn = _spline_yarns(options)
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
+    method = _method(options)
+    reduction = reduction_for(options.reduction, method["method"], options.adaptive)
     if options.count:
-        held = {} if volume is None else {"reduced_unknowns": 3 * volume.count}
-        return _counted(options, {**knitted.counts(), **held})
+        return _counted(options, spline_counts(knitted, volume, reduction))
 
     def scene() -> SplineScene:
-        return SplineScene(knitted, volume=volume, adaptive=options.adaptive, **_method(options))
+        return SplineScene(knitted, volume=volume, reduction=reduction, adaptive=options.adaptive, **method)
 
     return _simulated(options, YarnMotion, scene, pattern=knitted.control, yarn=yarn)
 

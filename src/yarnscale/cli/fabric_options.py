@@ -14,8 +14,9 @@ IN_SCENE_FILES = ("amount", "direction", "ball_friction", "duration", "time_step
 ONLY_RODS = ("border", "on", "tube", "as_drawn", "friction", "ball_friction")
 """Options that spline yarns do not have."""
 SHAPING = (
-    "rows", "columns", "method", "model", "volume", "adaptive", "scene", "unit", "weld", "tube", "border", "as_drawn",
-    "amount", "direction", "friction", "ball_friction", "explicit", "integrator", "damping", "duration", "time_step",
+    "rows", "columns", "method", "model", "volume", "reduction", "adaptive", "scene", "unit", "weld", "tube", "border",
+    "as_drawn", "amount", "direction", "friction", "ball_friction", "explicit", "integrator", "damping", "duration",
+    "time_step",
 )  # fmt: skip
 """Options that decide how a fabric moves."""
 
@@ -65,7 +66,14 @@ def add_fabric_options(add: Add) -> None:
     option("--model", choices=("rods", "splines"), help=model)
     volume = "control points of the volume (5,5,2)"
     option("--volume", type=_volume, default=(5, 5), metavar="N1,N2,2", help=volume)
-    option("--adaptive", action="store_true", help="insert knots of the volume where the motion needs them")
+    option(
+        "--reduction", choices=("homogenized", "published"),
+        help="elasticity of a volume of splines: homogenized, that of periodic cells of its stitches on the volume's "
+        "mid-surface; published, that of yarns fixed in the volume (LOD03), which hardly moves. Default: homogenized, "
+        "with --explicit and --adaptive published; rods always are published",
+    )  # fmt: skip
+    adaptive = "insert knots of a published volume where the motion needs them"
+    option("--adaptive", action="store_true", help=adaptive)
     option(
         "--scene", default="hang", metavar="hang|stretch|drape|FILE.toml",
         help="hang: held along the last row; not for splines: stretch between two grips, drape over a ball, or a scene "

@@ -56,6 +56,8 @@ class AdaptiveVolume(Body[YarnMotion]):
         """moving: with a volume; the fabric never gets a coarser one. Raises InputError."""
         if moving.volume is None:
             raise InputError("adaptive volume", expected="a motion in a volume", found="the full yarns")
+        if moving.reduction != "published":
+            raise InputError("reduction of an adaptive volume", expected="published", found=moving.reduction)
         self.moving, self.rule = moving, rule
         self.knots: list[Knot] = []
         self._coarsest = moving.volume

@@ -8,6 +8,7 @@ turn by itself.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -17,14 +18,30 @@ from scipy.sparse import csr_array
 
 from yarnscale.arrays import Array
 from yarnscale.fabric.spline_knit import SplineFabric
+from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
+
+
+def _kept(gap: Symbol, first: Symbol, second: Symbol) -> Symbol:
+    """Distance and both slides, of the vector between both points and the derivatives of the curves there."""
+    along = [ca.dot(gap, t) / ca.sqrt(ca.dot(t, t)) for t in (first, second)]
+    return ca.vertcat(ca.sqrt(ca.dot(gap, gap)), *along)
+
+
+def _spring(v: Mapping[str, Symbol], p: Mapping[str, Symbol]) -> Symbol:
+    return 0.5 * p["stiffness"] * ca.sumsqr(_kept(v["gap"], v["first"], v["second"]) - p["rest"])
+
+
+STITCH_SPRING = StencilEnergy(
+    "stitch_spring", {"gap": 3, "first": 3, "second": 3}, {"rest": 3, "stiffness": 1}, _spring
+)  # fmt: skip
+"""½ k |v − v̄|² of the distance and both slides v of a contact [m]: a constraint where k [N/m] is large."""
 
 
 @cache
 def _kernel() -> Kernel:
     gap, first, second = (ca.SX.sym(name, 3) for name in ("gap", "first", "second"))
-    along = [ca.dot(gap, t) / ca.sqrt(ca.dot(t, t)) for t in (first, second)]
-    values = ca.vertcat(ca.sqrt(ca.dot(gap, gap)), *along)
+    values = _kept(gap, first, second)
     slopes = ca.vec(ca.densify(ca.jacobian(values, ca.vertcat(gap, first, second))).T)
     return compile_kernel(ca.Function("contact", [gap, first, second], [values, slopes], {"cse": True}), "contact")
 
@@ -70,6 +87,10 @@ class SplineContacts:
 def _measured(fabric: SplineFabric, control: Array) -> tuple[Array, Array]:
     """Distance and slides of every contact (k, 3), and their derivatives by gap and tangents (k, 3, 9)."""
     gap = fabric.at(control, fabric.first) - fabric.at(control, fabric.second)
-    tangents = fabric.at(control, fabric.first, 1), fabric.at(control, fabric.second, 1)
-    values, slopes = run_columns(_kernel(), gap, *tangents)
+    return kept_values(gap, fabric.at(control, fabric.first, 1), fabric.at(control, fabric.second, 1))
+
+
+def kept_values(gap: Array, first: Array, second: Array) -> tuple[Array, Array]:
+    """What contacts keep (k, 3) [m], of vectors between both points and tangents there (k, 3); by these (k, 3, 9)."""
+    values, slopes = run_columns(_kernel(), gap, first, second)
     return values, slopes.reshape(-1, 3, 9)

@@ -19,6 +19,7 @@ from yarnscale.drawing.loop_paths import line_crossings
 from yarnscale.drawing.stitches import SIGNS, StitchChart
 from yarnscale.errors import InputError
 from yarnscale.fabric.bspline import ORDER, blending, control_of_periodic, segment_and_place
+from yarnscale.fabric.spline_period import SplinePeriod
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -52,7 +53,7 @@ class SplineFabric:
     """Yarns of equal length as uniform cubic B-splines, and the contacts between them.
 
     control: control points at rest [m], (yarns, points, 3); radius: of the yarn [m]; first, second: the two points
-    of every contact; top: points by which the fabric can be hung, one a stitch.
+    of every contact; top: points by which the fabric can be hung, one a stitch; period: one period of the stitches.
     """
 
     control: Array
@@ -61,6 +62,7 @@ class SplineFabric:
     first: CurvePoints
     second: CurvePoints
     top: CurvePoints
+    period: SplinePeriod | None = None
     segments: Integers = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -171,16 +173,25 @@ def spline_fabric(
     control = np.array([lines[n % chart.courses] + [0.0, tall[n], 0.0] for n in range(count)])
     fine = _DENSE // segments_per_stitch
     middle = [_dense(_row(loop, lap, 3), fine) for _, loop in courses]
-    crossings = []
+    places, crossings = [], []
     for place, line in enumerate(middle):
         below = middle[place - 1] - [0.0, 0.0 if place else height, 0.0]
         low, high = _crossings(line, below, chart, place)
+        places.append((low, high))
         crossings.append((_repeated(low / fine, columns, period), _repeated(high / fine, columns, period)))
-    contacts = _contacts(crossings, count, slice(None) if feet else _LEGS)
+    kept = slice(None) if feet else _LEGS
+    contacts = _contacts(crossings, count, kept)
     last = (count - 1) % chart.courses
     _, heads = crossings[(last + 1) % chart.courses]
     tops = _tops(_dense(lines[last], fine), fine * heads.reshape(-1, _CROSSINGS)[:, _LEGS]) / fine
-    return SplineFabric(control, pattern.radius, material, *contacts, CurvePoints(np.full(len(tops), count - 1), tops))
+    stitches = [
+        ((low / fine).reshape(-1, _CROSSINGS)[:, kept].ravel(), (high / fine).reshape(-1, _CROSSINGS)[:, kept].ravel())
+        for low, high in places
+    ]
+    return SplineFabric(
+        control, pattern.radius, material, *contacts, CurvePoints(np.full(len(tops), count - 1), tops),
+        SplinePeriod.of([loop for _, loop in courses], lap, height, stitches),
+    )  # fmt: skip
 
 
 def _check_stitches(pattern: YarnPattern, chart: StitchChart) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array, kron
 
-from yarnscale.arrays import Array
+from yarnscale.arrays import Array, Integers
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_yarn import SEGMENT_MASS, SPLINE_SEGMENT, shape_at_rest
@@ -28,23 +28,16 @@ class SplineEnergy:
     def __init__(self, fabric: SplineFabric) -> None:
         self.fabric = fabric
         self.size = 3 * fabric.yarn_count * fabric.points_per_yarn
-        speed, curvature = shape_at_rest(fabric.control.reshape(-1, 3), fabric.segments)
-        material, radius = fabric.material, fabric.radius
         count = len(fabric.segments)
-        parameters = np.column_stack(
-            [
-                speed, np.hypot(curvature, _ROUNDING / radius), np.full(count, material.stretch_stiffness(radius)),
-                np.full(count, material.bending_stiffness(radius)), np.full(count, _ROUNDING / radius),
-            ]
-        )  # fmt: skip
+        parameters = spline_parameters(fabric, fabric.control.reshape(-1, 3), fabric.segments)
         unknowns = (3 * fabric.segments[:, :, None] + np.arange(3)).reshape(count, -1)
         self._stencils = StencilSet(SPLINE_SEGMENT, unknowns, parameters, 4)
         blocks = BlockPattern.of(np.full(self.size // 3, 3), [unknowns])
         self.pattern: SymmetricPattern = blocks.pattern
         self._slots = blocks.slots(unknowns)
-        self.lengths = speed @ GAUSS_WEIGHTS
+        self.lengths = parameters[:, SPLINE_SEGMENT.parameter_rows("rest_speed")] @ GAUSS_WEIGHTS
         """Length of every segment at rest [m]."""
-        self.masses = material.mass_per_length(radius) * self.lengths
+        self.masses = fabric.material.mass_per_length(fabric.radius) * self.lengths
         """Mass of every segment [kg], spread evenly over its parameter."""
         self.mass_entries = self._mass_entries()
 
@@ -81,6 +74,18 @@ class SplineEnergy:
         rows, columns = self.pattern.rows, np.repeat(np.arange(self.size), np.diff(self.pattern.starts))
         of_points = np.asarray(self.mass_matrix()[rows // 3, columns // 3]).ravel()
         return np.where(rows % 3 == columns % 3, of_points, 0.0)
+
+
+def spline_parameters(fabric: SplineFabric, control: Array, segments: Integers) -> Array:
+    """Parameters of ``SPLINE_SEGMENT`` for segments (s, 4) of control points at rest (n, 3) [m]."""
+    speed, curvature = shape_at_rest(control, segments)
+    material, radius, count = fabric.material, fabric.radius, len(segments)
+    return np.column_stack(
+        [
+            speed, np.hypot(curvature, _ROUNDING / radius), np.full(count, material.stretch_stiffness(radius)),
+            np.full(count, material.bending_stiffness(radius)), np.full(count, _ROUNDING / radius),
+        ]
+    )  # fmt: skip
 
 
 def point_rows(fabric: SplineFabric, points: CurvePoints) -> csr_array:

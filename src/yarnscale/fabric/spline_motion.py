@@ -1,12 +1,14 @@
 """Motion of spline yarns: of all control points under contact constraints, or of a bounding volume without them.
 
-Both are the same equations, M q̈ = Q with q = Γ α in the reduced case, M_V = Γᵀ M Γ and Q_V = Γᵀ Q (LOD03 §5). A step
-is explicit (symplectic Euler; the constant mass matrix is factored once) or implicit (Newton's method).
+Both are the same equations, M q̈ = Q with q = Γ α in the published volume, M_V = Γᵀ M Γ and Q_V = Γᵀ Q (LOD03 §5). A
+step is explicit (symplectic Euler; the constant mass matrix is factored once) or implicit (Newton's method). A
+homogenized volume has the elasticity of ``VolumeCells`` instead of that of yarns fixed in it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
@@ -17,6 +19,7 @@ from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.fabric.volume_cells import VolumeCells, reduced_counts
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
@@ -44,9 +47,15 @@ _STABLE_SHARE = 0.7
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 
 
+Reduction = Literal["published", "homogenized"]
+"""What a volume's elasticity is: that of the yarns fixed in it (LOD03), or that of periodic cells (``VolumeCells``)."""
+
+
 @dataclass(frozen=True, eq=False)
 class YarnMotion:
     """Where control points are and how fast: of yarns, or of a volume; both (n, 3), [m] and [m/s], at a time [s].
+
+    Of a homogenized volume: control points of the mid-surface, then the fluctuations of its cells.
 
     knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2). before: the state one step earlier,
     where the integrator needs it.
@@ -63,9 +72,10 @@ class SplineMotion(Body[YarnMotion]):
     """A fabric of spline yarns in motion; with a volume, the fabric moves as the volume lets it.
 
     gravity: [m/s²]; held: points of yarns that stay where they are at rest; damping: rate [1/s] at which free motion
-    decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. tolerance: of
-    implicit steps, forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of
-    steps; integrator: of implicit ones. energy: that of the fabric, where it is at hand.
+    decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. reduction: of a
+    volume; a homogenized one is held by its mid-surface and takes implicit steps only. tolerance: of implicit steps,
+    forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of steps; integrator:
+    of implicit ones. energy: of the fabric's yarns, where it is at hand.
     """
 
     def __init__(
@@ -73,6 +83,7 @@ class SplineMotion(Body[YarnMotion]):
         fabric: SplineFabric,
         *,
         volume: BoundingVolume | None = None,
+        reduction: Reduction = "published",
         gravity: tuple[float, float, float] = STANDARD_GRAVITY,
         held: CurvePoints | None = None,
         damping: float = 0.0,
@@ -82,33 +93,45 @@ class SplineMotion(Body[YarnMotion]):
         integrator: Integrator = "euler",
         energy: SplineEnergy | None = None,
     ) -> None:
+        if reduction not in get_args(Reduction):
+            raise InputError("reduction", expected=" or ".join(get_args(Reduction)), found=reduction)
         self.fabric, self.volume = fabric, volume
+        self.reduction: Reduction = reduction
         self.damping = not_negative("damping", damping, "zero or more [1/s]")
         self.tolerance, self.iterations = tolerance, iterations
         self.method = checked_method(method)
         self.integrator: Integrator = checked_integrator(integrator)
         self.halvings, self.off_place = 4 if method == "implicit" else 0, fabric.radius
         self.held = held
-        self.energy = energy if energy is not None else SplineEnergy(fabric)
+        self.of_yarns = energy if energy is not None else SplineEnergy(fabric)
+        cells = None
+        if volume is not None and reduction == "homogenized":
+            if method == "explicit":
+                raise InputError("steps of a homogenized volume", expected="the implicit method", found=method)
+            cells = VolumeCells(self.of_yarns, volume)
+        self.cells: VolumeCells | None = cells
+        self.energy = self.of_yarns if cells is None else cells
         self.gravity = np.asarray(gravity, dtype=np.float64)
         self.load = self.energy.weight(self.gravity)
         standard = self.energy.weight(np.asarray(STANDARD_GRAVITY))
         self.force_scale = float(np.linalg.norm(self.load if self.load.any() else standard))
         self._mass = self.energy.mass_matrix()
-        rest = fabric.control.reshape(-1, 3)
-        rows = point_rows(fabric, held) if held is not None else csr_array((0, rest.size))
-        self._held, self._held_at = rows, rows @ rest.ravel()
+        rest = fabric.control.reshape(-1, 3) if cells is None else cells.at_rest
+        rows = csr_array((0, rest.size))
+        if held is not None:
+            rows = point_rows(fabric, held) if cells is None else cells.rows(point_rows(fabric, held))
+        self._rest, self._held, self._held_at = rest, rows, rows @ rest.ravel()
         self._contacts = SplineContacts.of(fabric)
-        if volume is None:
-            self.map, self.start = None, YarnMotion(rest, np.zeros_like(rest))
-            self._constraints: SparseConstraints | LinearConstraints | None = self._contacts_at(rest)
-        else:
+        self.map, control = None, rest
+        if volume is not None and cells is None:
             weights = volume.weights(rest)
             dense = volume.count <= _MOST_DENSE
             self.map = NodeMap(weights.toarray() if dense else weights, np.zeros(rest.size))
             control = volume.control_at_rest
-            self.start = YarnMotion(control, np.zeros_like(control))
-            self._constraints = self._held_volume(control)
+        self.start = YarnMotion(control, np.zeros_like(control))
+        self._constraints: SparseConstraints | LinearConstraints | None = (
+            self._contacts_at(rest) if volume is None else self._held_volume(control)
+        )
         self._pull = None if self.map is None else KeptPull(self.map)
         self._linear = self._new_linear()
         self._mass_solve: ConstrainedSolver | SaddleSolver | None = None
@@ -116,21 +139,24 @@ class SplineMotion(Body[YarnMotion]):
 
     def counts(self) -> dict[str, int]:
         """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume."""
-        counts = self.fabric.counts()
-        if self.volume is not None:
-            counts["reduced_unknowns"] = 3 * self.volume.count
-        return counts
+        return spline_counts(self.fabric, self.volume, self.reduction)
 
     def with_volume(self, volume: BoundingVolume) -> SplineMotion:
         """The same fabric under the same conditions in another volume."""
         return SplineMotion(
-            self.fabric, volume=volume, gravity=tuple(self.gravity), held=self.held, damping=self.damping,
-            tolerance=self.tolerance, iterations=self.iterations, method=self.method,
-            integrator=self.integrator, energy=self.energy,
+            self.fabric, volume=volume, reduction=self.reduction, gravity=tuple(self.gravity), held=self.held,
+            damping=self.damping, tolerance=self.tolerance, iterations=self.iterations, method=self.method,
+            integrator=self.integrator, energy=self.of_yarns,
         )  # fmt: skip
 
     def yarns(self, motion: YarnMotion) -> YarnMotion:
         """Control points of the yarns: the motion itself, or what the volume makes of them."""
+        if self.cells is not None:
+            return YarnMotion(*self.cells.yarns(motion.positions, motion.velocities), motion.time)
+        return self._expanded(motion)
+
+    def _expanded(self, motion: YarnMotion) -> YarnMotion:
+        """The points that the energy is a function of."""
         if self.map is None:
             return motion
         positions = self.map.expand(motion.positions.ravel()).reshape(-1, 3)
@@ -138,21 +164,20 @@ class SplineMotion(Body[YarnMotion]):
 
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
         """How far the farthest held point is from its place [m]."""
-        away = self._held @ self.yarns(state).positions.ravel() - self._held_at
+        away = self._held @ self._expanded(state).positions.ravel() - self._held_at
         return {"held row": float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))}
 
     def times_mass(self, vector: Array) -> Array:
-        """M v of yarn control points, (3n,)."""
-        return (self._mass @ vector.reshape(-1, 3)).ravel()
+        """M v of the points that have mass, (3n,): the yarns' control points, or the first ones of ``VolumeCells``."""
+        return (self._mass @ vector[: len(self.load)].reshape(-1, 3)).ravel()
 
     def energies(self, motion: YarnMotion) -> dict[str, float]:
         """Elastic, gravity (from the rest state on) and kinetic energy [J]."""
-        yarns = self.yarns(motion)
-        moved = yarns.positions - self.fabric.control.reshape(-1, 3)
-        velocity = yarns.velocities.ravel()
+        points = self._expanded(motion)
+        moved, velocity = (v.ravel()[: len(self.load)] for v in (points.positions - self._rest, points.velocities))
         return {
-            "elastic": self.energy.value(yarns.positions.ravel()),
-            "gravity": -float(self.load @ moved.ravel()),
+            "elastic": self.energy.value(points.positions.ravel()),
+            "gravity": -float(self.load @ moved),
             "kinetic": 0.5 * float(velocity @ self.times_mass(velocity)),
         }
 
@@ -233,7 +258,7 @@ class SplineMotion(Body[YarnMotion]):
         positions = solution.x.reshape(-1, 3)
         before = remembered(self.integrator, motion.positions, motion.velocities, duration)
         new = replace(motion, positions=positions, velocities=rule.velocity(positions), before=before)
-        away = self.yarns(new).positions.ravel() - centre
+        away = self._expanded(new).positions.ravel()[: len(centre)] - centre
         unrest = float(np.linalg.norm(self._pulled(weight * self.times_mass(away)))) / self.force_scale
         return Step.of(new, solution, duration, unrest)
 
@@ -241,9 +266,10 @@ class SplineMotion(Body[YarnMotion]):
         return step_rule(self.integrator, motion.positions, motion.velocities, motion.before, duration)
 
     def _balance(self, rule: StepRule) -> tuple[float, Array]:
-        """Factor of the mass matrix in an implicit step [1/s²], and where the yarns would be without forces (3n,)."""
+        """Factor of the mass matrix in an implicit step [1/s²], and where what has mass would be without forces."""
         weight, centre = rule.inertia(self.damping)
-        return weight, centre.ravel() if self.map is None else self.map.expand(centre.ravel())
+        full = centre.ravel() if self.map is None else self.map.expand(centre.ravel())
+        return weight, full[: len(self.load)]
 
     def _objective(self, weight: float, centre: Array) -> Objective:
         inertia = MatrixSprings(lambda away: weight * self.times_mass(away), weight * self.energy.mass_entries, centre)
@@ -267,9 +293,9 @@ class SplineMotion(Body[YarnMotion]):
 
     def _held_volume(self, control: Array) -> LinearConstraints | None:
         """Held points as constraints on the volume, without linearly dependent ones."""
-        if self._held.shape[0] == 0 or self.map is None:  # type: ignore[index]
+        if self._held.shape[0] == 0:  # type: ignore[index]
             return None
-        columns = [np.asarray(self.map.weights.T @ row.reshape(-1, 3)).ravel() for row in self._held.toarray()]
+        columns = [self._pulled(row) for row in self._held.toarray()]
         _, sizes, directions = np.linalg.svd(np.array(columns), full_matrices=False)
         kept = directions[sizes > 1e-9 * sizes[0]]
         return LinearConstraints(kept, kept @ control.ravel())
@@ -297,3 +323,12 @@ class SplineMotion(Body[YarnMotion]):
         assert self._mass_solve is not None and self._mass_model is not None
         if not self._mass_solve.factorise(self._mass_model, 0.0):
             raise ArithmeticError("the mass matrix is singular: the volume has patches without yarn")
+
+
+def spline_counts(fabric: SplineFabric, volume: BoundingVolume | None, reduction: Reduction) -> dict[str, int]:
+    """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume, ``cell_unknowns`` if homogenized."""
+    counts = fabric.counts()
+    if volume is None:
+        return counts
+    reduced = {"reduced_unknowns": 3 * volume.count}
+    return counts | (reduced_counts(fabric, volume) if reduction == "homogenized" else reduced)

@@ -14,9 +14,15 @@ from yarnscale.fabric.adaptive_volume import AdaptiveVolume
 from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.spline_knit import SplineFabric
-from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, SplineMotion, YarnMotion
+from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, Reduction, SplineMotion, YarnMotion
+from yarnscale.motion.body import Method
 
 _POINTS_PER_SEGMENT = 3
+
+
+def reduction_for(chosen: Reduction | None, method: Method, adaptive: bool) -> Reduction:
+    """The reduction of a volume: the chosen one, by default homogenized where steps are implicit and knots stay."""
+    return chosen or ("published" if adaptive or method == "explicit" else "homogenized")
 
 
 @checked
@@ -24,13 +30,15 @@ _POINTS_PER_SEGMENT = 3
 class SplineScene(FabricScene[YarnMotion]):
     """A fabric of spline yarns to simulate, held along its last row.
 
-    volume: around ``fabric.control``; adaptive: whether it inserts and removes knots. gravity: [m/s²]. Other arguments:
-    see ``FabricScene``.
+    volume: around ``fabric.control``; reduction: its elasticity, "homogenized" or "published" (LOD03), None for
+    homogenized where that is possible: in implicit steps, without adaptive. adaptive: whether the volume inserts and
+    removes knots. gravity: [m/s²]. Other arguments: see ``FabricScene``.
     """
 
     fabric: SplineFabric
     _: KW_ONLY
     adaptive: bool = False
+    reduction: Reduction | None = None
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
@@ -40,8 +48,9 @@ class SplineScene(FabricScene[YarnMotion]):
     @cached_property
     def _full(self) -> SplineMotion:
         return SplineMotion(
-            self.fabric, volume=self.volume, gravity=self.gravity, held=self.fabric.top, damping=self.damping,
-            method=self.method, integrator=self.integrator,
+            self.fabric, volume=self.volume, reduction=reduction_for(self.reduction, self.method, self.adaptive),
+            gravity=self.gravity, held=self.fabric.top, damping=self.damping, method=self.method,
+            integrator=self.integrator,
         )  # fmt: skip
 
     @cached_property
@@ -69,11 +78,12 @@ class SplineScene(FabricScene[YarnMotion]):
     def centre_of_mass(self, state: YarnMotion) -> Array:
         """Centre of mass (3,) [m]."""
         positions = self.body.yarns(state).positions
-        weights = self._full.times_mass(np.ones(positions.size)).reshape(-1, 3)
-        return (weights * positions).sum(axis=0) / weights.sum(axis=0)
+        mass = self._full.of_yarns.mass_matrix()
+        weights = mass @ np.ones(len(positions))
+        return weights @ positions / weights.sum()
 
     def counts(self) -> dict[str, int]:
-        """Sizes of the model; ``reduced_unknowns`` in a volume."""
+        """Sizes of the model; ``reduced_unknowns`` in a volume, ``cell_unknowns`` in a homogenized one."""
         return self.body.counts()
 
     def measures(self, state: YarnMotion) -> dict[str, float]:

@@ -1,0 +1,336 @@
+"""The homogenized elasticity of a fabric of spline yarns in a volume: a periodic cell at every Gauss point.
+
+The volume's mid-surface φ(X, Y) = Σ N_i(X, Y) α_i is a bicubic B-spline surface. Its fundamental forms (I, II) at a
+Gauss point are the macroscopic state of one period of the stitches, whose control points are
+
+    x = m(X; I, II) + R(X; I, II) û
+
+with the same û for every copy (theory §2). The energy is that of the yarns of all cells, weighted by the area that each
+represents; stiff springs keep the stitches (LOD03 §2). It is minimised in α and all û together, so that each cell is in
+equilibrium under the forms of the surface; û has no mass. The sparse factorisation eliminates û cell by cell, and what
+is left for α is a Kirchhoff–Love shell with the homogenized energy of the stitches.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_array, kron
+
+from yarnscale.arrays import Array, Integers
+from yarnscale.cell.midsurface import midsurface_point
+from yarnscale.errors import InputError
+from yarnscale.fabric.spline_contacts import STITCH_SPRING, kept_values
+from yarnscale.fabric.spline_knit import SplineFabric
+from yarnscale.fabric.spline_model import SplineEnergy, spline_parameters
+from yarnscale.fabric.spline_period import SplinePeriod
+from yarnscale.fabric.spline_yarn import SPLINE_SEGMENT
+from yarnscale.fabric.volume import DEGREE, BoundingVolume
+from yarnscale.fabric.volume_surface import SurfacePoints
+from yarnscale.numerics.assembly import StencilSet, position_variables
+from yarnscale.numerics.block_pattern import BlockPattern
+from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
+from yarnscale.numerics.regularisation import ShiftedHessian
+
+_GAUSS = 3
+"""Gauss points of a patch in each direction."""
+_STITCH_STIFFNESS = 0.3
+"""Stiffness of the springs that keep stitches, over that of one radius of yarn; moduli then differ by 1 % from those
+with a hundred times as stiff springs."""
+_FORMS, _DERIVATIVES = 6, 15
+
+
+@cache
+def _forms_kernels() -> tuple[Kernel, Kernel]:
+    """φ,x φ,y φ,xx φ,xy φ,yy (15) → forms (6), their Jacobian (6×15); with a stress (6) → Σ stress ∇² forms (15×15)."""
+    d, stress = ca.SX.sym("d", _DERIVATIVES), ca.SX.sym("stress", _FORMS)
+    a, b, bent = d[:3], d[3:6], (d[6:9], d[9:12], d[12:])
+    normal = ca.cross(a, b)
+    normal /= ca.sqrt(ca.dot(normal, normal))
+    forms = ca.vertcat(ca.dot(a, a), ca.dot(a, b), ca.dot(b, b), *[ca.dot(normal, k) for k in bent])
+    slope = ca.vec(ca.densify(ca.jacobian(forms, d)).T)
+    curve = ca.vec(ca.densify(ca.hessian(ca.dot(stress, forms), d)[0]))
+    return _compiled("surface_forms", [d], [forms, slope]), _compiled("surface_bend", [d, stress], [curve])
+
+
+@cache
+def _node_kernels() -> tuple[Kernel, Kernel]:
+    """forms, X, û → x (3), ∂x/∂(û, forms) (3×9); with a force (3) → Σ force ∇²x by the same (9×9)."""
+    forms, place, u, force = (ca.SX.sym(name, n) for name, n in (("forms", 6), ("X", 3), ("u", 3), ("force", 3)))
+    a, b = ca.sqrt(forms[0]), ca.sqrt(forms[2])
+    point, rotation = midsurface_point(ca.vertcat(a - 1, forms[1] / (a * b), b - 1, forms[3:]), place)
+    x, by = point + rotation @ u, ca.vertcat(u, forms)
+    slope = ca.vec(ca.densify(ca.jacobian(x, by)).T)
+    curve = ca.vec(ca.densify(ca.hessian(ca.dot(force, x), by)[0]))
+    given = [forms, place, u]
+    return _compiled("cell_node", given, [x, slope]), _compiled("cell_node_bend", [*given, force], [curve])
+
+
+def _compiled(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> Kernel:
+    return compile_kernel(ca.Function(name, inputs, outputs, {"cse": True}), name)
+
+
+class _Placed(NamedTuple):
+    """Cells at a state: derivatives of the surface (g, 15), slopes of the forms (g, 6, 15), nodes (g·m, 3) [m], their
+    Jacobian by fluctuation and forms (g, m, 3, 9), and what the kernels of nodes were given."""
+
+    derivatives: Array
+    slopes: Array
+    points: Array
+    jacobian: Array
+    given: tuple[Array, Array, Array]
+
+
+class VolumeCells:
+    """Energy and mass of a fabric of spline yarns in a volume, for ``SplineMotion``.
+
+    Full vectors: control points of the mid-surface (c, 3), then the fluctuations of every cell (g·n, 3), all [m].
+    Mass and weight are those of the yarns' control points on the mid-surface, as in LOD03 §5.
+    """
+
+    def __init__(self, yarns: SplineEnergy, volume: BoundingVolume) -> None:
+        self._yarns, fabric, period = yarns, yarns.fabric, period_of(yarns.fabric)
+        self._period = period
+        self._grid = _gauss_points(fabric, volume)
+        (x, wide), (y, tall) = self._grid
+        self._surface = SurfacePoints(volume, np.repeat(x, len(y)), np.tile(y, len(x)))
+        shares = (wide[:, None] * tall).ravel() / period.area
+        self._cells, self._nodes = len(shares), len(period.source)
+        self._controls = volume.count // 2
+        self.size = 3 * (self._controls + self._cells * period.count)
+        rest = fabric.control.reshape(-1, 3)
+        self._heights, self._sources = rest[:, 2:], period.sources(*fabric.control.shape[:2])
+        self._yarn_points = SurfacePoints(volume, rest[:, 0], rest[:, 1])
+        self._weights = self._yarn_points.weights()
+        self._between = [_between(*pair) for pair in ((x, rest[:, 0]), (y, rest[:, 1]))]
+        control = volume.control_at_rest[::2] * [1.0, 1.0, 0.0]
+        self.at_rest = np.concatenate([control, np.zeros((self._cells * period.count, 3))])
+        self._make_energies(fabric, shares)
+        self._make_pattern()
+
+    def _make_energies(self, fabric: SplineFabric, shares: Array) -> None:
+        period, cells = self._period, self._cells
+        parameters = np.tile(spline_parameters(fabric, period.reference, period.segments), (cells, 1))
+        for name in ("stretch_stiffness", "bending_stiffness"):
+            parameters[:, SPLINE_SEGMENT.parameter_rows(name)] *= np.repeat(shares, period.count)[:, None]
+        begin = self._nodes * np.arange(cells)[:, None, None]
+        segments = (begin + period.segments).reshape(-1, 4)
+        self._segments = StencilSet(SPLINE_SEGMENT, position_variables(segments), parameters, 4)
+        stiffness = _STITCH_STIFFNESS * fabric.material.stretch_stiffness(fabric.radius) / fabric.radius
+        one, other, zero = *np.moveaxis(period.slopes, 1, 0), np.zeros((len(period.stitches), 4))
+        rows = [[period.weights[:, 0], -period.weights[:, 1]], [one, zero], [zero, other]]
+        self._ties = np.stack([np.concatenate(row, axis=1) for row in rows], axis=1)
+        self._tied = period.stitches.reshape(-1, 8)
+        rest = np.einsum("kij,kjc->ikc", self._ties, period.reference[self._tied])
+        values, _ = kept_values(*rest)
+        springs = stiffness * np.repeat(shares, len(values))
+        self._springs = np.column_stack([np.tile(values, (cells, 1)), springs])
+        self._anchors = stiffness * shares
+        self._reference = np.tile(period.reference, (cells, 1))
+
+    def _make_pattern(self) -> None:
+        first = 3 * self._controls
+        inner = first + np.arange(self.size - first).reshape(self._cells, -1)
+        unknowns = np.concatenate([inner, position_variables(self._surface.active)], axis=1)
+        everything = [unknowns, np.arange(first)[None]]
+        blocks = BlockPattern.of(np.full(self.size // 3, 3), everything)
+        self.pattern = blocks.pattern
+        self._lower = np.tril_indices(unknowns.shape[1])
+        slots = blocks.slots(unknowns).transpose(0, 2, 1).reshape(-1, len(self._lower[0]))
+        self._slots = slots[: self._cells].ravel()
+        columns, rows = np.repeat(np.arange(self.size), np.diff(self.pattern.starts)), self.pattern.rows
+        kept = np.flatnonzero((rows < first) & (rows % 3 == columns % 3))
+        self.mass_entries = np.zeros(self.pattern.entries)
+        self.mass_entries[kept] = self.mass_matrix().toarray()[rows[kept] // 3, columns[kept] // 3]
+
+    def mass_matrix(self) -> csr_array:
+        """Mass matrix of one component of the mid-surface's control points, (c, c) [kg]: Γᵀ M Γ."""
+        return csr_array(self._weights.T @ self._yarns.mass_matrix() @ self._weights)
+
+    def weight(self, acceleration: Array) -> Array:
+        """Force of a uniform acceleration (3,) [m/s²] on the mid-surface's control points, (3c,) [N]."""
+        return (self._weights.T @ self._yarns.weight(acceleration).reshape(-1, 3)).ravel()
+
+    def rows(self, points: csr_array) -> csr_array:
+        """Matrix (3k, size) to points of yarns, taken as on the mid-surface; points: from the yarns' control points."""
+        one = points[::3, ::3] @ self._weights
+        wide = csr_array((one.data, one.indices, one.indptr), shape=(one.shape[0], self.size // 3))  # type: ignore[index]
+        return csr_array(kron(wide, np.eye(3)))
+
+    def yarns(self, positions: Array, velocities: Array) -> tuple[Array, Array]:
+        """Control points of the yarns (n, 3) [m] with fluctuations, and velocities of the mid-surface there [m/s]."""
+        control = positions[: self._controls]
+        (x, y), count = (len(points) for points, _ in self._grid), self._period.count
+        fluctuation = positions[self._controls :].reshape(x, y, count, 3)
+        (low, right), (below, up) = self._between
+        mixed = np.zeros((len(self._sources), 3))
+        for i, across in ((low, 1.0 - right), (low + 1, right)):
+            for j, along in ((below, 1.0 - up), (below + 1, up)):
+                mixed += (across * along)[:, None] * fluctuation[i, j, self._sources]
+        mixed[:, 2:] += self._heights
+        frames = self._yarn_points.frames(control)
+        points = frames.points + np.einsum("nij,nj->ni", frames.rotations, mixed)
+        return points, np.asarray(self._weights @ velocities[: self._controls])
+
+    def value(self, x: Array) -> float:
+        """Energy [J]; inf where the surface has no area."""
+        points = self._placed(x).points
+        if not np.isfinite(points).all():
+            return math.inf
+        (stitches,) = run_columns(STITCH_SPRING.value, self._stitched(points), self._springs)
+        return self._segments.value(points.ravel()) + float(stitches.sum()) + self._anchored(x)[0]
+
+    def gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (size,) [N]."""
+        return self._forces(x, self._placed(x))[:2]
+
+    def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
+        """Energy [J], gradient (size,) [N] and Hessian in ``pattern`` [N/m]."""
+        placed = self._placed(x)
+        value, gradient, force, stress = self._forces(x, placed)
+        cells, count = self._cells, self._period.count
+        inner = 3 * count
+        local = np.zeros((cells, (inner + _FORMS) ** 2))
+        hessians = self._segments.elements(placed.points.ravel())[2].reshape(cells, -1, 12, 12)
+        self._add(local, self._period.segments, placed.jacobian, hessians, None)
+        _, _, lower = run_columns(STITCH_SPRING.hessian, self._stitched(placed.points), self._springs)
+        self._add(local, self._tied, placed.jacobian, _symmetric(lower, 9).reshape(cells, -1, 9, 9), self._ties)
+        (bends,) = run_columns(_node_kernels()[1], *placed.given, force.reshape(-1, 3))
+        _scatter(local, self._places(np.arange(self._nodes)[:, None]), bends.reshape(cells, -1, 9, 9))
+        local = local.reshape(cells, inner + _FORMS, -1)
+        for k in range(3):
+            local[:, k:inner:3, k:inner:3] += self._anchors[:, None, None] / count**2
+        surface = self._surface.local
+        to_forms = placed.slopes @ surface
+        (bend,) = run_columns(_forms_kernels()[1], placed.derivatives, stress)
+        bend = bend.reshape(cells, _DERIVATIVES, _DERIVATIVES)
+        back, rows = to_forms.transpose(0, 2, 1), inner + to_forms.shape[2]
+        whole = np.zeros((cells, rows, rows))
+        whole[:, :inner, :inner] = local[:, :inner, :inner]
+        whole[:, inner:, :inner] = back @ local[:, inner:, :inner]
+        whole[:, inner:, inner:] = back @ local[:, inner:, inner:] @ to_forms
+        whole[:, inner:, inner:] += surface.transpose(0, 2, 1) @ bend @ surface
+        lower = whole[:, self._lower[0], self._lower[1]].ravel()
+        entries = np.bincount(self._slots, weights=lower, minlength=self.pattern.entries)
+        return value, gradient, ShiftedHessian(self.pattern, entries.astype(np.float64, copy=False))
+
+    def _placed(self, x: Array) -> _Placed:
+        first = 3 * self._controls
+        derivatives = self._surface.derivatives(x[:first].reshape(-1, 3))
+        forms, slopes = run_columns(_forms_kernels()[0], derivatives)
+        moved = x[first:].reshape(self._cells, -1, 3)[:, self._period.source].reshape(-1, 3)
+        given = np.repeat(forms, self._nodes, axis=0), self._reference, moved
+        points, jacobian = run_columns(_node_kernels()[0], *given)
+        return _Placed(
+            derivatives, slopes.reshape(-1, _FORMS, _DERIVATIVES), points,
+            jacobian.reshape(self._cells, self._nodes, 3, 9), given,
+        )  # fmt: skip
+
+    def _stitched(self, points: Array) -> Array:
+        """Gap and both tangents of every stitch (g·k, 9)."""
+        nodes = points.reshape(self._cells, self._nodes, 3)[:, self._tied]
+        return np.einsum("kij,gkjc->gkic", self._ties, nodes).reshape(-1, 9)
+
+    def _anchored(self, x: Array) -> tuple[float, Array]:
+        """Energy of springs on the mean fluctuation of every cell, as stiff as those of stitches, and its gradient."""
+        mean = x[3 * self._controls :].reshape(self._cells, -1, 3).mean(axis=1)
+        pull = self._anchors[:, None] * mean
+        gradient = np.repeat(pull[:, None] / self._period.count, self._period.count, axis=1)
+        return 0.5 * float((pull * mean).sum()), gradient
+
+    def _forces(self, x: Array, placed: _Placed) -> tuple[float, Array, Array, Array]:
+        """Energy, its gradient, and its derivatives by nodes (g, m, 3) and by forms (g, 6)."""
+        flat = np.zeros(placed.points.size)
+        value = self._segments.gradient(placed.points.ravel(), flat)
+        energies, pulls = run_columns(STITCH_SPRING.gradient, self._stitched(placed.points), self._springs)
+        shares = np.einsum("kij,gkic->kjgc", self._ties, pulls.reshape(self._cells, -1, 3, 3))
+        force = flat.reshape(self._cells, self._nodes, 3)
+        np.add.at(force.transpose(1, 0, 2), self._tied, shares)
+        moved = np.einsum("gmc,gmcv->gmv", force, placed.jacobian)
+        anchor, inner = self._anchored(x)
+        np.add.at(inner.transpose(1, 0, 2), self._period.source, moved[:, :, :3].transpose(1, 0, 2))
+        stress = moved[:, :, 3:].sum(axis=1)
+        outer = self._surface.pulled(np.einsum("gk,gkd->gd", stress, placed.slopes))
+        gradient = np.concatenate([outer.ravel(), inner.ravel()])
+        return value + float(energies.sum()) + anchor, gradient, force, stress
+
+    def _places(self, nodes: Integers) -> Integers:
+        """Unknowns of a cell (e, 3k + 6) that elements with nodes (e, k) depend on: fluctuations, then forms."""
+        forms = np.broadcast_to(3 * self._period.count + np.arange(_FORMS), (len(nodes), _FORMS))
+        return np.concatenate([position_variables(self._period.source[nodes]), forms], axis=1)
+
+    def _add(self, local: Array, nodes: Integers, jacobian: Array, hessians: Array, ties: Array | None) -> None:
+        """Add the Hessians of elements with nodes (e, k), by the unknowns of the cell.
+
+        hessians: by the nodes' positions, or by what ``ties`` (e, i, k) makes of them.
+        """
+        e, k = nodes.shape
+        by = jacobian[:, nodes]
+        wide = np.zeros((self._cells, e, k, 3, 3 * k + _FORMS))
+        for node in range(k):
+            wide[:, :, node, :, 3 * node : 3 * node + 3] = by[:, :, node, :, :3]
+        wide[..., 3 * k :] = by[..., 3:]
+        if ties is not None:
+            wide = np.einsum("eij,gejcv->geicv", ties, wide)
+        flat = wide.reshape(self._cells, e, -1, wide.shape[-1])
+        _scatter(local, self._places(nodes), flat.transpose(0, 1, 3, 2) @ (hessians @ flat))
+
+
+def period_of(fabric: SplineFabric) -> SplinePeriod:
+    """The fabric's period. Raises InputError where it has none."""
+    if fabric.period is None:
+        raise InputError("yarns in a homogenized volume", expected="a fabric with a period", found="single yarns")
+    return fabric.period
+
+
+def reduced_counts(fabric: SplineFabric, volume: BoundingVolume) -> dict[str, int]:
+    """Unknowns of the mid-surface, and of the cells that a factorisation eliminates."""
+    (x, _), (y, _) = _gauss_points(fabric, volume)
+    return {"reduced_unknowns": 3 * volume.count // 2, "cell_unknowns": 3 * len(x) * len(y) * period_of(fabric).count}
+
+
+def _gauss_points(fabric: SplineFabric, volume: BoundingVolume) -> list[tuple[Array, Array]]:
+    """Gauss points [m] and weights [m] along x and along y, of the area that the fabric's stitches take up."""
+    period, (yarns, points, _) = period_of(fabric), fabric.control.shape
+    wide = (points - 3) * period.courses / period.count * period.width
+    tall = yarns / period.courses * period.height
+    middle = 0.5 * (fabric.control[:, :, 1].min() + fabric.control[:, :, 1].max())
+    pairs = (volume.x_knots, 0.0, wide), (volume.y_knots, middle, tall)
+    return [_gauss(knots, centre - 0.5 * size, centre + 0.5 * size) for knots, centre, size in pairs]
+
+
+def _gauss(knots: Array, low: float, high: float) -> tuple[Array, Array]:
+    """Gauss points and weights of the parts of patches that lie between two borders."""
+    ends = np.clip(knots[DEGREE : len(knots) - DEGREE], low, high)
+    size = np.diff(ends)
+    kept = size > 1e-9 * (high - low)
+    nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
+    points = ends[:-1][kept, None] + 0.5 * size[kept, None] * (nodes + 1.0)
+    return points.ravel(), (0.5 * size[kept, None] * weights).ravel()
+
+
+def _between(points: Array, places: Array) -> tuple[Integers, Array]:
+    """The point before each place, and the share of the way to the next, for linear interpolation within the ends."""
+    before = np.clip(np.searchsorted(points, places) - 1, 0, len(points) - 2)
+    share = (places - points[before]) / (points[before + 1] - points[before])
+    return before, np.clip(share, 0.0, 1.0)
+
+
+def _symmetric(lower: Array, size: int) -> Array:
+    """Symmetric matrices (n, size, size) of their lower triangles, row by row."""
+    rows, columns = np.tril_indices(size)
+    whole = np.empty((len(lower), size, size))
+    whole[:, rows, columns] = whole[:, columns, rows] = lower
+    return whole
+
+
+def _scatter(local: Array, places: Integers, blocks: Array) -> None:
+    """Add blocks (g, e, k, k) at places (e, k) of square matrices, each a row of ``local``."""
+    cells, size = local.shape
+    flat = (places[:, :, None] * math.isqrt(size) + places[:, None, :]).ravel()
+    index = (np.arange(cells)[:, None] * size + flat).ravel()
+    local += np.bincount(index, weights=blocks.ravel(), minlength=local.size).reshape(local.shape)
