@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from yarnscale.cli.arguments import parser
-from yarnscale.cli.notices import collected
+from yarnscale.cli.console import collected
 from yarnscale.errors import InputError
 
 _LISTS = ("--strain", "--stretch", "--directions", "--curvatures", "--frames")

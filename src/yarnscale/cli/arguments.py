@@ -16,9 +16,8 @@ from yarnscale.cli.cloth_options import add_cloth_commands
 from yarnscale.cli.estimate_options import add_estimate_options
 from yarnscale.cli.fabric_options import add_fabric_options
 from yarnscale.cli.material_options import add_material_commands
-from yarnscale.cli.register_options import add_register_options
+from yarnscale.cli.page_options import add_register_options, add_view_options
 from yarnscale.cli.shared_options import GROUPS, SHARED, Add
-from yarnscale.cli.view_options import add_view_options
 from yarnscale.cli.yarn_options import add_yarn_commands
 from yarnscale.errors import misspelt
 from yarnscale.version import __version__

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from yarnscale.cli.console import ProgressLine, outcome_lines, report
-from yarnscale.cli.notices import show_notices
+from yarnscale.cli.console import ProgressLine, outcome_lines, report, show_notices
 from yarnscale.cli.values import refuse
 from yarnscale.errors import InputError, misspelt
 from yarnscale.files.checkpoint_file import NAME as CHECKPOINT

@@ -7,25 +7,29 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from yarnscale.cli.notices import given
-from yarnscale.errors import InputError
-from yarnscale.files.run_folder import writable_folder as writable_folder
+from yarnscale.errors import InputError, InputNotice
 
 if TYPE_CHECKING:
     from yarnscale.homogenize.sample import SamplingProgress
     from yarnscale.motion.run import RunProgress
 
 
+_given: list[str] = []
+"""Notices of the running command about input that is accepted but unlikely."""
+
+
 def report(options: argparse.Namespace, summary: Mapping[str, object], *lines: str) -> None:
     """Print the results of a command: with ``--json`` a summary as one object, else lines of text."""
     if options.json:
-        print(plain_json({**summary, "notices": given} if given else summary))
+        print(plain_json({**summary, "notices": _given} if _given else summary))
         return
     for line in lines:
         print(line)
@@ -34,6 +38,36 @@ def report(options: argparse.Namespace, summary: Mapping[str, object], *lines: s
 def say(text: str) -> None:
     """A line on the standard error, which keeps results apart."""
     print(text, file=sys.stderr, flush=True)
+
+
+def remark(text: str) -> None:
+    """``say``, in the name of the program."""
+    say(f"yarnscale: {text}")
+
+
+def show_notices(notices: Iterable[str]) -> None:
+    """Print sentences, and keep them for JSON output."""
+    for text in notices:
+        _given.append(text)
+        remark(f"note: {text}")
+
+
+@contextmanager
+def collected() -> Iterator[None]:
+    """Print and keep the library's notices while a command runs."""
+    _given.clear()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", InputNotice)
+        others = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *rest: object, **more: object) -> None:
+            if issubclass(category, InputNotice):
+                show_notices([str(message)])
+            else:
+                others(message, category, *rest, **more)  # type: ignore[arg-type]
+
+        warnings.showwarning = show  # type: ignore[assignment]
+        yield
 
 
 def outcome_lines(values: Mapping[str, object], sentences: Sequence[str] = ()) -> list[str]:

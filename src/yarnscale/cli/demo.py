@@ -12,7 +12,7 @@ import numpy as np
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.rest import settled
 from yarnscale.cli.cloth import MAKES, simulate_into
-from yarnscale.cli.console import report, writable_folder
+from yarnscale.cli.console import report
 from yarnscale.cli.detail import curve_set
 from yarnscale.cli.materials import PATTERN as REST
 from yarnscale.cli.materials import homogenize_into, results_of_homogenize
@@ -23,7 +23,7 @@ from yarnscale.drawing import library
 from yarnscale.files.animation import Animation, Moment, Surface, read_animation
 from yarnscale.files.body_surface import BodySurface
 from yarnscale.files.patterns import write_pattern
-from yarnscale.files.run_folder import RunFolder
+from yarnscale.files.run_folder import RunFolder, writable_folder
 from yarnscale.homogenize.store import SampleStore
 from yarnscale.kinematics import ShellStrain
 from yarnscale.shell.materials.material import ShellMaterial

@@ -13,7 +13,7 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
-from yarnscale.cli.console import ProgressLine, report, say, writable_file, writable_folder
+from yarnscale.cli.console import ProgressLine, report, say, writable_file
 from yarnscale.cli.materials import reach_dask, worker_count
 from yarnscale.cli.yarn_choice import YarnChoice, material_names, same_yarns, yarn_for
 from yarnscale.cli.yarns import pattern_of
@@ -24,7 +24,7 @@ from yarnscale.files.atomic import write_text
 from yarnscale.files.cell_origin import CellOrigin
 from yarnscale.files.cloth_frames import ClothFrames, frame_paths, read_cloth_frames
 from yarnscale.files.curve_frames import CURVES, CurveFolder, CurveSet
-from yarnscale.files.run_folder import RunFolder, note_result
+from yarnscale.files.run_folder import RunFolder, note_result, writable_folder
 from yarnscale.homogenize.sample import check_resumable, create_store
 from yarnscale.homogenize.sample import sample as run_sample
 from yarnscale.homogenize.store import SampleStore

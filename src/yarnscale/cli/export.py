@@ -6,7 +6,7 @@ import argparse
 
 import numpy as np
 
-from yarnscale.cli.console import report, say, writable_file
+from yarnscale.cli.console import remark, report, say, writable_file
 from yarnscale.cli.values import refuse
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
@@ -26,7 +26,7 @@ def export(options: argparse.Namespace) -> int:
     lost: list[str] = []
     if material.remembers:
         lost.append("friction: the exported cloth is elastic and remembers nothing")
-        say(f"yarnscale: note: {lost[0]}")
+        remark(f"note: {lost[0]}")
     if options.format == "hylc":
         lost.append(_hylc(options, material))
     elif options.format == "newton":
@@ -60,7 +60,7 @@ def _newton(options: argparse.Namespace, material: ShellMaterial) -> list[str]:
     for name, errors in errors_by_test(fit.deviations).items():
         say(f"  {name}: {errors}")
     for loss in fit.lost:
-        say(f"yarnscale: note: not in Newton's cloth: {loss}")
+        remark(f"note: not in Newton's cloth: {loss}")
     return list(fit.lost)
 
 
@@ -85,5 +85,5 @@ def _hylc(options: argparse.Namespace, material: object) -> str:
     else:
         raise InputError("material cannot be exported", where=options.material, expected="kind 'compact' or HYLC JSON")
     write_material(options.out, published)
-    say(f"yarnscale: note: not in HYLC JSON: {lost}")
+    remark(f"note: not in HYLC JSON: {lost}")
     return lost

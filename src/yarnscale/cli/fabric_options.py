@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from yarnscale.cli.shared_options import Add
-from yarnscale.cli.values import not_negative, number, positive
+from yarnscale.cli.values import not_negative, number, positive, whole
 
 SCENES = ("hang", "stretch", "drape")
 IN_SCENE_FILES = ("amount", "direction", "ball_friction", "duration", "time_step", "damping")
@@ -28,10 +28,7 @@ def _volume(text: str) -> tuple[int, int]:
     return int(parts[0]), int(parts[1])
 
 
-def _count(text: str) -> int:
-    if not text.isdigit() or not 2 <= int(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 2 to 1000; found {text!r}")
-    return int(text)
+_count = whole("a whole number from 2 to 1000", 2, 1000)
 
 
 def _weld(text: str) -> bool | float:

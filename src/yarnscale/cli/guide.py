@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 import yarnscale
-from yarnscale.cli.console import writable_folder
 from yarnscale.errors import InputError, misspelt
 from yarnscale.files.atomic import write_text
+from yarnscale.files.run_folder import writable_folder
 
 PACKAGE = Path(yarnscale.__file__).parent
 SAMPLES = PACKAGE / "samples"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, plain_json, report, say
+from yarnscale.cli.console import ProgressLine, plain_json, remark, report, say
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
@@ -44,7 +44,7 @@ def test(options: argparse.Namespace) -> int:
         refuse(options, ("cycles",), "--friction too, for yarns")
     for name, shell in shells.items():
         if programme.cycles is None and shell.remembers:
-            say(f"yarnscale: note: {name} is tested without its friction, which acts in --cycles")
+            remark(f"note: {name} is tested without its friction, which acts in --cycles")
         if programme.cycles is not None and not shell.remembers:
             expected = "a shell material with friction, which 'yarnscale homogenize --friction' makes"
             raise InputError("cycles", where=name, expected=expected, found="one without")
@@ -85,7 +85,7 @@ def test(options: argparse.Namespace) -> int:
     failed = sum(tests.failed for tests in found)
     report(options, content, *_lines(found, compared), f"{folder / 'index.html'}: curves and numbers")
     if failed:
-        say(f"yarnscale: {failed} points have no equilibrium under their load; see status")
+        remark(f"{failed} points have no equilibrium under their load; see status")
     return 1 if failed else 0
 
 

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, report, say, writable_folder
+from yarnscale.cli.console import ProgressLine, remark, report
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import draw_cell, pattern_of, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
-from yarnscale.files.run_folder import RunFolder
+from yarnscale.files.run_folder import RunFolder, writable_folder
 from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.compact_problem import STRESS_FLOOR, stress_errors
 from yarnscale.homogenize.executors import reach_workers
@@ -50,7 +50,7 @@ def worker_count(options: argparse.Namespace) -> int:
 def reach_dask(options: argparse.Namespace) -> None:
     """Wait for the workers of ``--dask``, if it is given; InputError where they cannot be reached."""
     if options.dask is not None:
-        reach_workers(options.dask, on_notice=lambda text: say(f"yarnscale: {text}"))
+        reach_workers(options.dask, on_notice=remark)
 
 
 def evaluate(options: argparse.Namespace) -> int:
@@ -62,7 +62,7 @@ def evaluate(options: argparse.Namespace) -> int:
     for name, value in zip(COMPONENTS, stress, strict=True):
         lines.append(f"d/d{name:<5} {value:.9g} {'N/m' if name.startswith('s') else 'N'}")
     if material.remembers:
-        say("yarnscale: note: energy and stress are without friction")
+        remark("note: energy and stress are without friction")
     report(options, {"energy_density": energy, "stress": stress}, *lines)
     return 0
 

@@ -45,12 +45,6 @@ def _name(result: SizeResult) -> str:
 
 
 def _entry(result: SizeResult) -> dict[str, object]:
-    return {
-        "size": _name(result),
-        "vertices": result.vertices,
-        "energy_density": result.energy_density,
-        "drop": result.drop,
-        "iterations": result.iterations,
-        "seconds": result.seconds,
-        "status": result.state.outcome,
-    }
+    numbers = ("vertices", "energy_density", "drop", "iterations", "seconds")
+    found = {name: getattr(result, name) for name in numbers}
+    return {"size": _name(result), **found, "status": result.state.outcome}

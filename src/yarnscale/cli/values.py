@@ -29,15 +29,19 @@ def number_list(text: str) -> tuple[float, ...]:
     return tuple(number(part) for part in text.split(","))
 
 
-def positive_integer(text: str) -> int:
-    """A whole number from 1."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected a positive whole number; found {text!r}")
-    return value
+def whole(what: str, low: int, high: float = math.inf) -> Callable[[str], int]:
+    """A parser of whole numbers from ``low`` to ``high``; what: these, for the error."""
+
+    def parse(text: str) -> int:
+        if not (text.isascii() and text.isdecimal() and low <= int(text) <= high):
+            raise argparse.ArgumentTypeError(f"expected {what}; found {quoted(text)}")
+        return int(text)
+
+    return parse
+
+
+positive_integer = whole("a positive whole number", 1)
+port = whole("a port, 1 to 65535", 1, 65535)
 
 
 def size(text: str) -> tuple[int, int]:
@@ -98,32 +102,17 @@ def refuse(options: argparse.Namespace, names: Sequence[str], expected: str) -> 
             raise InputError(f"--{name.replace('_', '-')}", expected=expected, found=value)
 
 
-def number(text: str) -> float:
-    """A finite number."""
-    value = finite_number(text)
-    if math.isnan(value):
-        raise argparse.ArgumentTypeError(f"expected a number; found {text!r}")
-    return value
+def _real(what: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
+    """A parser of finite numbers; NaN fits none."""
+
+    def parse(text: str) -> float:
+        if not fits(value := finite_number(text)):
+            raise argparse.ArgumentTypeError(f"expected {what}; found {text!r}")
+        return value
+
+    return parse
 
 
-def positive(text: str) -> float:
-    """A finite number above 0."""
-    value = number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"expected a positive number; found {text!r}")
-    return value
-
-
-def not_negative(text: str) -> float:
-    """A finite number from 0."""
-    value = number(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"expected zero or a positive number; found {text!r}")
-    return value
-
-
-def port(text: str) -> int:
-    """A number of a port."""
-    if not text.isdecimal() or not 1 <= int(text) <= 65535:
-        raise argparse.ArgumentTypeError(f"expected a port, 1 to 65535; found {quoted(text)}")
-    return int(text)
+number = _real("a number", math.isfinite)
+positive = _real("a positive number", lambda value: value > 0)
+not_negative = _real("zero or a positive number", lambda value: value >= 0)

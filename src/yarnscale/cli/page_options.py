@@ -1,4 +1,4 @@
-"""Options of ``register``; imports nothing heavy."""
+"""What the commands with a page in the browser take, ``register`` and ``view``; imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
 
 
 def add_register_options(add: Add) -> None:
-    """The command and its options."""
+    """The command ``register``."""
     about = "Register the yarns of a fabric to photographs of its sides, with the order over and under from its chart."
     option = add("register", "register", about, "--json").add_argument
     option("--front", type=Path, metavar="FRONT.png", help="photograph of the right side, its wales upright")
@@ -41,6 +41,21 @@ def add_register_options(add: Add) -> None:
     about = "begin anew instead of going on with the state beside the pattern"
     option("--overwrite", action="store_true", help=about)
     option("--out", type=Path, required=True, metavar="PATTERN.json", help="the pattern, at rest as it lies")
+
+
+def add_view_options(add: Add) -> None:
+    """The command ``view``."""
+    about = "Look at a pattern, cell, material, run or estimate on a page that turns, stretches and plays."
+    option = add("view", "view", about, "--material", "--as-drawn", "--json").add_argument
+    thing = (
+        "a pattern (name or file), STATE.npz of relax, a folder of sample, homogenize, simulate, detail, fabric or "
+        "estimate, or a shell material (a name of the library or .json)"
+    )
+    option("thing", metavar="THING", help=thing)
+    option("--port", type=port, default=0, metavar="N", help="of the page (a free one)")
+    option("--browser", action="store_true", help="open the page in this machine's browser")
+    about = "write one page that needs no network, instead of serving it"
+    option("--export", type=Path, metavar="PAGE.html", help=about)
 
 
 def pixel_size(text: str) -> float:
