@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -12,8 +13,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from yarnscale.errors import InputError, InputNotice
 
@@ -88,13 +87,11 @@ def plain_json(values: Mapping[str, object], *, indent: int | None = None) -> st
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+    if hasattr(value, "tolist"):  # arrays, and numbers from them
+        return _plain(value.tolist())  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(value, (list, tuple)):
         return [_plain(entry) for entry in value]
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def writable_file(path: Path | None, *suffixes: str) -> None:
@@ -115,7 +112,7 @@ class ProgressLine:
         self.label, self._last, self._began = label, 0.0, time.monotonic()
         self._done, self._changed = -1, self._began
         self._first: tuple[float, float] | None = None
-        self._solve = self._began, np.inf, np.inf
+        self._solve = self._began, math.inf, math.inf
         self._terminal = sys.stderr.isatty()
 
     def show_step(self, progress: RunProgress) -> None:
@@ -140,10 +137,10 @@ class ProgressLine:
             left = seconds / done * (total - done) if done else float("nan")
         if done != self._done:
             self._done, self._changed = done, now
-        left = max(left, now - self._changed, 1.0) if np.isfinite(left) else left
+        left = max(left, now - self._changed, 1.0) if math.isfinite(left) else left
         if done < total and now - self._last < (0.1 if self._terminal else 5.0):
             return
-        remaining = f", about {left:.0f} s left" if np.isfinite(left) and done < total else ""
+        remaining = f", about {left:.0f} s left" if math.isfinite(left) and done < total else ""
         line = f"{self.label}: {done}/{total} in {seconds:.0f} s{remaining}{', ' + note if note else ''}"
         self._print(line, last=done >= total)
 
@@ -168,7 +165,7 @@ class ProgressLine:
         self._solve = began, first, lowest
         text = f"iteration {iteration}, residual {residual:.1e}"
         if tolerance < lowest < first:
-            left = (now - began) * np.log(lowest / tolerance) / np.log(first / lowest)
+            left = (now - began) * math.log(lowest / tolerance) / math.log(first / lowest)
             text += f", about {left:.0f} s left"
         self.note(text)
 
