@@ -29,7 +29,7 @@ from yarnscale.swatches.fabric_shell import fit_shell
 from yarnscale.swatches.gauss_newton import jacobian
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import YarnObjective, coarser
-from yarnscale.swatches.scattered import race, sobol_starts
+from yarnscale.swatches.search import race, sobol_starts
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData
 from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS
 from yarnscale.swatches.yarn_fit import FitOptions, ParameterSpread, fit_yarn

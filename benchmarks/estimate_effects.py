@@ -30,11 +30,10 @@ from yarnscale.swatches.measurements import COMFORT_LOAD, BendTest, Direction, S
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective
 from yarnscale.swatches.pear_loop import PearLoop
 from yarnscale.swatches.uniform_data import UniformBend, UniformCurve, UniformData, uniform_bending
-from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_fit import fit_yarn
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
 from yarnscale.swatches.yarn_rest import RestRule, rested_cell
-from yarnscale.swatches.yarn_states import pulled
+from yarnscale.swatches.yarn_states import bending_stiffness, pulled
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 
 SOFT, STIFF, OVERFEED = (0.3, 2e-9), (20.0, 1e-8), 0.1

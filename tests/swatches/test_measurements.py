@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.swatches.loading_start import at_zero_force
 from yarnscale.swatches.measurements import (
     BendTest,
     BiaxialTest,
@@ -15,7 +16,6 @@ from yarnscale.swatches.measurements import (
     SwatchMeasurements,
     YarnComposition,
 )
-from yarnscale.swatches.zero_force import at_zero_force
 
 FORCE = np.arange(0.5, 6.0, 0.5)
 

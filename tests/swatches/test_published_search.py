@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from yarnscale.swatches.published_search import cobyla, swarm
+from yarnscale.swatches.search import cobyla, swarm
 
 LOWEST = np.array([0.8, 0.3, 0.55])
 

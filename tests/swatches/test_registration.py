@@ -14,7 +14,7 @@ from yarnscale.errors import InputError
 from yarnscale.swatches.registration.curves import YarnCurves
 from yarnscale.swatches.registration.lattice import Lattice, even, lattice_of
 from yarnscale.swatches.registration.registration import SIDES, Registration, registered
-from yarnscale.swatches.registration.start import Repeat, drawn, flattened
+from yarnscale.swatches.registration.start import drawn, flattened, repeat_of
 from yarnscale.swatches.registration.traced_fit import onto_lines
 from yarnscale.yarn.clearance import closest_approach
 from yarnscale.yarn.frames import curve_length
@@ -34,12 +34,12 @@ def test_periods_of_a_turned_picture() -> None:
 
 
 def test_repeats_of_charts() -> None:
-    assert Repeat.of(library.structure("stockinette")) == Repeat(1.0, 1.0)
-    assert Repeat.of(library.structure("interlock")) == Repeat(1.0, 1.0)
+    assert repeat_of(library.structure("stockinette")) == (1.0, 1.0)
+    assert repeat_of(library.structure("interlock")) == (1.0, 1.0)
     doubled = library.Structure("", chart=("kpkp", "kpkp", "kpkp"))
-    assert Repeat.of(doubled) == Repeat(0.5, 1.0 / 3.0)
+    assert repeat_of(doubled) == (0.5, 1.0 / 3.0)
     striped = library.Structure("", chart=("kpkp", "kpkp"), sizes={"yarns": ["a", "b"]})
-    assert Repeat.of(striped) == Repeat(0.5, 1.0)
+    assert repeat_of(striped) == (0.5, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_lines_traced_over_what_is_seen_lead_the_yarns() -> None:
     # Another fabric than the chart is drawn as: each wale leans, and loops of both beds lie apart in depth.
     true = YarnCurves.of(library.build("rib-1x1", radius=1.0, wale_spacing=8.8, loop_height=8.0))
     lean = 0.6 * np.sin(2 * np.pi * true.controls[:, :1] / true.period[0] + [0.3, 1.0])
-    true = true.moved(np.column_stack([true.controls[:, :2] + lean, true.controls[:, 2]]))
+    true = replace(true, controls=np.column_stack([true.controls[:, :2] + lean, true.controls[:, 2]]))
     state, lines = Registration(true, {}, 1.0), {}
     for side, turn in (("front", 1.0), ("back", -1.0)):
         seen, points = state.seen(side), true.samples[:, :2] * [turn, 1.0] + [1.3 * turn, 0.4]

@@ -12,7 +12,7 @@ from yarnscale.swatches.evaluations import Evaluations, Residuals
 from yarnscale.swatches.gauss_newton import GaussNewton, advance, gauss_newton, jacobian
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import ErrorWeights, YarnObjective, coarser
-from yarnscale.swatches.scattered import race, sobol_starts
+from yarnscale.swatches.search import race, sobol_starts
 from yarnscale.swatches.uniform_data import UniformBend, UniformCurve, UniformData
 from yarnscale.swatches.yarn_fit import FitOptions, ParameterSpread, usual_starts, work_ahead
 from yarnscale.swatches.yarn_model import yarn_model

@@ -23,8 +23,10 @@ from yarnscale.swatches.shell_fit import mean_error
 
 STATES = 7
 """Distances of the clamps per direction (EST22 §5.2)."""
-_PRIOR = 1e-3
-_DECADES = 3.0
+_PRIOR = 1e-3 * np.array([[1.0, 0.0, -1.0], [-0.5, 1.0, -0.5]])
+"""Weights of differences between the stiffnesses, taken for small: unmeasured ones follow the measured."""
+_WIDEST = 3.0 * math.log(10.0)
+"""Largest logarithm of a stiffness over the reference: three decades either way."""
 _FAILED = 3.0
 _STARTS = np.array([-4.0, -2.0, 0.0, 2.0])
 
@@ -57,19 +59,19 @@ class BendFit:
 
 
 def fit_bending(
-    measurements: SwatchMeasurements, membrane: DirectionalMaterial, *, states: int = STATES, segments: int = SEGMENTS
+    measurements: SwatchMeasurements, membrane: DirectionalMaterial, *, segments: int = SEGMENTS
 ) -> BendFit:
     """Bending stiffnesses from pear loops; ``membrane`` gives the other constants. Raises InputError without loops."""
     if not measurements.bend or measurements.area_density is None:
         raise InputError(f"measurements of '{measurements.name}'", expected="a bend test", found="none")
-    problem = _Loops(measurements.bend, replace(membrane, density=measurements.area_density), states, segments)
-    starts = [problem.prior + shift for shift in _STARTS]
+    problem = _Loops(measurements.bend, replace(membrane, density=measurements.area_density), segments)
+    starts = [np.full(3, shift) for shift in _STARTS]
     start = min(starts, key=lambda unknowns: float(np.sum(problem.residuals(unknowns) ** 2)))
     found = least_squares(
         problem.residuals,
         start,
         jac=problem.jacobian,  # pyright: ignore[reportArgumentType]
-        bounds=problem.bounds,
+        bounds=(-_WIDEST, _WIDEST),
         xtol=1e-6,
         ftol=1e-10,
         gtol=1e-10,
@@ -87,9 +89,9 @@ def fit_bending(
 class _Loops:
     """Differences of ratios over their mean, over the root of their number, and a weak prior of isotropy."""
 
-    def __init__(self, tests: tuple[BendTest, ...], membrane: DirectionalMaterial, states: int, segments: int) -> None:
+    def __init__(self, tests: tuple[BendTest, ...], membrane: DirectionalMaterial, segments: int) -> None:
         self.membrane = membrane
-        chosen = [_spaced(test, states) for test in tests]
+        chosen = [_spaced(test) for test in tests]
         self.distances, self.ratios = [c[0] for c in chosen], [c[1] for c in chosen]
         self.loops = [
             PearLoop(test.direction, test.swatch_length, test.swatch_width, segments=segments) for test in tests
@@ -97,9 +99,6 @@ class _Loops:
         length = float(np.mean([test.swatch_length for test in tests]))
         # The bending length of limp fabric is about a fifth of the swatch.
         self.reference = membrane.density * GRAVITY * (length / 5) ** 3 / 2
-        wide = _DECADES * math.log(10.0)
-        self.prior = np.array([0.0, 0.0, 0.0])
-        self.bounds = (self.prior - wide, self.prior + wide)
         count = sum(len(ratio) for ratio in self.ratios)
         self.scale = 1.0 / (np.concatenate(self.ratios).mean() * math.sqrt(count))
         self._point: Array | None = None
@@ -115,10 +114,10 @@ class _Loops:
         parts = []
         for response, ratio in zip(self.respond(unknowns), self.ratios, strict=True):
             parts.append(np.where(response.converged, self.scale * (response.ratio - ratio), _FAILED))
-        return np.concatenate([*parts, _PRIOR * self._uneven @ unknowns])
+        return np.concatenate([*parts, _PRIOR @ unknowns])
 
     def jacobian(self, unknowns: Array) -> Array:
-        return np.vstack([self.sensitivity(unknowns), _PRIOR * self._uneven])
+        return np.vstack([self.sensitivity(unknowns), _PRIOR])
 
     def sensitivity(self, unknowns: Array) -> Array:
         """d(differences)/d(unknowns)."""
@@ -142,21 +141,16 @@ class _Loops:
             self._point = unknowns.copy()
         return [response for response in self._responses if response is not None]
 
-    @property
-    def _uneven(self) -> Array:
-        """Differences between the stiffnesses, which the prior takes for small: unmeasured ones follow the measured."""
-        return np.array([[1.0, 0.0, -1.0], [-0.5, 1.0, -0.5]])
-
 
 def _least(weft: float, warp: float) -> float:
     """Least stiffness along the bias beside these two with which the energy is never negative."""
     return (math.sqrt(weft) - math.sqrt(warp)) ** 2 / 4
 
 
-def _spaced(test: BendTest, states: int) -> tuple[Array, Array]:
-    """Distances and ratios of a test, thinned to evenly spaced ones where there are more than ``states``."""
-    if len(test.distance) <= states:
+def _spaced(test: BendTest) -> tuple[Array, Array]:
+    """Distances and ratios of a test, thinned to evenly spaced ones where there are more than ``STATES``."""
+    if len(test.distance) <= STATES:
         return test.distance, test.ratio
     order = np.argsort(test.distance)
-    even = np.linspace(test.distance.min(), test.distance.max(), states)
+    even = np.linspace(test.distance.min(), test.distance.max(), STATES)
     return even, np.interp(even, test.distance[order], test.ratio[order])

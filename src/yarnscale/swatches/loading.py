@@ -19,9 +19,8 @@ from scipy.optimize import isotonic_regression
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
+from yarnscale.swatches.loading_start import at_zero_force, slack_and_offset
 from yarnscale.swatches.measurements import POWER_LOAD, StretchRun, Unloading
-from yarnscale.swatches.slack import slack_and_offset
-from yarnscale.swatches.zero_force import at_zero_force
 
 Cycle = Literal["first", "last"]
 CYCLES: tuple[Cycle, ...] = ("first", "last")

@@ -21,7 +21,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError, positive
 from yarnscale.swatches.construction import KnownConstruction, YarnComposition
-from yarnscale.swatches.zero_force import at_zero_force
+from yarnscale.swatches.loading_start import at_zero_force
 
 LENGTH = "a positive length [m]"
 """What errors of lengths expect."""

@@ -16,10 +16,9 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData, UniformErrors
-from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_model import YarnModel
 from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestedCell, RestRule, rested_cell
-from yarnscale.swatches.yarn_states import YarnCurve, pulled
+from yarnscale.swatches.yarn_states import YarnCurve, bending_stiffness, pulled
 
 FAILED = 3.0
 """Error that counts for a state that did not converge."""

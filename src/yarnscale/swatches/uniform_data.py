@@ -10,7 +10,7 @@ Stress is the first Piola–Kirchhoff stress σ along the stretch [N/m]; errors 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -153,43 +153,47 @@ class UniformData:
 
 def uniform_data(fit: ShellFit, measurements: SwatchMeasurements) -> UniformData:
     """Uniform curves of the fitted shell over the measured stretches (EST22 eq. 3), for every direction measured."""
-    curves = []
-    for test in measurements.stretch:
-        stretch, comfort = _stretches(test)
-        stress, contraction = uniaxial(fit.material, test.direction.angle, stretch)
-        measured = test.curve.contraction is not None
-        curves.append(UniformCurve(test.direction, stretch, contraction, stress, comfort, measured))
-    return UniformData(measurements.name, tuple(curves))
+    return _data(measurements, lambda test, stretch: uniaxial(fit.material, test.direction.angle, stretch))
 
 
 def swatch_data(measurements: SwatchMeasurements) -> UniformData:
     """The measured curves as they are, the effect of the clamps included."""
-    curves = []
-    for test in measurements.stretch:
-        stretch, comfort = _stretches(test)
-        load, across = test.curve.load_at(stretch), test.curve.contraction_at(stretch)
-        measured = across is not None
-        across = np.zeros(len(stretch)) if across is None else across
-        curves.append(UniformCurve(test.direction, stretch, across, load, comfort, measured))
-    return UniformData(measurements.name, tuple(curves))
+
+    def measured(test: StretchTest, stretch: Array) -> tuple[Array, Array]:
+        across = test.curve.contraction_at(stretch)
+        return test.curve.load_at(stretch), np.zeros(len(stretch)) if across is None else across
+
+    return _data(measurements, measured)
 
 
 def corrected_data(fit: ShellFit, measurements: SwatchMeasurements) -> UniformData:
     """The measured curves, times the fitted shell's ratio of uniform to swatch response at the same stretch."""
-    fitted_along, curves = {curve.direction: curve for curve in fit.curves}, []
-    for test in measurements.stretch:
+    fitted_along = {curve.direction: curve for curve in fit.curves}
+
+    def corrected(test: StretchTest, stretch: Array) -> tuple[Array, Array]:
         if (fitted := fitted_along.get(test.direction)) is None:
             raise InputError("shell fit", expected=f"a fit along {test.direction.value}", found="none")
-        stretch, comfort = _stretches(test)
         stress, contraction = uniaxial(fit.material, test.direction.angle, fitted.stretch)
         load = test.curve.load_at(stretch) * _without_clamps(fitted, stress, stretch)
         width = test.curve.contraction_at(stretch)
         if width is None:
-            across = uniaxial(fit.material, test.direction.angle, stretch)[1]
-        else:
-            ratio = contraction / np.where(np.abs(fitted.contraction) > 1e-4, fitted.contraction, contraction)
-            across = width * np.interp(stretch, fitted.stretch, ratio)
-        curves.append(UniformCurve(test.direction, stretch, across, load, comfort, width is not None))
+            return load, uniaxial(fit.material, test.direction.angle, stretch)[1]
+        ratio = contraction / np.where(np.abs(fitted.contraction) > 1e-4, fitted.contraction, contraction)
+        return load, width * np.interp(stretch, fitted.stretch, ratio)
+
+    return _data(measurements, corrected)
+
+
+def _data(
+    measurements: SwatchMeasurements, response: Callable[[StretchTest, Array], tuple[Array, Array]]
+) -> UniformData:
+    """Curves of a response, stress [N/m] and contraction, at stretches up to the power load, evenly spaced."""
+    curves = []
+    for test in measurements.stretch:
+        stretch = float(test.curve.up_to(POWER_LOAD).stretch[-1]) * np.arange(1, SAMPLES + 1) / SAMPLES
+        stress, across = response(test, stretch)
+        comfort, measured = test.curve.stretch_at(COMFORT_LOAD), test.curve.contraction is not None
+        curves.append(UniformCurve(test.direction, stretch, across, stress, comfort, measured))
     return UniformData(measurements.name, tuple(curves))
 
 
@@ -209,12 +213,6 @@ def uniform_bending(fit: BendFit) -> tuple[UniformBend, ...]:
         Direction.WARP: fit.material.bend_warp,
     }
     return tuple(UniformBend(loop.direction, stiffness[loop.direction]) for loop in fit.loops)
-
-
-def _stretches(test: StretchTest) -> tuple[Array, float]:
-    """Stretches up to the power load, evenly spaced from above zero, and the largest of the comfort range."""
-    largest = float(test.curve.up_to(POWER_LOAD).stretch[-1])
-    return largest * np.arange(1, SAMPLES + 1) / SAMPLES, test.curve.stretch_at(COMFORT_LOAD)
 
 
 def _means(comfort: Array, full: Array, compression: Array) -> UniformErrors:

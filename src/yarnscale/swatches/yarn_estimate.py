@@ -20,8 +20,8 @@ from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasure
 from yarnscale.swatches.objective import Evaluation, errors_of
 from yarnscale.swatches.uniaxial import biaxial_stress
 from yarnscale.swatches.uniform_data import UniformData, UniformErrors
-from yarnscale.swatches.yarn_bending import bending_stiffness
 from yarnscale.swatches.yarn_fit import YarnFit
+from yarnscale.swatches.yarn_states import bending_stiffness
 
 UNKNOWN_STIFFNESS = 60.0
 """k_s2 where the yarn's stiffness at 5 cN was not measured [N]: a spun hand-knitting yarn, to a factor of three.

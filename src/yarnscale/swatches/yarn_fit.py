@@ -15,8 +15,7 @@ from yarnscale.errors import InputError
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
 from yarnscale.swatches.gauss_newton import gauss_newton, jacobian
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective, coarser
-from yarnscale.swatches.published_search import PARTICLES, STEPS, cobyla, swarm
-from yarnscale.swatches.scattered import race, sobol_starts
+from yarnscale.swatches.search import PARTICLES, STEPS, cobyla, race, sobol_starts, swarm
 from yarnscale.swatches.uniform_data import UniformData
 from yarnscale.swatches.yarn_model import PARAMETERS, YarnModel
 from yarnscale.swatches.yarn_rest import RestRule

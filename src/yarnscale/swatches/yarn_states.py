@@ -1,4 +1,4 @@
-"""A cell of yarn pulled along one direction and free across: stress and contraction.
+"""A cell of yarn pulled along one direction and free across, and bent: stress, contraction, bending stiffness.
 
 F = U diag(1 + s, 1 − c) Uᵀ as for the shell (EST22 eq. 3 and §7.1). The contraction c is where the stress across
 vanishes: Newton's method on that stress, each state starting from where the one before points to.
@@ -7,6 +7,7 @@ vanishes: Newton's method on that stress, each state starting from where the one
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -188,3 +189,22 @@ class _Path:
         found = self.cell.relax(ShellStrain.from_vector(strain), start=start)
         across, along = float(found.stress @ by_width), float(found.stress @ by_stretch)
         return _State(found, width, across, along, self.slopes, found.usable)
+
+
+def bending_stiffness(cell: PeriodicCell, directions: Sequence[Direction]) -> Array:
+    """k of the energy k κ² per area of a cylinder bent along directions, of a flat cell at rest, (n,) [J] (EST22 §5.2).
+
+    Half of the second derivative of the energy density, yarns following. Not a number where the cell has no
+    equilibrium that moduli could be taken at.
+    """
+    state = cell.relax()
+    if not state.usable:
+        return np.full(len(directions), np.nan)
+    try:
+        moduli = cell.moduli(state)
+    except ArithmeticError:
+        return np.full(len(directions), np.nan)
+    along = np.array([[np.cos(d.angle), np.sin(d.angle)] for d in directions])
+    curved = np.zeros((len(directions), 6))
+    curved[:, 3:] = np.column_stack([along[:, 0] ** 2, along[:, 0] * along[:, 1], along[:, 1] ** 2])
+    return 0.5 * np.einsum("ni,ij,nj->n", curved, moduli, curved)

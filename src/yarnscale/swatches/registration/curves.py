@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -104,10 +104,6 @@ class YarnCurves:
     def sample_radii(self) -> Array:
         """Radius at each sample (m,) [m]."""
         return np.repeat(self.radii, [SAMPLES * count for count in self.counts])
-
-    def moved(self, controls: Array) -> YarnCurves:
-        """The curves through other control points."""
-        return replace(self, controls=controls)
 
     def lines(self) -> list[PeriodicCurve]:
         """The samples of each yarn."""

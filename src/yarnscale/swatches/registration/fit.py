@@ -154,7 +154,7 @@ class _Problem:
         values, n = unknowns * self.drawn.radius, self.drawn.controls.size
         phases = values[n:].reshape(-1, 2)
         views = [replace(view, phase=phase) for view, phase in zip(self.views, phases, strict=True)]
-        return self.drawn.moved(values[:n].reshape(-1, 3)), views
+        return replace(self.drawn, controls=values[:n].reshape(-1, 3)), views
 
     def solved(self, unknowns: Array, blur: float) -> Array:
         """Levenberg–Marquardt with the lighting solved for at every step."""

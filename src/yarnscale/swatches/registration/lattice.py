@@ -51,10 +51,6 @@ class Lattice:
         """Points (…, 2) in periods of pixels (…, 2)."""
         return np.asarray(np.linalg.solve(self.matrix, (pixels - self.origin).T).T, dtype=np.float64)
 
-    def multiplied(self, courses: float, wales: float) -> Lattice:
-        """The lattice with periods of so many of these along the course and the wale direction."""
-        return Lattice(self.origin, self.course * courses, self.wale * wales)
-
 
 def even(brightness: Array) -> Array:
     """Brightness (rows, columns) without its slow changes, of equal contrast everywhere."""

@@ -52,7 +52,8 @@ class Registration:
         controls = self.curves.controls.copy()
         away = target - controls[point, :2]
         controls[point, :2] += away - np.rint(away / self.curves.period) * self.curves.period
-        return replace(self, curves=self.curves.moved(controls), pins=self.pins | {point}, explained={}, apart=False)
+        curves = replace(self.curves, controls=controls)
+        return replace(self, curves=curves, pins=self.pins | {point}, explained={}, apart=False)
 
     def with_lattice(self, side: str, lattice: Lattice) -> Registration:
         """The period of one photograph set by hand; the fabric's is the mean of both.
@@ -141,7 +142,7 @@ def registered(
     Raises InputError for pictures that do not repeat and structures that cannot be drawn.
     """
     known = None if period is None else (float(period[0] / pixel), float(period[1] / pixel))
-    found = start.lattices(pictures, start.Repeat.of(structure), known)
+    found = start.lattices(pictures, structure, known)
     period = pixel * start.mean_period(found)
     if radius is None:
         radius = pixel * start.ridge_radius(pictures, found)

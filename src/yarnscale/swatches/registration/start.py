@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,27 +26,19 @@ LARGEST_DIFFERENCE = 0.05
 _THINNER = 0.93
 
 
-@dataclass(frozen=True)
-class Repeat:
-    """Smallest repeat of a structure: its share of the chart along the course and the wale direction."""
-
-    across: float
-    up: float
-
-    @classmethod
-    def of(cls, structure: Structure) -> Repeat:
-        """The repeat of a chart or draft with its kinds of yarn."""
-        if structure.draft is not None:
-            rows = ["".join(map(str, row)) for row in structure.draft.tolist()]
-        else:
-            rows = list(structure.chart)
-        kinds = structure.sizes.get("yarns") or structure.sizes.get("weft_yarns") or [""] * len(rows)
-        warp = structure.sizes.get("warp_yarns") or ""
-        beds = [row.split("|") for row in rows]
-        columns = list(zip(*(zip(*bed, strict=True) for bed in beds), strict=True))
-        if len(warp) == len(columns):
-            columns = list(zip(columns, warp, strict=True))
-        return cls(_share(columns), _share(list(zip(rows, kinds, strict=True))))
+def repeat_of(structure: Structure) -> tuple[float, float]:
+    """Smallest repeat of a chart or draft with its kinds of yarn: its share along the course and the wale direction."""
+    if structure.draft is not None:
+        rows = ["".join(map(str, row)) for row in structure.draft.tolist()]
+    else:
+        rows = list(structure.chart)
+    kinds = structure.sizes.get("yarns") or structure.sizes.get("weft_yarns") or [""] * len(rows)
+    warp = structure.sizes.get("warp_yarns") or ""
+    beds = [row.split("|") for row in rows]
+    columns = list(zip(*(zip(*bed, strict=True) for bed in beds), strict=True))
+    if len(warp) == len(columns):
+        columns = list(zip(columns, warp, strict=True))
+    return _share(columns), _share(list(zip(rows, kinds, strict=True)))
 
 
 def _share(entries: list) -> float:
@@ -56,22 +48,22 @@ def _share(entries: list) -> float:
 
 
 def lattices(
-    pictures: Mapping[str, Array], repeat: Repeat, period: tuple[float, float] | None = None
+    pictures: Mapping[str, Array], structure: Structure, period: tuple[float, float] | None = None
 ) -> dict[str, Lattice]:
     """The chart's period in each evened picture by its side; on the back the course runs to the left.
 
     period: its size (2,) [pixels] where it is known nearly.
     Raises InputError where a picture does not repeat, or the two differ in scale.
     """
-    found = {}
+    found, (across, up) = {}, repeat_of(structure)
+    near = None if period is None else (period[0] * across, period[1] * up)
     for side, flat in pictures.items():
-        near = None if period is None else (period[0] * repeat.across, period[1] * repeat.up)
         try:
             one = lattice_of(flat, near)
         except InputError as error:
             raise error.at(f"--{side}") from None
         turn = -1.0 if side == "back" else 1.0
-        found[side] = one.multiplied(turn / repeat.across, 1.0 / repeat.up)
+        found[side] = replace(one, course=one.course * turn / across, wale=one.wale / up)
     if len(found) == 2:
         front, back = (np.linalg.norm(found[side].matrix, axis=0) for side in ("front", "back"))
         if (np.abs(back / front - 1.0) > LARGEST_DIFFERENCE).any():

@@ -1,8 +1,9 @@
-"""Slack of a swatch at the beginning of its loading, and the offset of the load cell that it shows.
+"""The beginning of a loading: slack, the offset of the load cell that it shows, and lengths at zero force.
 
 Two models of the toe are compared, over several ranges of force: a line to which a parabola or a cubic is added from
 some length on, and one cubic. The swatch was slack where the first fits clearly better, its line is flat, and what
 follows is much stiffer than the line. The force of the slack swatch is the offset of the load cell.
+No clamp can be set to zero force, so lengths there are extrapolated (EST22 §4).
 """
 
 from __future__ import annotations
@@ -26,6 +27,31 @@ _LEAST_SLACK = 0.005
 """Shortest slack that is found, as a share of the length."""
 _NOISE = 2e-3
 """Share of the largest force that is no pretension."""
+
+_STEP, _FIRST_STEPS = 0.01, 5
+"""Steps of force that the extrapolation to zero force uses: size as a share of the largest force, and number."""
+
+
+def at_zero_force(force: Array, value: Array) -> float:
+    """Value at zero force of readings whose force does not fall, (n,) both.
+
+    The last reading at zero force is taken as it is: those before are slack. Without one, readings are averaged in
+    steps of a hundredth of the largest force, and a parabola through the first five steps is extrapolated; a line where
+    the parabola bends the wrong way, since fabric stiffens and a length grows less and less with force.
+    """
+    if (at_rest := np.flatnonzero(force == 0)).size:
+        return float(value[at_rest[-1]])
+    step = ((force - force[0]) / (_STEP * force[-1])).astype(int)
+    _, place, counts = np.unique(step, return_inverse=True, return_counts=True)
+    force = (np.bincount(place, force) / counts)[:_FIRST_STEPS]
+    value = (np.bincount(place, value) / counts)[:_FIRST_STEPS]
+    scaled = force / force[-1]
+    if len(force) > 3:
+        bend, slope, start = np.polyfit(scaled, value, 2)
+        # The slope must keep its sign from zero force to the last of these steps while it shrinks.
+        if bend * slope < 0 and abs(slope) >= 2 * abs(bend):
+            return float(start)
+    return float(np.polyfit(scaled, value, 1)[-1])
 
 
 def slack_and_offset(force: Array, length: Array, counts: Array, begin: float) -> tuple[float, float]:
