@@ -20,7 +20,7 @@ from one_yarn import SharedEvaluations, with_one_yarn
 from scipy.stats import qmc
 
 from yarnscale.drawing.library import build
-from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
+from yarnscale.files.estimate_run import EstimateFolder, evaluation_folder
 from yarnscale.files.measurements import read_measurements
 from yarnscale.homogenize.executors import local_workers
 from yarnscale.swatches.evaluations import Evaluations

@@ -9,8 +9,7 @@ import pytest
 
 from yarnscale.errors import InputError
 from yarnscale.files.curve_frames import CurveSet
-from yarnscale.files.curve_thinning import thinned
-from yarnscale.files.tube_detail import BYTES_PER_VERTEX, LARGEST_PIECE, Tubes, fitting_detail
+from yarnscale.files.tube_detail import BYTES_PER_VERTEX, LARGEST_PIECE, Tubes, fitting_detail, thinned
 
 TURNS = np.linspace(0.0, 40.0, 4000)
 HELIX = np.column_stack([np.cos(TURNS), np.sin(TURNS), 0.1 * TURNS])

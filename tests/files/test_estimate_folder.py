@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from yarnscale.drawing.library import build
-from yarnscale.files import estimate_folder
-from yarnscale.files.estimate_folder import EVALUATING, EstimateFolder
+from yarnscale.files import estimate_run
+from yarnscale.files.estimate_run import EVALUATING, EstimateFolder
 from yarnscale.files.fingerprint import code_fingerprint
 from yarnscale.swatches.evaluations import Residuals
 from yarnscale.swatches.measurements import Direction
@@ -31,7 +31,7 @@ def test_evaluations_belong_to_their_objective_and_to_the_code_that_made_them(
     assert found is not None and (found.solves, found.seconds) == (7, 0.5)
     np.testing.assert_array_equal(found.residuals, kept.residuals)
     assert EstimateFolder(tmp_path, objective(contraction=0.5)).find(b"key") is None
-    monkeypatch.setattr(estimate_folder, "code_fingerprint", lambda *_: "of other code")
+    monkeypatch.setattr(estimate_run, "code_fingerprint", lambda *_: "of other code")
     assert EstimateFolder(tmp_path, objective()).find(b"key") is None
 
 

@@ -11,7 +11,7 @@ import pytest
 from yarnscale.cell import PeriodicCell
 from yarnscale.errors import InputError, InputNotice
 from yarnscale.files.patterns import read_pattern, structure_of
-from yarnscale.files.repeats import repeat_of
+from yarnscale.files.structure_file import repeat_of
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.material import PRESETS
 from yarnscale.yarn.pattern import YarnPattern

@@ -15,8 +15,7 @@ from yarnscale.cli.console import ProgressLine, plain_json, remark, report
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
-from yarnscale.files.estimate_folder import EVALUATING, EstimateFolder, check_evaluations
-from yarnscale.files.estimate_run import EVALUATIONS, fabric_model
+from yarnscale.files.estimate_run import EVALUATING, EVALUATIONS, EstimateFolder, check_evaluations, fabric_model
 from yarnscale.files.estimate_run import estimate as estimate_yarn
 from yarnscale.files.fields import read_json
 from yarnscale.files.fingerprint import code_fingerprint, fingerprint

@@ -88,7 +88,8 @@ def read_animation(folder: str | os.PathLike[str], *, yarns: str | os.PathLike[s
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("folder does not exist", where=folder, expected="frames of a run")
-    cloth_folder, curve_folder = _parts(folder)
+    cloth_folder = next((place for place in (folder, folder / "frames") if (place / MESH).is_file()), None)
+    curve_folder = next((place for place in (folder, folder / "yarns") if (place / CURVES).is_file()), None)
     if yarns is not None:
         curve_folder = Path(yarns)
     if cloth_folder is None and curve_folder is None:
@@ -100,57 +101,31 @@ def read_animation(folder: str | os.PathLike[str], *, yarns: str | os.PathLike[s
     return _joined(folder, cloth, curves)
 
 
-def _parts(folder: Path) -> tuple[Path | None, Path | None]:
-    """Where the frames of cloth and of curves are, None where they are not."""
-    cloth = next((f for f in (folder, folder / "frames") if (f / MESH).is_file()), None)
-    curves = next((f for f in (folder, folder / "yarns") if (f / CURVES).is_file()), None)
-    return cloth, curves
-
-
 def _joined(folder: Path, cloth: ClothFrames | None, curves: CurveFrames | None) -> Animation:
     sources = [part for part in (cloth, curves) if part is not None]
     numbers = [n for n in sources[0].paths if all(n in part.paths for part in sources)]
     if not numbers:
-        raise InputError(
-            "cloth and yarns share no frame",
-            where=folder,
-            expected="frames of the same numbers",
-            found=" and ".join(f"{min(p.paths)}..{max(p.paths)}" for p in sources),
-        )
+        found = " and ".join(f"{min(part.paths)}..{max(part.paths)}" for part in sources)
+        raise InputError("cloth and yarns share no frame", where=folder, expected="the same numbers", found=found)
     time_of = dict(zip(sources[0].paths, sources[0].times, strict=True))
     times = np.array([time_of[n] for n in numbers])
     late = np.flatnonzero(np.diff(times) <= 0)
     if len(late):
-        k = int(late[0])
-        raise InputError(
-            f"time of frame {numbers[k + 1]}",
-            where=folder,
-            expected=f"later than {times[k]:g} s",
-            found=f"{times[k + 1]:g} s",
-        )
+        k, found = int(late[0]), f"{times[late[0] + 1]:g} s"
+        expected = f"later than {times[k]:g} s"
+        raise InputError(f"time of frame {numbers[k + 1]}", where=folder, expected=expected, found=found)
 
     def moment(index: int) -> Moment:
-        number = numbers[index]
-        state = cloth.state(number) if cloth is not None else None
-        points, radii = curves.points(number) if curves is not None else (None, None)
-        return Moment(
-            float(times[index]),
-            state.positions if state is not None else None,
-            state.velocities if state is not None else None,
-            points,
-            radii,
-            sources[0].bodies(number),
-        )
+        number, positions, velocities = numbers[index], None, None
+        if cloth is not None:
+            state = cloth.state(number)
+            positions, velocities = state.positions, state.velocities
+        points, radii = (None, None) if curves is None else curves.points(number)
+        return Moment(float(times[index]), positions, velocities, points, radii, sources[0].bodies(number))
 
-    bodies = sources[0].body_triangles
-    return Animation(
-        times,
-        moment,
-        Surface(cloth.triangles, cloth.material, cloth.corners) if cloth is not None else None,
-        curves.curves if curves is not None else None,
-        Surface(bodies) if bodies is not None else None,
-        numbers,
-    )
+    surface = None if cloth is None else Surface(cloth.triangles, cloth.material, cloth.corners)
+    bodies = None if sources[0].body_triangles is None else Surface(sources[0].body_triangles)
+    return Animation(times, moment, surface, None if curves is None else curves.curves, bodies, numbers)
 
 
 def vertex_normals(positions: Array, triangles: Integers) -> Array:

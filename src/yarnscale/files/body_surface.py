@@ -50,25 +50,14 @@ class BodySurface:
 
 def ball(*, rings: int = 24, sectors: int = 48) -> tuple[Array, Integers]:
     """A sphere of radius one about the origin: vertices (n, 3) and triangles (m, 3) that face outwards."""
-    polar = np.pi * np.arange(1, rings) / rings
-    around = 2 * np.pi * np.arange(sectors) / sectors
-    circle = np.stack([np.cos(around), np.sin(around)], axis=1)
-    body = np.concatenate(
-        [np.sin(polar)[:, None, None] * circle, np.broadcast_to(np.cos(polar)[:, None, None], (rings - 1, sectors, 1))],
-        axis=2,
-    ).reshape(-1, 3)
-    top, bottom = len(body), len(body) + 1
-    here, following = np.arange(sectors), (np.arange(sectors) + 1) % sectors
-    upper = (sectors * np.arange(rings - 2))[:, None]
-    a, b = upper + here, upper + following
+    polar, around = np.pi * np.arange(1, rings) / rings, 2 * np.pi * np.arange(sectors) / sectors
+    height, angle = (grid.ravel() for grid in np.meshgrid(np.cos(polar), around, indexing="ij"))
+    width = np.sqrt(1.0 - height**2)
+    body = np.column_stack([width * np.cos(angle), width * np.sin(angle), height])
+    top, bottom = np.full(sectors, len(body)), np.full(sectors, len(body) + 1)
+    here = np.arange(len(body)).reshape(rings - 1, sectors)
+    a, b = here[:-1], np.roll(here, -1, axis=1)[:-1]
     c, d = a + sectors, b + sectors
-    last = sectors * (rings - 2)
-    triangles = np.vstack(
-        [
-            np.stack([a, c, d], axis=-1).reshape(-1, 3),
-            np.stack([a, d, b], axis=-1).reshape(-1, 3),
-            np.stack([np.full(sectors, top), here, following], axis=1),
-            np.stack([np.full(sectors, bottom), last + following, last + here], axis=1),
-        ]
-    )
-    return np.vstack([body, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]), triangles.astype(np.int64)
+    walls = np.stack([a, c, d, a, d, b], axis=-1).reshape(-1, 3)
+    lids = [np.column_stack([top, a[0], b[0]]), np.column_stack([bottom, d[-1], c[-1]])]
+    return np.vstack([body, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]), np.vstack([walls, *lids])

@@ -1,7 +1,10 @@
-"""Estimate the yarn of a fabric in one call; with a folder, evaluations are kept, and a killed run can continue."""
+"""Estimate the yarn of a fabric in one call; with a folder, evaluations are kept, one small file each, and a killed run
+can continue."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -11,21 +14,26 @@ from pathlib import Path
 
 import numpy as np
 
+from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.errors import InputError, notify
-from yarnscale.files.estimate_folder import EstimateFolder, evaluation_folder
+from yarnscale.files.atomic import write_text
+from yarnscale.files.fingerprint import code_fingerprint, fingerprint
 from yarnscale.files.measurements import read_measurements
 from yarnscale.files.patterns import is_drawing, read_pattern, stitches_of
-from yarnscale.swatches.evaluations import Evaluations
+from yarnscale.files.run_folder import writable_folder
+from yarnscale.swatches.evaluations import Evaluations, Residuals
 from yarnscale.swatches.fabric_fit import fit_fabric
 from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
-from yarnscale.swatches.objective import ErrorWeights
+from yarnscale.swatches.objective import ErrorWeights, YarnObjective
 from yarnscale.swatches.yarn_estimate import UNKNOWN_STIFFNESS, FabricEstimate, Follow
 from yarnscale.swatches.yarn_fit import FitOptions
 from yarnscale.swatches.yarn_model import YarnModel, yarn_model
 from yarnscale.yarn.pattern import YarnPattern
 
+EVALUATING = ("numerics", "yarn", "cell", "swatches", "kinematics.py")
+"""Code that an evaluation depends on."""
 EVALUATIONS = "evaluations"
 """Folder of finished evaluations within that of an estimate."""
 _LEAST_LOAD, _LEAST_STRETCH = 1.0, 0.02
@@ -135,3 +143,41 @@ def check_forces(measurements: SwatchMeasurements, *, woven: bool) -> None:
             expected = f"a knit that stretches by {100 * _LEAST_STRETCH:g} % or more at {POWER_LOAD:.0f} N/m"
             found = f"{100 * stretch:.2g} %: grams taken for newtons?"
             raise InputError("force", where=where, expected=expected, found=found)
+
+
+class EstimateFolder:
+    """Evaluations of one objective by this code; those of others in the same folder are not mistaken for its own."""
+
+    def __init__(self, folder: Path, objective: YarnObjective) -> None:
+        self.folder = folder
+        self._mark = (fingerprint(objective) + code_fingerprint(*EVALUATING)).encode()
+
+    def find(self, key: bytes) -> Residuals | None:
+        """The evaluation of a key, None where it is not there or cannot be read."""
+        try:
+            entry = json.loads(self._path(key).read_text())
+            return Residuals(np.array(entry["residuals"], float), int(entry["solves"]), float(entry["seconds"]))
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def keep(self, key: bytes, unknowns: Array, found: Residuals) -> None:
+        """Write an evaluation in one step. InputError where the folder cannot be written."""
+        entry = {"unknowns": unknowns.tolist(), "residuals": found.residuals.tolist(), "solves": found.solves,
+                 "seconds": found.seconds}  # fmt: skip
+        write_text(self._path(key), json.dumps(entry))
+
+    def _path(self, key: bytes) -> Path:
+        return self.folder / f"{hashlib.sha256(self._mark + key).hexdigest()[:24]}.json"
+
+
+def check_evaluations(folder: Path) -> None:
+    """InputError where a folder has no evaluations of an earlier run."""
+    if not folder.is_dir():
+        raise InputError("nothing to resume", where=folder, expected="evaluations of an earlier run")
+
+
+def evaluation_folder(folder: Path, *, resume: bool) -> Path:
+    """The folder for evaluations. InputError where there is nothing to resume."""
+    if resume:
+        check_evaluations(folder)
+    return writable_folder(folder)

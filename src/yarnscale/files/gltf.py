@@ -93,43 +93,25 @@ class _Mesh:
 
 
 def _meshes(animation: Animation, yarns_as: str, detail: TubeDetail) -> list[_Mesh]:
-    meshes, tubes = [], animation.yarns is not None and yarns_as == "tubes"
+    first, curves = animation.moment(0), animation.yarns
+    tubes, meshes = curves is not None and yarns_as == "tubes", []
     if animation.cloth is not None and not tubes:
         meshes.append(_cloth(animation.cloth))
     if animation.bodies is not None:
-        triangles = animation.bodies.triangles
-
-        def body(moment: Moment) -> Shape:
-            vertices = _there(moment.bodies)
-            return vertices, vertex_normals(vertices, triangles)
-
-        first = _there(animation.moment(0).bodies)
-        moves = any(not np.array_equal(_there(m.bodies), first) for m in animation)
-        meshes.append(_Mesh("bodies", _TRIANGLES, _whole("bodies", triangles), body, len(first), moves=moves))
-    if animation.yarns is not None:
-        curves = animation.yarns
-        if yarns_as == "lines":
-            meshes.append(
-                _Mesh(
-                    "yarns",
-                    _LINES,
-                    _whole("yarns", curves.segments()),
-                    lambda m: (_there(m.yarns), None),
-                    curves.point_count,
-                )
-            )
-        else:
-            swept = Tubes.of(curves, _there(animation.moment(0).yarns), detail)
-            parts = [(rows, indices, yarn_name(kind)) for rows, indices, kind in swept.pieces]
-            meshes.append(
-                _Mesh(
-                    "yarns",
-                    _TRIANGLES,
-                    parts,
-                    lambda m: swept.surface(_there(m.yarns), _there(m.radii)),
-                    swept.sweep.curves.point_count * detail.sides,
-                )
-            )
+        triangles, start = animation.bodies.triangles, _there(first.bodies)
+        moves = any(not np.array_equal(_there(m.bodies), start) for m in animation)
+        parts, count = _whole("bodies", triangles), len(start)
+        meshes.append(_Mesh("bodies", _TRIANGLES, parts, lambda m: _smooth(m.bodies, triangles), count, moves=moves))
+    if curves is not None and tubes:
+        swept = Tubes.of(curves, _there(first.yarns), detail)
+        parts = [(rows, indices, yarn_name(kind)) for rows, indices, kind in swept.pieces]
+        count = swept.sweep.curves.point_count * detail.sides
+        meshes.append(
+            _Mesh("yarns", _TRIANGLES, parts, lambda m: swept.surface(_there(m.yarns), _there(m.radii)), count)
+        )
+    elif curves is not None:
+        parts, count = _whole("yarns", curves.segments()), curves.point_count
+        meshes.append(_Mesh("yarns", _LINES, parts, lambda m: (_there(m.yarns), None), count))
     return meshes
 
 
@@ -143,20 +125,20 @@ def _cloth(surface: Surface) -> _Mesh:
     triangles = surface.triangles
     count = int(triangles.max(initial=-1)) + 1
     if surface.material is None:
-        return _Mesh("cloth", _TRIANGLES, _whole("cloth", triangles), lambda m: _smooth(m, triangles), count)
+        return _Mesh("cloth", _TRIANGLES, _whole("cloth", triangles), lambda m: _smooth(m.cloth, triangles), count)
     corners = triangles if surface.corners is None else surface.corners
     vertex = np.zeros(len(surface.material), np.int64)
     vertex[corners] = triangles
 
     def shape(moment: Moment) -> Shape:
-        positions, normals = _smooth(moment, triangles)
+        positions, normals = _smooth(moment.cloth, triangles)
         return positions[vertex], normals[vertex]
 
     return _Mesh("cloth", _TRIANGLES, _whole("cloth", corners), shape, len(vertex), surface.material)
 
 
-def _smooth(moment: Moment, triangles: Integers) -> tuple[Array, Array]:
-    positions = _there(moment.cloth)
+def _smooth(vertices: Array | None, triangles: Integers) -> tuple[Array, Array]:
+    positions = _there(vertices)
     return positions, vertex_normals(positions, triangles)
 
 

@@ -20,9 +20,8 @@ from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.stitches import LARGEST_CHART
 from yarnscale.errors import InputError, quoted
-from yarnscale.files.repeats import one_repeat
 from yarnscale.files.source_text import read_source
-from yarnscale.files.structure_file import StructureFile
+from yarnscale.files.structure_file import StructureFile, one_repeat
 
 LARGEST_PIECE, LONGEST_FILE = 20_000, 1_000_000
 """Most courses and most instructions of a file; needles have numbers from -1999 to 1999."""

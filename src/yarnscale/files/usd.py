@@ -81,12 +81,11 @@ class _Parts:
 
     def __init__(self, stage: Any, animation: Animation) -> None:
         self.sdf, _, _, self.geometry, self.arrays = _libraries()
-        self.animation = animation
-        self.cloth = self._mesh(stage, "cloth", animation.cloth)
-        if self.cloth is not None and animation.yarns is not None:
+        surfaces = {"cloth": animation.cloth, "bodies": animation.bodies}
+        self.meshes = {name: (s, self._mesh(stage, name, s)) for name, s in surfaces.items() if s is not None}
+        if "cloth" in self.meshes and animation.yarns is not None:
             # The yarns are the cloth; a hidden prim can be shown again.
-            self.cloth.MakeInvisible()
-        self.bodies = self._mesh(stage, "bodies", animation.bodies)
+            self.meshes["cloth"][1].MakeInvisible()
         self.curves: list[tuple[Any, Integers]] = []
         if animation.yarns is not None:
             closed = animation.yarns.closed
@@ -96,12 +95,13 @@ class _Parts:
                     self.curves.append((self._basis_curves(stage, name, part), points))
 
     def write(self, moment: Moment, code: float) -> None:
-        if self.cloth is not None and moment.cloth is not None and self.animation.cloth is not None:
-            self._sample(self.cloth, self.animation.cloth, moment.cloth, code)
-            if moment.velocities is not None:
-                self.cloth.GetVelocitiesAttr().Set(self._vectors(moment.velocities), code)
-        if self.bodies is not None and moment.bodies is not None and self.animation.bodies is not None:
-            self._sample(self.bodies, self.animation.bodies, moment.bodies, code)
+        for name, (surface, prim) in self.meshes.items():
+            if (positions := getattr(moment, name)) is not None:
+                prim.GetPointsAttr().Set(self._vectors(positions), code)
+                prim.GetNormalsAttr().Set(self._vectors(vertex_normals(positions, surface.triangles)), code)
+                prim.GetExtentAttr().Set(self._vectors(_box(positions)), code)
+        if "cloth" in self.meshes and moment.velocities is not None:
+            self.meshes["cloth"][1].GetVelocitiesAttr().Set(self._vectors(moment.velocities), code)
         if moment.yarns is not None and moment.radii is not None:
             for prim, points in self.curves:
                 places, radii = moment.yarns[points], moment.radii[points]
@@ -109,14 +109,7 @@ class _Parts:
                 prim.GetWidthsAttr().Set(self._floats(2.0 * radii), code)
                 prim.GetExtentAttr().Set(self._vectors(_box(places, float(radii.max()))), code)
 
-    def _sample(self, prim: Any, surface: Surface, positions: Array, code: float) -> None:
-        prim.GetPointsAttr().Set(self._vectors(positions), code)
-        prim.GetNormalsAttr().Set(self._vectors(vertex_normals(positions, surface.triangles)), code)
-        prim.GetExtentAttr().Set(self._vectors(_box(positions)), code)
-
-    def _mesh(self, stage: Any, name: str, surface: Surface | None) -> Any:
-        if surface is None:
-            return None
+    def _mesh(self, stage: Any, name: str, surface: Surface) -> Any:
         prim = self.geometry.Mesh.Define(stage, f"/yarnscale/{name}")
         triangles = np.ascontiguousarray(surface.triangles, dtype=np.int32)
         prim.CreateFaceVertexCountsAttr(self._integers(np.full(len(triangles), 3)))
@@ -124,7 +117,8 @@ class _Parts:
         prim.CreateSubdivisionSchemeAttr(self.geometry.Tokens.none)
         prim.CreateDoubleSidedAttr(True)
         prim.SetNormalsInterpolation(self.geometry.Tokens.vertex)
-        self._colour(prim, name)
+        colour = np.array([colour_of(name)], dtype=np.float32)
+        prim.CreateDisplayColorAttr(self.arrays.Vec3fArray.FromNumpy(colour))
         if surface.material is not None:
             per_corner = surface.sewn and surface.corners is not None
             how = self.geometry.Tokens.faceVarying if per_corner else self.geometry.Tokens.vertex
@@ -148,10 +142,6 @@ class _Parts:
         variable = prim.CreateDisplayColorPrimvar(tokens.uniform)
         variable.Set(self.arrays.Vec3fArray.FromNumpy(colours))
         return prim
-
-    def _colour(self, prim: Any, name: str) -> None:
-        colour = np.array([colour_of(name)], dtype=np.float32)
-        prim.CreateDisplayColorAttr(self.arrays.Vec3fArray.FromNumpy(colour))
 
     def _vectors(self, values: Array) -> Any:
         return self.arrays.Vec3fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))

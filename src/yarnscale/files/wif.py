@@ -14,9 +14,8 @@ from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.library import Structure
 from yarnscale.drawing.weave import LARGEST_DRAFT, side_changes
 from yarnscale.errors import InputError, notify, quoted
-from yarnscale.files.repeats import one_repeat, repeat_of
 from yarnscale.files.source_text import finite_number, read_source
-from yarnscale.files.structure_file import StructureFile
+from yarnscale.files.structure_file import StructureFile, one_repeat, repeat_of
 from yarnscale.kinematics import INCH
 
 LARGEST_WEB = 4096

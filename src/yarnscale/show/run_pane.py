@@ -13,7 +13,7 @@ from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, Surface
 from yarnscale.files.curve_frames import CurveSet
-from yarnscale.files.curve_thinning import thinned
+from yarnscale.files.tube_detail import thinned
 from yarnscale.shell.elastic.elements import shell_elements
 from yarnscale.shell.elastic.out_of_range import outside_of
 from yarnscale.shell.materials.compact import CompactMaterial

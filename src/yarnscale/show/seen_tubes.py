@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.files.curve_frames import CurveSet
-from yarnscale.files.curve_thinning import thinned
+from yarnscale.files.tube_detail import thinned
 from yarnscale.files.tube_sweep import TubeSweep
 from yarnscale.show import theme
 from yarnscale.show.curves import Curve, smooth_curve
