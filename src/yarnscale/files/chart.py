@@ -87,16 +87,11 @@ def read_chart(path: str | os.PathLike[str]) -> StructureFile:
 
 
 def _read(path: Path) -> _Chart:
-    text = read_source(path)
+    """Keys up to the line ``rows:``, rows after it."""
+    chart, in_rows, text = _Chart(), False, read_source(path)
     if len(text) > LARGEST_CHART_FILE:
         expected = f"≤ {LARGEST_CHART_FILE} characters"
         raise InputError("chart file is too long", where=path, expected=expected, found=len(text))
-    return _parse(path, text)
-
-
-def _parse(path: Path, text: str) -> _Chart:
-    """Keys up to the line ``rows:``, rows after it."""
-    chart, in_rows = _Chart(), False
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#", 1)[0]
         if not content.strip():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -68,12 +69,17 @@ def read_material(source: str | os.PathLike[str]) -> CompactMaterial | Direction
         raise fields.fault("version", expected=expected, found=version)
     if not 1 <= version <= VERSION:
         raise fields.fault("version", expected=f"{VERSION}, the one this release reads", found=version)
+    if kind not in ("compact", *DIRECTIONAL):
+        expected = ", ".join(repr(known) for known in ("compact", *DIRECTIONAL))
+        raise fields.fault("kind", expected=expected, found=repr(kind)[:60])
+    _check_units(fields, COMPACT_UNITS if kind == "compact" else DIRECTIONAL[kind][1])
+    density, provenance = fields.number("density", positive=True), fields.fields("provenance").content
     if kind == "compact":
-        return _read_compact(fields)
-    if kind in DIRECTIONAL:
-        return _read_directional(fields, *DIRECTIONAL[kind])
-    expected = ", ".join(repr(known) for known in ("compact", *DIRECTIONAL))
-    raise fields.fault("kind", expected=expected, found=repr(kind)[:60])
+        return _read_compact(fields, density, provenance)
+    terms, make = fields.fields("terms"), DIRECTIONAL[kind][0]
+    constants = {name: terms.number(name) for name in make.constants()}
+    with located(fields.path):
+        return make(**constants, density=density, provenance=provenance)
 
 
 def is_material(path: str | Path) -> bool:
@@ -93,71 +99,60 @@ def write_material(path: str | Path, material: ShellMaterial) -> None:
 
     Also raises InputError where the provenance does not consist of JSON values.
     """
-    if isinstance(material, CompactMaterial):
-        body = _compact_content(material)
-    elif isinstance(material, DirectionalMaterial):
-        body = _directional_content(material)
-    elif isinstance(material, SplineMaterial):
+    if isinstance(material, SplineMaterial):
         return write_text(path, hylc_text(material))
+    if isinstance(material, CompactMaterial):
+        kind, units, body = "compact", COMPACT_UNITS, _compact_content(material)
+    elif isinstance(material, DirectionalMaterial):
+        kind, units = next((name, units) for name, (of, units) in DIRECTIONAL.items() if of is type(material))
+        body = {"terms": {name: getattr(material, name) for name in material.constants()}}
     else:
         raise InputError("material", expected="a compact, orthotropic or stiffening one", found=type(material).__name__)
-    write_json(path, {"format": FORMAT, "version": VERSION, **body})
+    head = {"format": FORMAT, "version": VERSION, "kind": kind, "units": units, "density": float(material.density)}
+    write_json(path, {**head, "provenance": dict(material.provenance), **body})
 
 
 def _compact_content(material: CompactMaterial) -> dict[str, object]:
-    springs = {name: _short(array) for name, array in material.springs._asdict().items()}
-    return {
-        "kind": "compact",
-        "units": COMPACT_UNITS,
-        "density": float(material.density),
-        "provenance": dict(material.provenance),
+    content: dict[str, object] = {
         "mirrored": bool(material.mirrored),
         "scale": material.scale.tolist(),
-        "terms": {"constant": float(material.constant), **springs},
-        "trusted": {"spacing": float(material.spacing), "samples": _short(material.samples, digits=5)},
-        **({} if material.sliders is None else {"friction": _friction_content(material.sliders)}),
+        "terms": {"constant": float(material.constant), **_short(material.springs)},
+        "trusted": {"spacing": float(material.spacing), **_short({"samples": material.samples}, digits=5)},
     }
+    if material.sliders is not None:
+        content["friction"] = {"units": FRICTION_UNITS, **_short(material.sliders, digits=9)}
+    return content
 
 
-def _friction_content(sliders: Sliders) -> dict[str, object]:
-    return {"units": FRICTION_UNITS, **{name: _short(array, digits=9) for name, array in sliders._asdict().items()}}
+def _short(arrays: Any, *, digits: int = 17) -> dict[str, object]:
+    """Nested lists of the numbers of arrays by name, rounded to some significant digits."""
+    named = arrays if isinstance(arrays, dict) else arrays._asdict()
+    rounded = {name: [float(f"{x:.{digits}g}") for x in array.ravel()] for name, array in named.items()}
+    return {name: np.array(rounded[name]).reshape(array.shape).tolist() for name, array in named.items()}
 
 
-def _short(array: Array, *, digits: int = 17) -> object:
-    """Nested lists of the numbers, rounded to some significant digits."""
-    return np.array([float(f"{x:.{digits}g}") for x in array.ravel()]).reshape(array.shape).tolist()
-
-
-def _read_compact(fields: Fields) -> CompactMaterial:
-    _check_units(fields, COMPACT_UNITS)
-    terms, trusted = fields.fields("terms"), fields.fields("trusted")
+def _read_compact(fields: Fields, density: float, provenance: Mapping[str, object]) -> CompactMaterial:
+    terms, trusted, sliders = fields.fields("terms"), fields.fields("trusted"), None
     counts = [len(terms.numbers(f"{name}_offsets")) for name in ("step", "spring", "wall")]
     shapes = shapes_of(*counts)._asdict()
     springs = SpringNetwork(**{name: _matrix(terms, name, shape) for name, shape in shapes.items()})
     found = trusted.get("samples")
     rows = len(found) if isinstance(found, list) else 0
     with located(fields.path):
+        if "friction" in fields.content:
+            friction = fields.fields("friction")
+            _check_units(friction, FRICTION_UNITS)
+            count = len(friction.numbers("stiffnesses"))
+            shapes = {
+                "directions": (count, 6), "bends": (count, counts[0]), "stiffnesses": (count,), "rest": (count,),
+                "growth": (count, 6),
+            }  # fmt: skip
+            sliders = Sliders.checked(*(_matrix(friction, name, shape) for name, shape in shapes.items()))
         return CompactMaterial(
-            terms.number("constant"),
-            fields.numbers("scale", shape=(6,)),
-            springs,
-            density=fields.number("density", positive=True),
-            mirrored=fields.flag("mirrored"),
-            samples=trusted.numbers("samples", shape=(rows, 6)),
-            spacing=trusted.number("spacing", positive=True),
-            provenance=fields.fields("provenance").content,
-            sliders=_read_friction(fields.fields("friction"), counts[0]) if "friction" in fields.content else None,
-        )
-
-
-def _read_friction(fields: Fields, steps: int) -> Sliders:
-    _check_units(fields, FRICTION_UNITS)
-    count = len(fields.numbers("stiffnesses"))
-    shapes = {
-        "directions": (count, 6), "bends": (count, steps), "stiffnesses": (count,), "rest": (count,),
-        "growth": (count, 6),
-    }  # fmt: skip
-    return Sliders.checked(*(_matrix(fields, name, shape) for name, shape in shapes.items()))
+            terms.number("constant"), fields.numbers("scale", shape=(6,)), springs, density=density,
+            mirrored=fields.flag("mirrored"), samples=trusted.numbers("samples", shape=(rows, 6)),
+            spacing=trusted.number("spacing", positive=True), provenance=provenance, sliders=sliders,
+        )  # fmt: skip
 
 
 def _matrix(terms: Fields, name: str, shape: tuple[int, ...]) -> Array:
@@ -165,26 +160,6 @@ def _matrix(terms: Fields, name: str, shape: tuple[int, ...]) -> Array:
     if 0 in shape and terms.get(name) in ([], [[]] * shape[0]):
         return np.zeros(shape)
     return terms.numbers(name, shape=shape)
-
-
-def _directional_content(material: DirectionalMaterial) -> dict[str, object]:
-    kind, units = next((name, units) for name, (of, units) in DIRECTIONAL.items() if of is type(material))
-    return {
-        "kind": kind,
-        "units": units,
-        "density": float(material.density),
-        "provenance": dict(material.provenance),
-        "terms": {name: getattr(material, name) for name in material.constants()},
-    }
-
-
-def _read_directional(fields: Fields, kind: type[DirectionalMaterial], units: Mapping[str, str]) -> DirectionalMaterial:
-    _check_units(fields, units)
-    terms = fields.fields("terms")
-    constants = {name: terms.number(name) for name in kind.constants()}
-    density, provenance = fields.number("density", positive=True), fields.fields("provenance").content
-    with located(fields.path):
-        return kind(**constants, density=density, provenance=provenance)
 
 
 def _check_units(fields: Fields, units: Mapping[str, str]) -> None:

@@ -118,14 +118,11 @@ def _from_toml(path: Path, sample: str | None, single_run: bool, settings: LogSe
 def _logs(table: Fields) -> list[Fields]:
     """The tables of readings that a fabric file names: a file, or tables [[stretch]]."""
     given = table.content["stretch"]
-    entries = [{"file": entry} if isinstance(entry, str) else entry for entry in _listed(given)]
+    listed = given if isinstance(given, list) else [given]
+    entries = [{"file": entry} if isinstance(entry, str) else entry for entry in listed]
     if not entries or not all(isinstance(entry, dict) for entry in entries):
         raise table.fault("stretch", expected="the name of a file or tables [[stretch]]", found=quoted(given))
     return [Fields(entry, table.path, "stretch") for entry in entries]
-
-
-def _listed(value: object) -> list:
-    return value if isinstance(value, list) else [value]
 
 
 def _log(path: Path, entry: Fields, settings: LogSettings) -> tuple[Path, LogSettings]:

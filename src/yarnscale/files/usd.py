@@ -106,7 +106,8 @@ class _Parts:
             for prim, points in self.curves:
                 places, radii = moment.yarns[points], moment.radii[points]
                 prim.GetPointsAttr().Set(self._vectors(places), code)
-                prim.GetWidthsAttr().Set(self._floats(2.0 * radii), code)
+                widths = np.ascontiguousarray(2.0 * radii, dtype=np.float32)
+                prim.GetWidthsAttr().Set(self.arrays.FloatArray.FromNumpy(widths), code)
                 prim.GetExtentAttr().Set(self._vectors(_box(places, float(radii.max()))), code)
 
     def _mesh(self, stage: Any, name: str, surface: Surface) -> Any:
@@ -145,9 +146,6 @@ class _Parts:
 
     def _vectors(self, values: Array) -> Any:
         return self.arrays.Vec3fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
-
-    def _floats(self, values: Array) -> Any:
-        return self.arrays.FloatArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
 
     def _integers(self, values: NDArray) -> Any:
         return self.arrays.IntArray.FromNumpy(np.ascontiguousarray(values, dtype=np.int32))

@@ -179,14 +179,12 @@ class _Runner(Generic[State]):
             if solved and step.unrest <= schedule.rest_tolerance and duration >= schedule.time_step:
                 self._count(step)
                 return self._finish(Status.CONVERGED)
-            duration = self._next_rest_step(duration, easy=solved and step.duration == duration)
+            if solved and step.duration == duration:
+                duration = min(2.0 * duration, schedule.longest_step)
+            else:
+                duration = max(0.5 * duration, 0.1 * schedule.time_step)
             self._reached(step, rest_step=duration, rest_steps=self.now.rest_steps + 1)
         return self._finish(Status.ITERATION_LIMIT)
-
-    def _next_rest_step(self, duration: float, *, easy: bool) -> float:
-        if easy:
-            return min(2.0 * duration, self.schedule.longest_step)
-        return max(0.5 * duration, 0.1 * self.schedule.time_step)
 
     def _put(self, **changes: Any) -> None:
         self.now = replace(self.now, **changes)

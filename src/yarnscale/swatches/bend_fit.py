@@ -106,9 +106,9 @@ class _Loops:
 
     def material(self, unknowns: Array) -> DirectionalMaterial:
         weft, surplus, warp = self.reference * np.exp(unknowns)
-        return replace(
-            self.membrane, bend_weft=float(weft), bend_warp=float(warp), bend_bias=float(_least(weft, warp) + surplus)
-        )
+        # With less along the bias beside these two the energy may be negative.
+        least = (math.sqrt(weft) - math.sqrt(warp)) ** 2 / 4
+        return replace(self.membrane, bend_weft=float(weft), bend_warp=float(warp), bend_bias=float(least + surplus))
 
     def residuals(self, unknowns: Array) -> Array:
         parts = []
@@ -140,11 +140,6 @@ class _Loops:
                 self._responses[k] = loop.respond(material, distance, near=self._responses[k] if near else None)
             self._point = unknowns.copy()
         return [response for response in self._responses if response is not None]
-
-
-def _least(weft: float, warp: float) -> float:
-    """Least stiffness along the bias beside these two with which the energy is never negative."""
-    return (math.sqrt(weft) - math.sqrt(warp)) ** 2 / 4
 
 
 def _spaced(test: BendTest) -> tuple[Array, Array]:

@@ -81,14 +81,16 @@ class HeldShell:
         self.energy.material = material
         self.energy.follow(start)
         free = FreeUnknowns(self.free, start.ravel().astype(np.float64))
-        whole = SumOfEnergies(self._elastic, [Load(self._load(material, gravity).ravel(), free.state)])
+        weight = material.density * self.mesh.vertex_areas[:, None] * np.asarray(gravity, np.float64)
+        whole = SumOfEnergies(self._elastic, [Load(weight.ravel(), free.state)])
         solution = minimise(
             _HeldObjective(whole, free, self._pull), free.state[self.free],
             NewtonOptions(TOLERANCE, max_iterations=iterations, shift=EXACT_FIRST), linear=self._linear,
             after_step=lambda x: self.energy.follow(free.expand(x).reshape(-1, 3)),
         )  # fmt: skip
         positions = free.expand(solution.x).reshape(-1, 3)
-        stable = solution.converged and self._is_minimum(positions)
+        exact = self.energy.linearise(positions).hessian("exact") if solution.converged else None
+        stable = exact is not None and self._linear.factorise(self._free_part(exact), 0.0)
         return HeldEquilibrium(positions, solution, stable)
 
     def forces(self, material: ShellMaterial, positions: Array) -> Array:
@@ -150,16 +152,9 @@ class HeldShell:
             gradient_of_blocks(linear.jacobian, stress, elements.areas, elements.stencils, result[row])
         return result.reshape(len(constants), -1)
 
-    def _is_minimum(self, positions: Array) -> bool:
-        exact = self.energy.linearise(positions).hessian("exact")
-        return self._linear.factorise(self._free_part(exact), 0.0)
-
     def _free_part(self, entries: Array) -> ShiftedHessian:
         pull = self._pull.of(self.energy.pattern)
         return ShiftedHessian(pull.pattern, pull.entries(entries))
-
-    def _load(self, material: ShellMaterial, gravity: Sequence[float]) -> Array:
-        return material.density * self.mesh.vertex_areas[:, None] * np.asarray(gravity, np.float64)
 
 
 class _HeldObjective(MappedObjective):

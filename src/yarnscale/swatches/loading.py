@@ -146,14 +146,11 @@ def _branch(force: Array, length: Array, largest_force: float, cycle: Cycle) -> 
     back = max(end, int(edges[backs[chosen] + 1]))
     remarks = []
     if len(found) > 1 and (np.diff(found, axis=1) > 1).sum() > 1:
-        remarks.append(f"of {len(found)} loadings the {_ordinal(chosen)} is used ({cycle} one to the full force)")
+        ordinal = ("first", "second", "third")[chosen] if chosen < 3 else f"{chosen + 1}th"
+        remarks.append(f"of {len(found)} loadings the {ordinal} is used ({cycle} one to the full force)")
     elif high + 1 < len(force) and force[high + 1 :].min() < _REACHED * tops[chosen]:
         remarks.append(f"{edges[-1] - end} readings after the loading (unloading or break) are left out")
     return begin, end, back, remarks
-
-
-def _ordinal(k: int) -> str:
-    return ("first", "second", "third")[k] if k < 3 else f"{k + 1}th"
 
 
 def _least_fall(values: Array, largest: float) -> float:

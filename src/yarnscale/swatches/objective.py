@@ -93,11 +93,13 @@ class YarnObjective:
         )  # fmt: skip
         curves = []
         for k, target in enumerate(self.data.curves):
-            start = None if near is None else near.curves[k]
             if rested.relaxed:
+                start = None if near is None else near.curves[k]
                 curves.append(pulled(rested.cell, target.direction, target.stretch, near=start))
             else:
-                curves.append(_none(target))
+                n, none = len(target.stretch), np.zeros(len(target.stretch))
+                lost = (none, none, np.zeros(n, bool), (), np.zeros((n, 2)), 0)
+                curves.append(YarnCurve(target.direction, target.stretch, *lost))
         bending = self._bending(rested)
         solves = rested.solves + sum(curve.solves for curve in curves)
         solves += int(rested.relaxed and len(bending) > 0)
@@ -150,13 +152,6 @@ def errors_of(curves: Sequence[YarnCurve], data: UniformData) -> UniformErrors:
         [np.where(curve.converged, curve.stress, np.nan) for curve in curves],
         [np.where(curve.converged, curve.contraction, np.nan) for curve in curves],
     )
-
-
-def _none(target: UniformCurve) -> YarnCurve:
-    """A curve of no states, of a yarn that has no rest shape."""
-    n = len(target.stretch)
-    none = np.zeros(n)
-    return YarnCurve(target.direction, target.stretch, none, none, np.zeros(n, bool), (), np.zeros((n, 2)), 0)
 
 
 def coarser(data: UniformData, samples: int) -> UniformData:
