@@ -53,10 +53,18 @@ class CurveSet:
             worst = int(np.flatnonzero(short)[0])
             expected = "three points" if loops[worst] else "two points"
             raise InputError(f"curve {worst}", expected=expected, found=int(np.diff(starts)[worst]))
-        object.__setattr__(self, "offsets", starts)
-        object.__setattr__(self, "radii", _per_point(np.asarray(radii), starts))
-        object.__setattr__(self, "closed", loops.astype(bool))
-        object.__setattr__(self, "yarn", numbers.astype(np.int64))
+        vars(self).update(offsets=starts, closed=loops, yarn=numbers.astype(np.int64))
+        vars(self)["radii"] = self._per_point(np.asarray(radii))
+
+    def _per_point(self, radii: NDArray) -> Array:
+        if radii.ndim == 0:
+            radii = np.full(self.point_count, radii)
+        elif radii.shape == (len(self),) and len(self) != self.point_count:
+            radii = np.repeat(radii, np.diff(self.offsets))
+        radii = checked_array(radii, name="radii", shape=(self.point_count,))
+        if (radii <= 0).any():
+            raise InputError("radii", expected="positive lengths [m]", found=float(radii.min()))
+        return radii
 
     @property
     def point_count(self) -> int:
@@ -83,18 +91,6 @@ class CurveSet:
         keep = np.ones(self.point_count, bool)
         keep[ends[~self.closed]] = False
         return np.stack([first, second], axis=1)[keep]
-
-
-def _per_point(radii: NDArray, offsets: Integers) -> Array:
-    count, points = len(offsets) - 1, int(offsets[-1])
-    if radii.ndim == 0:
-        radii = np.full(points, radii)
-    elif radii.shape == (count,) and count != points:
-        radii = np.repeat(radii, np.diff(offsets))
-    radii = checked_array(radii, name="radii", shape=(points,))
-    if (radii <= 0).any():
-        raise InputError("radii", expected="positive lengths [m]", found=float(radii.min()))
-    return radii
 
 
 class CurveFolder(FrameWriter):

@@ -45,7 +45,9 @@ def hylc_material(content: Mapping[str, object], path: str | Path) -> SplineMate
 def _axes(terms: Fields, scale: Array) -> tuple[CubicSpline, ...]:
     found: dict[int, CubicSpline] = {}
     for item in terms.items("1D"):
-        axis = _axis(item, "k", found)
+        axis = item.integer("k")
+        if axis not in range(len(AXES)) or axis in found:
+            raise item.fault("k", expected="each of 0 to 4 once", found=axis)
         knots = item.knots("t")
         values, slopes = item.numbers("p", shape=knots.shape), item.numbers("m", shape=knots.shape)
         found[axis] = CubicSpline(knots * scale[axis], values, slopes / scale[axis])
@@ -73,13 +75,6 @@ def _planes(terms: Fields, scale: Array) -> dict[tuple[int, int], BicubicSpline]
     return found
 
 
-def _axis(item: Fields, key: str, taken: Mapping[int, object]) -> int:
-    axis = item.integer(key)
-    if axis not in range(len(AXES)) or axis in taken:
-        raise item.fault(key, expected="each of 0 to 4 once", found=axis)
-    return axis
-
-
 def hylc_text(material: SplineMaterial) -> str:
     """The HYLC JSON of a material."""
     return json.dumps(hylc_content(material), allow_nan=False) + "\n"
@@ -90,7 +85,10 @@ def hylc_content(material: SplineMaterial) -> dict[str, object]:
     scale = _scale(material)
     terms: dict[str, object] = {
         "const": material.constant,
-        "1D": [_axis_content(k, f, scale[k]) for k, f in enumerate(material.axes)],
+        "1D": [
+            {"k": k, "t": (f.knots / scale[k]).tolist(), "p": f.values.tolist(), "m": (f.slopes * scale[k]).tolist()}
+            for k, f in enumerate(material.axes)
+        ],
         "2D": [
             {
                 "k0": i,
@@ -119,12 +117,3 @@ def _scale(material: SplineMaterial) -> Array:
     if isinstance(stored, list) and len(stored) == len(AXES) and all(isinstance(x, float) and x > 0 for x in stored):
         return np.array(stored)
     return np.max(np.abs(material.range), axis=1)
-
-
-def _axis_content(axis: int, spline: CubicSpline, scale: float) -> dict[str, object]:
-    return {
-        "k": axis,
-        "t": (spline.knots / scale).tolist(),
-        "p": spline.values.tolist(),
-        "m": (spline.slopes * scale).tolist(),
-    }

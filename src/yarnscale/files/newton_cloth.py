@@ -8,7 +8,6 @@ import math
 import statistics
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 from yarnscale.files.atomic import write_json, write_text
 from yarnscale.laboratory.programme import FabricTests
@@ -36,8 +35,8 @@ def _row(row: Measured) -> tuple[object, ...]:
     )  # fmt: skip
 
 
-def write_newton_cloth(path: str | Path, fit: Style3DFit, subject: str) -> dict[str, object]:
-    """Write parameters of Newton's cloth as JSON, with the certificate of their errors; what was written."""
+def write_newton_cloth(path: str | Path, fit: Style3DFit, subject: str) -> None:
+    """Write parameters of Newton's cloth as JSON, with the certificate of their errors."""
     cloth = fit.cloth
     content: dict[str, object] = {
         "format": "yarnscale newton cloth",
@@ -55,7 +54,6 @@ def write_newton_cloth(path: str | Path, fit: Style3DFit, subject: str) -> dict[
         "certificate": [_deviation(one) for one in fit.deviations],
     }  # fmt: skip
     write_json(path, content)
-    return content
 
 
 def _deviation(one: Deviation) -> dict[str, object]:
@@ -68,25 +66,8 @@ def _deviation(one: Deviation) -> dict[str, object]:
     }  # fmt: skip
 
 
-class ErrorSizes(NamedTuple):
-    """Errors of a test along one direction: median and largest size [%], NaN where no number is known.
-
-    failed: for how many of its ``count`` numbers the cloth found no equilibrium.
-    """
-
-    median: float
-    largest: float
-    failed: int
-    count: int
-
-    def __str__(self) -> str:
-        known = f"{self.median:.3g} %, {self.largest:.3g} %" if self.failed < self.count else ""
-        failed = f"{self.failed} of {self.count} without equilibrium" if self.failed else ""
-        return ", ".join(filter(None, (known, failed)))
-
-
-def errors_by_test(deviations: Iterable[Deviation]) -> dict[str, ErrorSizes]:
-    """Errors of every test and direction."""
+def errors_by_test(deviations: Iterable[Deviation]) -> dict[str, str]:
+    """Median and largest size of the errors [%] of every test and direction, and how many have no equilibrium."""
     found: dict[str, list[Deviation]] = {}
     for one in deviations:
         row = one.reference
@@ -97,7 +78,8 @@ def errors_by_test(deviations: Iterable[Deviation]) -> dict[str, ErrorSizes]:
     return {name: _sizes(ones) for name, ones in found.items()}
 
 
-def _sizes(deviations: list[Deviation]) -> ErrorSizes:
+def _sizes(deviations: list[Deviation]) -> str:
     known = [abs(one.error) for one in deviations if math.isfinite(one.other)]
-    median, largest = (statistics.median(known), max(known)) if known else (math.nan, math.nan)
-    return ErrorSizes(median, largest, len(deviations) - len(known), len(deviations))
+    sizes = f"{statistics.median(known):.3g} %, {max(known):.3g} %" if known else ""
+    lost = len(deviations) - len(known)
+    return ", ".join(filter(None, (sizes, f"{lost} of {len(deviations)} without equilibrium" if lost else "")))

@@ -39,8 +39,18 @@ class TriangleObstacle(Obstacle, Protocol):
         ...
 
 
+class _Rigid:
+    """What moves as a whole."""
+
+    motion: Motion
+
+    @property
+    def moves(self) -> bool:
+        return self.motion.moves
+
+
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Rigid):
     """A ball: centre [m] before its motion, radius [m]; friction acts on its rotation too."""
 
     centre: tuple[float, float, float]
@@ -51,17 +61,13 @@ class Sphere:
         object.__setattr__(self, "centre", _vector("sphere centre", self.centre))
         positive("sphere radius", self.radius, "a positive length [m]")
 
-    @property
-    def moves(self) -> bool:
-        return self.motion.moves
-
     def points(self, time: float) -> Array:
         """The centre at a time, (1, 3)."""
         return self.motion.place(np.array([self.centre]), time)
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(_Rigid):
     """The half-space below a plane: a point [m] and the normal on the side of the cloth.
 
     It may move, also along itself (a belt); rotating planes must be given as meshes. Raises InputError.
@@ -81,17 +87,13 @@ class Plane:
         if any(self.motion.rotation):
             raise InputError("plane motion", expected="no rotation", found=self.motion.rotation)
 
-    @property
-    def moves(self) -> bool:
-        return self.motion.moves
-
     def points(self, time: float) -> Array:
         """The point at a time, (1, 3)."""
         return np.array([self.point]) + self.motion.offset(time)
 
 
 @dataclass(frozen=True, eq=False)
-class MeshObstacle:
+class MeshObstacle(_Rigid):
     """A rigid obstacle given by triangles: vertices (n, 3) [m] before its motion, triangles (m, 3)."""
 
     vertices: Array
@@ -104,10 +106,6 @@ class MeshObstacle:
             raise InputError("obstacle vertices", expected="finite, shape (n, 3)", found=vertices.shape)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "triangles", _triangles(self.triangles, len(vertices)))
-
-    @property
-    def moves(self) -> bool:
-        return self.motion.moves
 
     def points(self, time: float) -> Array:
         """The vertices at a time, (n, 3)."""
