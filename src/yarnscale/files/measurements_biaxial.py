@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.errors import InputError
+from yarnscale.errors import located
 from yarnscale.files.measurements_csv import tables_of
 from yarnscale.files.measurements_swatches import constant
-from yarnscale.files.measurements_table import Column, MeasuredTable
+from yarnscale.files.measurements_table import MeasuredTable
 from yarnscale.swatches.measurements import BiaxialTest
 
 _ALONG = ("weft", "warp")
@@ -25,27 +25,19 @@ def read_biaxial(path: Path) -> BiaxialTest:
     tables = tables_of(path, ("force_weft", "force_warp", "strain_weft", "strain_warp"))
     states = [np.hstack([_both(table, "strain"), _loads(table)]) for table in tables]
     stretch, load = np.hsplit(np.vstack(states), 2)
-    try:
+    with located(path):
         return BiaxialTest(stretch, load)
-    except InputError as error:
-        raise error.at(path) from None
 
 
 def _both(table: MeasuredTable, quantity: str) -> Array:
     """Numbers along weft and warp in SI, (n, 2)."""
-    return np.column_stack([table.numbers(_column(table, f"{quantity}_{a}"), table.rows) for a in _ALONG])
+    return np.column_stack([table.numbers(table.column(f"{quantity}_{a}"), table.rows) for a in _ALONG])
 
 
 def _loads(table: MeasuredTable) -> Array:
     """Loads along weft and warp [N/m], (n, 2)."""
     loads = _both(table, "force")
     for k, along in enumerate(_ALONG):
-        if _column(table, f"force_{along}").kind == "force":
-            loads[:, k] /= constant(table, _column(table, f"width_{along}"), list(table.rows))
+        if table.column(f"force_{along}").kind == "force":
+            loads[:, k] /= constant(table, table.column(f"width_{along}"), list(table.rows))
     return loads
-
-
-def _column(table: MeasuredTable, quantity: str) -> Column:
-    column = table.find(quantity)
-    assert column is not None
-    return column

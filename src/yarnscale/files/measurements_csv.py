@@ -15,10 +15,9 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-from yarnscale.files.measurements_names import CONSTRUCTION, factor
 from yarnscale.files.measurements_reader import read_tables
 from yarnscale.files.measurements_swatches import LogSettings, Swatch, chosen_fabric, constant, one_unit, swatches_of
-from yarnscale.files.measurements_table import Column, MeasuredTable, Row
+from yarnscale.files.measurements_table import CONSTRUCTION, Column, MeasuredTable, Row, factor
 from yarnscale.files.source_text import read_source
 from yarnscale.files.workbook import WORKBOOKS, sheets
 from yarnscale.swatches.construction import KnownConstruction
@@ -113,8 +112,8 @@ def tables_of(path: Path, needed: Sequence[str]) -> tuple[MeasuredTable, ...]:
 def _bend_columns(table: MeasuredTable, _: LogSettings) -> dict[str, Column]:
     """The columns that a table of pear loops needs and has."""
     quantities = ("clamp_distance", "swatch_length", "swatch_width", "direction", "loop_ratio", "run")
-    columns = {name: column for name in quantities if (column := table.find(name)) is not None}
-    if (sample := table.find("fabric", needed=False)) is not None:
+    columns = {name: table.column(name) for name in quantities}
+    if (sample := table.find("fabric")) is not None:
         columns["fabric"] = sample
     one_unit(table, columns)
     return columns
@@ -175,7 +174,7 @@ def _column(table: MeasuredTable, quantity: str) -> Column | None:
     if quantity == "stress":
         found = [name for name in table.names if name.quantity == "stress" and name.unit == "N_per_mm"]
         return table.find("stress") if found else None
-    return table.find(quantity, needed=False)
+    return table.find(quantity)
 
 
 def _stretch_test(

@@ -18,8 +18,17 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.files.measurements_blocks import CYCLE_OR_DATE, Block, joined_tables
-from yarnscale.files.measurements_names import CONSTRUCTION, ColumnName, column_name, factor, is_unit
-from yarnscale.files.measurements_table import DECIMALS, SPACES, MeasuredTable, Row
+from yarnscale.files.measurements_table import (
+    CONSTRUCTION,
+    DECIMALS,
+    SPACES,
+    ColumnName,
+    MeasuredTable,
+    Row,
+    column_name,
+    factor,
+    is_unit,
+)
 
 _NAMES = {
     "force": "force_N and clamp_distance_mm, or Load (N) and Extension (mm)",
