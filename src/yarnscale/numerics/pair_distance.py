@@ -34,16 +34,6 @@ def triangle_weights(points, corners):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def separation(x, c, r):
-    """Set r (3,) = Σ c x; its squared length."""
-    total = 0.0
-    for k in range(3):
-        r[k] = c[0] * x[0, k] + c[1] * x[1, k] + c[2] * x[2, k] + c[3] * x[3, k]
-        total += r[k] * r[k]
-    return total
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
 def _of_corner(x, c):
     aa, ab, bb, ra, rb = _products(x, 1, 2, 1, 3, 0)
     area = aa * bb - ab * ab

@@ -13,8 +13,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib import import_module
+from itertools import pairwise
 from typing import ParamSpec, TypeVar
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 _P = ParamSpec("_P")
@@ -53,6 +55,11 @@ def available_threads() -> int:
     processors = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
     wanted = os.environ.get("YARNSCALE_THREADS", "")
     return max(1, min(processors, int(wanted))) if wanted.isdigit() else processors
+
+
+def equal_ranges(count: int) -> list[tuple[int, int]]:
+    """Ranges of equal length that cover 0 … count, one for each thread."""
+    return list(pairwise(np.linspace(0, count, available_threads() + 1).astype(int).tolist()))
 
 
 def run_parts(function: Callable[[_T], _R], parts: list[_T]) -> list[_R]:

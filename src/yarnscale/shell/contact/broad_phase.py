@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TypeVar
 
 import numba
 import numpy as np
 
 from yarnscale.arrays import Array, Flags, Integers
-from yarnscale.numerics.threads import available_threads, run_parts
+from yarnscale.numerics.threads import equal_ranges, run_parts
 
 Found = TypeVar("Found")
 
@@ -78,12 +77,11 @@ def on_overlaps(boxes: Array, cloth: int, act: Callable[[Integers], Found], *, w
     boxes: lowest and then negated highest corners (m, 6), of which the first ``cloth`` are the cloth's.
     """
     asking, jobs = _Tree.of(boxes, 0, cloth), []
-    cuts = np.linspace(0, cloth, available_threads() + 1).astype(int).tolist()
     if within_cloth:
-        jobs += [(asking, True, *bounds) for bounds in pairwise(cuts)]
+        jobs += [(asking, True, *bounds) for bounds in equal_ranges(cloth)]
     if len(boxes) > cloth:
         obstacles = _Tree.of(boxes, cloth, len(boxes))
-        jobs += [(obstacles, False, *bounds) for bounds in pairwise(cuts)]
+        jobs += [(obstacles, False, *bounds) for bounds in equal_ranges(cloth)]
 
     def run(job: tuple[_Tree, bool, int, int]) -> Found:
         asked, same, begin, end = job

@@ -60,10 +60,10 @@ class ClothContact:
         """Prescribed places of the points of moving obstacles at a time, (guests, 3) [m]."""
         return np.concatenate([np.zeros((0, 3)), *(o.points(time) for o in self._moving)])
 
-    def attachment(self, time: float, stiffness: float = 1e6) -> Attachment:
+    def attachment(self, time: float) -> Attachment:
         """Springs [N/m] of limited force that pull the points of moving obstacles to their prescribed places."""
         vertices = np.arange(self.count, self.count + self.guests)
-        return Attachment(vertices, self.places(time), stiffness, self.settings.holding_force)
+        return Attachment(vertices, self.places(time), limit=self.settings.holding_force)
 
     def start_step(
         self, positions: Array, duration: float, time: float = 0.0, until: float | None = None,

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
-from yarnscale.numerics.threads import run_parts
+from yarnscale.numerics.threads import equal_ranges, run_parts
 from yarnscale.shell.contact import pair_hessian, pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, barrier, smooth_length
-from yarnscale.shell.contact.pair_search import Close, Pairs, shares
+from yarnscale.shell.contact.pair_search import Close, Pairs
 from yarnscale.shell.contact.stick import begun_with, ended_with
 from yarnscale.shell.state import Slips
 
@@ -27,38 +27,24 @@ KEPT = 0.1
 
 
 class Search(Protocol):
-    """Finds pairs that are near; positions are of all vertices (nv, 3) [m]."""
+    """Finds pairs that are near, as ``PairSearch`` says; positions are of all vertices (nv, 3) [m]."""
 
-    def close(self, positions: Array) -> Close:
-        """Pairs nearer than the thickness."""
-        ...
-
-    def nearer(self, positions: Array, within: float) -> Integers:
-        """Vertices (n, 4) of pairs closer than a distance [m]; complete up to the thickness only."""
-        ...
-
-    def along(self, start: Array, end: Array) -> Pairs:
-        """Pairs that can be near along the straight path from start to end."""
-        ...
-
-    def known(self, start: Array, moves: Array) -> tuple[Pairs | None, float]:
-        """Pairs that can be near along a share of moves (nv, 3), and that share, as far as no search is needed."""
-        ...
+    def close(self, positions: Array) -> Close: ...
+    def nearer(self, positions: Array, within: float) -> Integers: ...
+    def along(self, start: Array, end: Array) -> Pairs: ...
+    def known(self, start: Array, moves: Array) -> tuple[Pairs | None, float]: ...
 
 
 @dataclass(frozen=True, eq=False)
 class _Grip:
-    """Friction contacts of a step: pairs (k, 4), coefficients (k, 4), normals (k, 3), largest friction (k,) [N].
+    """Friction contacts of a step: the close pairs at its start, and their largest friction (k,) [N].
 
-    origin: all vertices at its start (nv, 3) [m]; reach: slip of full friction [m]; begun: elastic slip at the start
-    (k, 3) [m]; between: (k, 5) as in ``Slips``, and signs (k,) for the order of the two edges of a pair.
+    reach: slip of full friction [m]; begun: elastic slip at the start (k, 3) [m]; between: (k, 5) as in ``Slips``, and
+    signs (k,) for the order of the two edges of a pair.
     """
 
-    vertices: Integers
-    coefficients: Array
-    normals: Array
+    close: Close
     limits: Array
-    origin: Array
     reach: float
     begun: Array
     between: Integers
@@ -66,8 +52,8 @@ class _Grip:
 
     def slip(self, positions: Array) -> tuple[Array, Array, Array, Array]:
         """Tangential motion of the closest points (k, 3), and its smoothed length f: f, f'/l and f'', each (k,)."""
-        sliding = pair_loops.slips(positions, self.origin, self.vertices, self.coefficients, self.normals)
-        sliding += self.begun
+        c = self.close
+        sliding = pair_loops.slips(positions, c.positions, c.vertices, c.coefficients, c.normals) + self.begun
         return sliding, *smooth_length(np.linalg.norm(sliding, axis=1), self.reach)
 
 
@@ -93,19 +79,10 @@ class PairContact:
         between[swapped, 1:] = close.vertices[swapped][:, [2, 3, 0, 1]]
         signs = np.where(swapped, -1.0, 1.0)
         begun = signs[:, None] * begun_with(slips, between, close.normals, reach)
-        self._grip = _Grip(
-            close.vertices,
-            close.coefficients,
-            close.normals,
-            -self.settings.friction * close.weights * close.fade[0] * slope,
-            everything,
-            reach,
-            self._carried(close, everything, begun, times),
-            between,
-            signs,
-        )
+        limits = -self.settings.friction * close.weights * close.fade[0] * slope
+        self._grip = _Grip(close, limits, reach, self._carried(close, begun, times), between, signs)
 
-    def _carried(self, close: Close, everything: Array, begun: Array, times: tuple[float, float]) -> Array:
+    def _carried(self, close: Close, begun: Array, times: tuple[float, float]) -> Array:
         """Slips (k, 3) with which a step begins, less the motion of surfaces that vertices do not show."""
         return begun
 
@@ -140,10 +117,10 @@ class PairContact:
         pair_loops.add_pulls(close.vertices, close.coefficients, pulls, forces)
         pair_loops.add_moments(everything, close.vertices, turning * energy, forces)
         value = float(fade @ energy)
-        if self._grip is not None:
-            grip = self._grip
+        if (grip := self._grip) is not None:
             sliding, potential, rate, _ = grip.slip(everything)
-            pair_loops.add_pulls(grip.vertices, grip.coefficients, (grip.limits * rate)[:, None] * sliding, forces)
+            pulls = (grip.limits * rate)[:, None] * sliding
+            pair_loops.add_pulls(grip.close.vertices, grip.close.coefficients, pulls, forces)
             value += float(grip.limits @ potential)
         gradient += forces[: self.rows]
         return value
@@ -152,7 +129,7 @@ class PairContact:
         everything, grip = self.everything(positions), self._grip
         close = self.search.close(everything)
         count = len(close.distances)
-        pairs = close.vertices if grip is None else np.concatenate([close.vertices, grip.vertices])
+        pairs = close.vertices if grip is None else np.concatenate([close.vertices, grip.close.vertices])
         graph, vertices = self._graph(pairs)
         slots = graph.slots(vertices).transpose(0, 2, 1).reshape(-1, 10)[: len(pairs)]
         blocks = np.zeros((graph.pattern.entries, 9))
@@ -160,15 +137,9 @@ class PairContact:
         if grip is not None:
             sliding, _, rate, change = grip.slip(everything)
             pair_hessian.add_friction(
-                grip.vertices,
-                grip.coefficients,
-                grip.normals,
-                sliding,
-                grip.limits * rate,
-                grip.limits * change,
-                slots[count:],
-                blocks,
-            )
+                grip.close.vertices, grip.close.coefficients, grip.close.normals, sliding, grip.limits * rate,
+                grip.limits * change, slots[count:], blocks,
+            )  # fmt: skip
         return graph.keys, blocks
 
     def _graph(self, pairs: Integers) -> tuple[BlockPattern, Integers]:
@@ -217,4 +188,4 @@ def _free_fraction(pairs: Pairs, start: Array, moves: Array, until: float) -> fl
             start, moves, pairs.vertices, pairs.corners, pairs.gaps, moved, travels, pairs.radius, KEPT, until, *bounds
         )  # fmt: skip
 
-    return min(run_parts(part, shares(len(pairs.vertices))))
+    return min(run_parts(part, equal_ranges(len(pairs.vertices))))

@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-from yarnscale.numerics.pair_distance import advance, closest_points, separation
+from yarnscale.numerics.pair_distance import advance, closest_points
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -32,7 +32,7 @@ def pairs_within(positions, pairs, corners, gaps, moved, radius, within, begin, 
     """
     numbers, count = np.empty(end - begin, np.int64), 0
     coefficients, normals = np.empty((256, 4)), np.empty((256, 3))
-    x, c, r, reach = np.empty((4, 3)), np.empty(4), np.empty(3), within + radius
+    x, c, reach = np.empty((4, 3)), np.empty(4), within + radius
     for n in range(begin, end):
         is_corner = n < corners
         if gaps[n] - _both_sides(moved, pairs, n, is_corner) >= reach:
@@ -45,8 +45,9 @@ def pairs_within(positions, pairs, corners, gaps, moved, radius, within, begin, 
         if count == len(coefficients):
             coefficients = np.concatenate((coefficients, np.empty_like(coefficients)))
             normals = np.concatenate((normals, np.empty_like(normals)))
-        separation(x, c, r)
-        numbers[count], coefficients[count], normals[count] = n, c, r
+        for k in range(3):
+            normals[count, k] = c[0] * x[0, k] + c[1] * x[1, k] + c[2] * x[2, k] + c[3] * x[3, k]
+        numbers[count], coefficients[count] = n, c
         count += 1
     normals = normals[:count].copy()
     lengths = np.empty(count)

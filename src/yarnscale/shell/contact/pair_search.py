@@ -15,12 +15,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from yarnscale.arrays import Array, Flags, Integers
-from yarnscale.numerics.threads import available_threads, run_parts
+from yarnscale.numerics.threads import equal_ranges, run_parts
 from yarnscale.shell.contact import pair_loops
 from yarnscale.shell.contact.barrier import ContactSettings, reach_aside
 from yarnscale.shell.contact.broad_phase import Surfaces, near_pairs
@@ -94,7 +93,6 @@ class PairSearch:
         self.strip, self.disc = reach_aside(settings.thickness)
         around = self.lengths[self.surfaces.sides].sum(axis=1)
         self.shares *= 3.0 * thirds / self._met(3.0 * thirds, around)
-        self.searches = 0
         self._pairs: Pairs | None = None
         self._close: Close | None = None
 
@@ -165,7 +163,6 @@ class PairSearch:
         return Close(positions, vertices, is_corner, weights, coefficients, distances, normals, fade)
 
     def _search(self, start: Array, end: Array) -> Pairs:
-        self.searches += 1
         surfaces, lowest, highest = self.surfaces, np.minimum(start, end), np.maximum(start, end)
         reach = 0.5 * self.settings.thickness + self.slack
         corners, met = near_pairs(surfaces, lowest - reach, highest + reach, within_cloth=self.settings.self_contact)
@@ -175,7 +172,7 @@ class PairSearch:
         def part(bounds: tuple[int, int]) -> Array:
             return pair_loops.distances(start, vertices, len(corners), *bounds)
 
-        gaps = np.concatenate(run_parts(part, shares(len(vertices))))
+        gaps = np.concatenate(run_parts(part, equal_ranges(len(vertices))))
         figures, slack = np.concatenate([corners, met]), self.slack
         return Pairs(lowest - slack, highest + slack, figures, vertices, len(corners), start, gaps)
 
@@ -189,15 +186,9 @@ def nearer(pairs: Pairs, positions: Array, within: float) -> tuple[Integers, Arr
             positions, pairs.vertices, pairs.corners, pairs.gaps, moved, pairs.radius, within, *bounds
         )
 
-    found = run_parts(part, shares(len(pairs.vertices)))
+    found = run_parts(part, equal_ranges(len(pairs.vertices)))
     numbers, coefficients, distances, normals = (np.concatenate(a) for a in zip(*found, strict=True))
     return numbers, coefficients, distances, normals
-
-
-def shares(count: int) -> list[tuple[int, int]]:
-    """Ranges of equal length that cover a number of pairs, one for each thread."""
-    cuts = np.linspace(0, count, available_threads() + 1).astype(int).tolist()
-    return list(pairwise(cuts))
 
 
 def _fade(crossed: Array, limits: Array) -> tuple[Array, Array, Array]:

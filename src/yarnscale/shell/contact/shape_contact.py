@@ -82,11 +82,11 @@ class ShapeContact(PairContact):
         search = _ShapeSearch(shape, figures, areas * settings.stiffness, point, settings.thickness)
         super().__init__(search, settings, rows, fixed)
 
-    def _carried(self, close: Close, everything: Array, begun: Array, times: tuple[float, float]) -> Array:
+    def _carried(self, close: Close, begun: Array, times: tuple[float, float]) -> Array:
         """A sphere that turns carries its surface along."""
         motion = self.shape.motion
         share = motion.share(times[1]) - motion.share(times[0])
-        apart = np.einsum("nk,nki->ni", close.coefficients, everything[close.vertices])
+        apart = np.einsum("nk,nki->ni", close.coefficients, close.positions[close.vertices])
         turned = (apart - begun) @ rotation_matrix(share * np.asarray(motion.rotation)).T
         along = apart - turned
         return along - np.einsum("ni,ni->n", along, close.normals)[:, None] * close.normals
