@@ -23,54 +23,35 @@ def spline_densities(
 
     address: kernel (forms, parameters) → density[, stress (nb, 6, B), moduli (nb, 21, B)].
     """
-    lanes = forms.shape[2]
-    parameters = np.zeros((PARAMETER_COUNT, lanes))
+    parameters, memory = np.zeros((PARAMETER_COUNT, forms.shape[2])), np.empty((0, 0, 0))
     for b in range(forms.shape[0]):
-        gather_parameters(packed, forms[b], lanes, parameters)
-        _run(address, forms[b], parameters, densities[b], stress, moduli, b)
+        gather_parameters(packed, forms[b], forms.shape[2], parameters)
+        _run(address, forms, parameters, memory, densities, stress, moduli, b)
 
 
 @numba.njit(**FAST)
 def shared_densities(
-    constants: NDArray, address: int, forms: NDArray, densities: NDArray, stress: NDArray, moduli: NDArray
-) -> None:
-    """The same of a material whose elements share their parameters, (P, 1)."""
-    for b in range(forms.shape[0]):
-        _run(address, forms[b], constants, densities[b], stress, moduli, b)
-
-
-@numba.njit(**FAST)
-def remembered_densities(
     constants: NDArray, memory: NDArray, address: int, forms: NDArray, densities: NDArray, stress: NDArray,
     moduli: NDArray,
 ) -> None:  # fmt: skip
-    """The same of a material whose elements also have a memory each, (nb, M, B)."""
-    lanes = forms.shape[2]
-    pointers = np.empty(6, np.int64)
+    """The same of a material whose elements share their parameters, (P, 1), and may have a memory each, (nb, M, B)."""
     for b in range(forms.shape[0]):
-        pointers[0], pointers[1], pointers[2] = (forms[b].ctypes.data, constants.ctypes.data, memory[b].ctypes.data)
-        pointers[3] = densities[b].ctypes.data
-        if len(stress):
-            pointers[4] = stress[b].ctypes.data
-        if len(moduli):
-            pointers[5] = moduli[b].ctypes.data
-        call_address(address, (lanes, lanes, pointers))
+        _run(address, forms, constants, memory, densities, stress, moduli, b)
 
 
 @numba.njit(**FAST)
 def _run(
-    address: int,
-    forms: NDArray,
-    parameters: NDArray,
-    densities: NDArray,
-    stress: NDArray,
-    moduli: NDArray,
-    b: int,
-) -> None:
-    pointers = np.empty(5, np.int64)
-    pointers[0], pointers[1], pointers[2] = (forms.ctypes.data, parameters.ctypes.data, densities.ctypes.data)
+    address: int, forms: NDArray, parameters: NDArray, memory: NDArray, densities: NDArray, stress: NDArray,
+    moduli: NDArray, b: int,
+) -> None:  # fmt: skip
+    """Run the kernel on block b; it takes a memory where there is one."""
+    pointers, k = np.empty(6, np.int64), 2
+    pointers[0], pointers[1] = forms[b].ctypes.data, parameters.ctypes.data
+    if memory.shape[1]:
+        pointers[2], k = memory[b].ctypes.data, 3
+    pointers[k] = densities[b].ctypes.data
     if len(stress):
-        pointers[3] = stress[b].ctypes.data
+        pointers[k + 1] = stress[b].ctypes.data
     if len(moduli):
-        pointers[4] = moduli[b].ctypes.data
-    call_address(address, (forms.shape[1], forms.shape[1], pointers))
+        pointers[k + 2] = moduli[b].ctypes.data
+    call_address(address, (forms.shape[2], forms.shape[2], pointers))

@@ -18,7 +18,7 @@ from yarnscale.arrays import Array
 from yarnscale.numerics.block_pattern import SKIPPED, BlockPattern
 from yarnscale.numerics.kernel import BLOCK
 from yarnscale.numerics.threads import available_threads, run_parts
-from yarnscale.shell.elastic.density_loops import remembered_densities, shared_densities, spline_densities
+from yarnscale.shell.elastic.density_loops import shared_densities, spline_densities
 from yarnscale.shell.elastic.element_loops import (
     add_positive_hessian,
     exact_hessian_of_blocks,
@@ -196,13 +196,11 @@ class ShellEnergy:
         kernels = material.kernels() if self.friction is None else self.friction.kernels.step
         kernel = kernels.second if len(moduli) else kernels.first if len(stress) else kernels.value
         if material.packed is not None:
-            spline_densities(material.packed, kernel.address, forms, densities, stress, moduli)
-        elif self.friction is not None:
-            constants, memory = self.friction.parameters, self.memory[blocks]
-            remembered_densities(constants, memory, kernel.address, forms, densities, stress, moduli)
-        else:
-            constants = np.ascontiguousarray(material.parameters(forms[0]))
-            shared_densities(constants, kernel.address, forms, densities, stress, moduli)
+            return spline_densities(material.packed, kernel.address, forms, densities, stress, moduli)
+        constants = material.parameters(forms[0]) if self.friction is None else self.friction.parameters
+        shared_densities(
+            np.ascontiguousarray(constants), self.memory[blocks], kernel.address, forms, densities, stress, moduli
+        )
 
 
 LEAST_BLOCKS = 4
