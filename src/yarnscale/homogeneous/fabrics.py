@@ -31,20 +31,25 @@ class Response:
 
 
 class HomogeneousFabric(Protocol):
-    """Fabric that answers to a macroscopic strain: a periodic cell of yarns, or a shell material."""
+    """Fabric that answers to a macroscopic strain: a periodic cell of yarns, or a shell material.
+
+    strain_scale: strains (6,) of like importance, by which steps and residuals are measured. response: energy and
+    stress under a strain (6,), from a neighbouring response or from rest. moduli: second derivatives of the energy
+    (6, 6); ArithmeticError where there are none (the verge of buckling).
+    """
 
     @property
-    def strain_scale(self) -> Array:
-        """Strains (6,) of like importance, by which steps and residuals are measured."""
-        ...
+    def strain_scale(self) -> Array: ...
+    def response(self, strain: Array, start: Response | None = None) -> Response: ...
+    def moduli(self, response: Response) -> Array: ...
 
-    def response(self, strain: Array, start: Response | None = None) -> Response:
-        """Energy and stress under a strain (6,), from a neighbouring response or from rest."""
-        ...
 
-    def moduli(self, response: Response) -> Array:
-        """Second derivatives of the energy (6, 6); ArithmeticError where there are none (the verge of buckling)."""
-        ...
+def moduli_or_nan(fabric: HomogeneousFabric, response: Response) -> Array:
+    """Second derivatives of the energy (6, 6), NaN on the verge of buckling."""
+    try:
+        return fabric.moduli(response)
+    except ArithmeticError:
+        return np.full((6, 6), np.nan)
 
 
 def fabric_of(subject: PeriodicCell | ShellMaterial) -> HomogeneousFabric:

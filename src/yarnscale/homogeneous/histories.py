@@ -13,7 +13,7 @@ from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.friction import CellHistory, Solve
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.homogeneous.fabrics import CellFabric, MaterialFabric, Response
+from yarnscale.homogeneous.fabrics import CellFabric, MaterialFabric, Response, moduli_or_nan
 from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
@@ -72,7 +72,7 @@ def under_loads(loads: Loads, prescribed: Prescribed) -> Callable[[Any, Any], An
         found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start)
         if not found.converged:
             return None
-        known[:] = [_moduli(cell, found.response.state)]
+        known[:] = [moduli_or_nan(CellFabric(cell), found.response)]
         found = replace(found, moduli=known[0])
         found = equilibrium_under(CellFabric(cell), loads, prescribed=prescribed, start=found)
         return found.response.state if found.converged else None
@@ -85,14 +85,6 @@ def under_loads(loads: Loads, prescribed: Prescribed) -> Callable[[Any, Any], An
         return found.strain if found.converged else None
 
     return solve
-
-
-def _moduli(cell: PeriodicCell, state: Equilibrium) -> Array:
-    """Moduli (6, 6), NaN on the verge of buckling."""
-    try:
-        return cell.moduli(state)
-    except ArithmeticError:
-        return np.full((6, 6), np.nan)
 
 
 def loaded_state(history: FabricHistory | None) -> LoadedState:

@@ -23,7 +23,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
-from yarnscale.homogeneous.fabrics import HomogeneousFabric, Response
+from yarnscale.homogeneous.fabrics import HomogeneousFabric, Response, moduli_or_nan
 from yarnscale.kinematics import COMPONENTS, line_stretch
 from yarnscale.numerics.newton import Status
 
@@ -268,10 +268,7 @@ class _LoadedNewton:
 
     def _moduli(self, response: Response) -> Array:
         """Moduli there, NaN where there are none; the last ones that were finite serve the next steps."""
-        try:
-            moduli = self.fabric.moduli(response)
-        except ArithmeticError:
-            moduli = np.full((6, 6), np.nan)
+        moduli = moduli_or_nan(self.fabric, response)
         if np.isfinite(moduli).all():
             self.last_moduli = moduli
         if self.observe is not None:

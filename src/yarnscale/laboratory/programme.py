@@ -159,15 +159,7 @@ class FabricTests:
     @property
     def failed(self) -> int:
         """Points and cycles without equilibrium under the load; a drape that did not end well is one."""
-        points = [
-            *self.cycles,
-            *self.tension,
-            *self.biaxial,
-            *self.shear,
-            *self.bending,
-            *self.twist,
-            *self.rolls,
-        ]
+        points = [*self.cycles, *(point for name in _POINTS for point in getattr(self, name))]
         draped = self.drape is None or self.drape.succeeded
         return sum(p.status != "converged" for p in points) + (not draped)
 
@@ -198,12 +190,10 @@ class FabricTests:
 
 
 class TestedCloth(HomogeneousFabric, Protocol):
-    """Homogeneous fabric with a weight: the cloth of another engine."""
+    """Homogeneous fabric with a mass per area [kg/m²]: the cloth of another engine."""
 
     @property
-    def density(self) -> float:
-        """Mass per area [kg/m²]."""
-        ...
+    def density(self) -> float: ...
 
 
 def _named(content: dict[str, Any], **names: str) -> dict[str, Any]:

@@ -119,29 +119,19 @@ class _PartPull:
 
 
 class MatrixPull(Protocol):
-    """How the entries of matrices of one pattern become those of another."""
+    """How the entries of matrices H of one pattern become those of Bᵀ H B."""
 
     pattern: SymmetricPattern
 
-    def entries(self, values: Array) -> Array:
-        """Entries of Bᵀ H B from those of H."""
-        ...
+    def entries(self, values: Array) -> Array: ...
 
 
 class AffineParameters(Protocol):
-    """A parametrisation q = B y + d."""
+    """A parametrisation q = B y + d: q, Bᵀ g, and how matrices of a pattern are pulled back."""
 
-    def expand(self, free: Array) -> Array:
-        """Full degrees of freedom."""
-        ...
-
-    def pull_gradient(self, gradient: Array) -> Array:
-        """Bᵀ g."""
-        ...
-
-    def pulled(self, inner: SymmetricPattern) -> MatrixPull:
-        """How matrices of this pattern are pulled back."""
-        ...
+    def expand(self, free: Array) -> Array: ...
+    def pull_gradient(self, gradient: Array) -> Array: ...
+    def pulled(self, inner: SymmetricPattern) -> MatrixPull: ...
 
 
 class KeptPull:
@@ -191,15 +181,12 @@ class MappedObjective:
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy and Bᵀ g."""
         value, gradient = self._objective.gradient(self._affine.expand(x))
-        return value, self._pulled(gradient)
+        return value, self._affine.pull_gradient(gradient)
 
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
         """Energy, Bᵀ g and the model Bᵀ H B."""
         value, gradient, model = self._objective.quadratic(self._affine.expand(x))
-        return value, self._pulled(gradient), _PulledModel(model, self._pull.of(model.pattern))
-
-    def _pulled(self, gradient: Array) -> Array:
-        return self._affine.pull_gradient(gradient)
+        return value, self._affine.pull_gradient(gradient), _PulledModel(model, self._pull.of(model.pattern))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,16 +12,14 @@ from yarnscale.numerics.factor import Factorisation, SymmetricPattern
 
 
 class QuadraticModel(Protocol):
-    """Second-order model of an objective at a point."""
+    """Second-order model of an objective at a point, H + shift·M with M positive: a diagonal, or a positive model − H.
+
+    pattern: of the Hessian; the same object as long as it did not change. values: entries at a shift.
+    """
 
     @property
-    def pattern(self) -> SymmetricPattern:
-        """Pattern of the Hessian; the same object as long as it did not change."""
-        ...
-
-    def values(self, shift: float) -> Array:
-        """Entries of H + shift·M, with M positive (a diagonal, or positive model − exact Hessian)."""
-        ...
+    def pattern(self) -> SymmetricPattern: ...
+    def values(self, shift: float) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,24 +33,17 @@ class Status(enum.Enum):
 
 
 class Objective(Protocol):
-    """An energy of n unknowns; the value is inf where the state is not admissible."""
+    """An energy of n unknowns; the value is inf where the state is not admissible.
 
-    def value(self, x: Array) -> float:
-        """Energy."""
-        ...
+    gradient, quadratic: energy, gradient (n,) and second-order model. residual_scale: gradient norm that counts as 1,
+    at the state evaluated last.
+    """
 
-    def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy and gradient (n,)."""
-        ...
-
-    def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
-        """Energy, gradient (n,) and second-order model."""
-        ...
-
+    def value(self, x: Array) -> float: ...
+    def gradient(self, x: Array) -> tuple[float, Array]: ...
+    def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]: ...
     @property
-    def residual_scale(self) -> float:
-        """Gradient norm that counts as 1, at the state evaluated last."""
-        ...
+    def residual_scale(self) -> float: ...
 
 
 @dataclass(frozen=True)

@@ -157,11 +157,6 @@ class NullSpaceSolver:
         """Number of factorisations so far."""
         return self._reduced.factorisations
 
-    @property
-    def analyses(self) -> int:
-        """Number of symbolic analyses so far."""
-        return self._reduced.analyses
-
     def factorise(self, model: QuadraticModel, shift: float) -> bool:
         """Factor the model's matrix with this shift; False where it is not positive definite on the null space."""
         if model.pattern is not self._pattern:

@@ -26,35 +26,26 @@ class SummedModel(QuadraticModel, Protocol):
 
 
 class Energy(Protocol):
-    """An energy of n unknowns with a sparse Hessian; inf where the state is not admissible."""
+    """An energy of n unknowns with a sparse Hessian; inf where the state is not admissible.
 
-    def value(self, x: Array) -> float:
-        """Energy."""
-        ...
+    gradient, quadratic: energy, gradient (n,) and second-order model, both the caller's.
+    """
 
-    def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy and gradient (n,), which is the caller's."""
-        ...
-
-    def quadratic(self, x: Array) -> tuple[float, Array, SummedModel]:
-        """Energy, gradient (n,) and second-order model, both the caller's."""
-        ...
+    def value(self, x: Array) -> float: ...
+    def gradient(self, x: Array) -> tuple[float, Array]: ...
+    def quadratic(self, x: Array) -> tuple[float, Array, SummedModel]: ...
 
 
 class Term(Protocol):
-    """An energy whose Hessian has a place in the pattern of another."""
+    """An energy whose Hessian has a place in the pattern of another.
 
-    def value(self, x: Array) -> float:
-        """Energy."""
-        ...
+    gradient: the energy; adds the gradient to ``gradient``. hessian: adds the Hessian too, or a positive model of it,
+    to the entries of a matrix.
+    """
 
-    def gradient(self, x: Array, gradient: Array) -> float:
-        """Energy; adds the gradient to ``gradient``."""
-        ...
-
-    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
-        """``gradient``; adds the Hessian too, or a positive model of it, to the entries of a matrix."""
-        ...
+    def value(self, x: Array) -> float: ...
+    def gradient(self, x: Array, gradient: Array) -> float: ...
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float: ...
 
 
 @dataclass(frozen=True, eq=False)

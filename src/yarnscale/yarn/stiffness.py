@@ -26,57 +26,35 @@ Materials = YarnMaterial | Sequence[YarnMaterial]
 
 
 class Yarns(Protocol):
-    """Yarns of one period or of a whole fabric: sizes and materials of edges and joints."""
+    """Yarns of one period or of a whole fabric: sizes and materials of n edges and joints.
+
+    radius: of the thickest yarns [m]; relative_radius: of the yarn of every edge and joint over it (n,). rest_length:
+    of every edge (n,) [m]. rest_curvature, rest_twist: integrated, of every joint at rest (n, 2) and (n,) [rad].
+    voronoi_length: of every joint (n,) [m]. material_of_vertex: number of the material of every edge (n,). area: at
+    rest [m²]. polyline: whether yarns are straight segments with the published convention of contact. Any: cached
+    properties, which are no arrays to type checkers.
+    """
 
     @property
-    def name(self) -> str:
-        """A label."""
-        ...
-
+    def name(self) -> str: ...
     @property
-    def radius(self) -> float:
-        """Of the thickest yarns [m]."""
-        ...
-
+    def radius(self) -> float: ...
     @property
-    def relative_radius(self) -> Any:
-        """Radius of the yarn of every edge and joint over ``radius`` (n,)."""
-        ...
-
+    def relative_radius(self) -> Any: ...
     @property
-    def rest_length(self) -> Array:
-        """Of every edge (n,) [m]."""
-        ...
-
+    def rest_length(self) -> Array: ...
     @property
-    def rest_curvature(self) -> Array:
-        """Integrated material curvatures of every joint at rest (n, 2)."""
-        ...
-
+    def rest_curvature(self) -> Array: ...
     @property
-    def rest_twist(self) -> Array:
-        """Integrated twist of every joint at rest (n,) [rad]."""
-        ...
-
+    def rest_twist(self) -> Array: ...
     @property
-    def voronoi_length(self) -> Any:
-        """Of every joint (n,) [m]."""  # a cached property is no array to type checkers
-        ...
-
+    def voronoi_length(self) -> Any: ...
     @property
-    def material_of_vertex(self) -> Any:
-        """Number of the material of every edge (n,)."""
-        ...
-
+    def material_of_vertex(self) -> Any: ...
     @property
-    def area(self) -> float:
-        """Reference area [m²]."""
-        ...
-
+    def area(self) -> float: ...
     @property
-    def polyline(self) -> bool:
-        """Whether yarns are straight segments with the published convention of contact."""
-        ...
+    def polyline(self) -> bool: ...
 
 
 def materials_of(pattern: Yarns, material: Materials) -> tuple[YarnMaterial, ...]:
