@@ -63,24 +63,22 @@ def require_renderer() -> None:
 
 
 @contextmanager
-def canvas(
-    path: str | Path, *, size: tuple[int, int] = theme.PICTURE_SIZE, shape: tuple[int, int] = (1, 1)
-) -> Iterator[Any]:
+def canvas(path: str | Path, *, size: tuple[int, int] = theme.PICTURE_SIZE) -> Iterator[Any]:
     """A plotter whose picture is written to ``path`` (PNG) at the end; nothing is written on an error.
 
     It is a ``pyvista.Plotter``, given as Any because type checkers do not see through its decorators.
     Raises PicturesUnavailable, and InputError when the file cannot be written.
     """
-    with screen(size, shape=shape) as plotter:
+    with screen(size) as plotter:
         yield plotter
         write_png(path, plotter.screenshot(return_img=True))
 
 
 @contextmanager
-def screen(size: tuple[int, int], *, shape: tuple[int, int] = (1, 1)) -> Iterator[Any]:
+def screen(size: tuple[int, int]) -> Iterator[Any]:
     """A plotter that is asked for screenshots as often as one likes; as ``canvas`` otherwise."""
     require_renderer()
-    plotter: Any = pv.Plotter(off_screen=True, window_size=list(size), shape=shape, border=False)
+    plotter: Any = pv.Plotter(off_screen=True, window_size=list(size), border=False)
     try:
         plotter.set_background(theme.PAPER)
         plotter.enable_anti_aliasing("ssaa")

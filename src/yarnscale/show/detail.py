@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -71,14 +70,10 @@ def yarn_cloth_picture(
         mesh = tube_mesh(pieces, scale=scale, smooth=4 if near else 0)
         add_tubes(plotter, mesh, radius if scale * radius > _SHADED else None)
         for solid in drawn:
-            _add_solid(plotter, solid)
+            body = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
+            look = {"smooth_shading": True, "split_sharp_edges": True, "ambient": 0.3, "specular": 0.1}
+            plotter.add_mesh(body, color=solid.colour, **look)
         plotter.reset_camera_clipping_range()
-
-
-def _add_solid(plotter: Any, solid: Solid) -> None:
-    """Put a body into a picture."""
-    mesh = pv.PolyData.from_regular_faces(solid.vertices, solid.triangles)
-    plotter.add_mesh(mesh, color=solid.colour, smooth_shading=True, split_sharp_edges=True, ambient=0.3, specular=0.1)
 
 
 def _pieces(curves: CurveSet, positions: Array, middle: Array | None, reach: float) -> list[Curve]:

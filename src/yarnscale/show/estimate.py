@@ -18,7 +18,7 @@ from yarnscale.show.canvas import Camera
 from yarnscale.show.curves import pattern_curves, rings_for
 from yarnscale.show.laboratory import numbers_section
 from yarnscale.show.plots import written_figure
-from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+from yarnscale.show.report import Cell, Picture, Section, Table, scaled, write_report
 from yarnscale.show.strained_pane import States, cell_pane
 from yarnscale.show.tubes import room_of, yarn_picture
 from yarnscale.swatches.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
@@ -208,10 +208,7 @@ def spread_plot(path: Path, estimate: FabricEstimate) -> None:
         left, right = figure.subplots(1, 2, width_ratios=[1, 1.6])
         numbers = np.arange(1, len(spread.singular) + 1)
         left.bar(numbers, np.maximum(spread.singular, 1e-6), color=theme.SAMPLE)
-        left.set_yscale("log")
-        left.set_xticks(numbers)
-        left.set_xlabel("singular direction")
-        left.set_ylabel("singular value")
+        left.set(yscale="log", xticks=numbers, xlabel="singular direction", ylabel="singular value")
         right.grid(False)
         image = right.imshow(spread.vectors.T**2, cmap="Blues", vmin=0, vmax=1, aspect="auto")
         right.set_yticks(range(len(spread.names)), spread.names)
@@ -234,12 +231,12 @@ def _construction(estimate: FabricEstimate) -> Table:
     measured, found = estimate.measurements, estimate.construction
     known = measured.known
     rows: list[list[Cell]] = [
-        ["wales [1/cm]", _scaled(found.wales, 1e-2), _scaled(known.wales, 1e-2)],
-        ["courses [1/cm]", _scaled(found.courses, 1e-2), _scaled(known.courses, 1e-2)],
-        ["loop length [mm]", _scaled(found.loop_length, 1e3), _scaled(known.yarn_in_stitch, 1e3)],
+        ["wales [1/cm]", scaled(found.wales, 1e-2), scaled(known.wales, 1e-2)],
+        ["courses [1/cm]", scaled(found.courses, 1e-2), scaled(known.courses, 1e-2)],
+        ["loop length [mm]", scaled(found.loop_length, 1e3), scaled(known.yarn_in_stitch, 1e3)],
         ["yarn in one period [mm]", 1e3 * found.yarn_length, None],
-        ["yarn count [tex]", 1e6 * found.yarn_count, _scaled(measured.yarn_count, 1e6)],
-        ["area density [g/m²]", 1e3 * found.area_density, _scaled(measured.area_density, 1e3)],
+        ["yarn count [tex]", 1e6 * found.yarn_count, scaled(measured.yarn_count, 1e6)],
+        ["area density [g/m²]", 1e3 * found.area_density, scaled(measured.area_density, 1e3)],
         ["thickness [mm]", 1e3 * found.thickness, None],
     ]
     for direction, (own, given) in estimate.bending.items():
@@ -248,10 +245,6 @@ def _construction(estimate: FabricEstimate) -> Table:
         if test.lost_work is not None:
             rows.append([f"work lost in unloading, {test.direction.value}", None, _percent(test.lost_work)])
     return Table(["", "estimated", "measured"], rows)
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
 
 
 def _errors(estimate: FabricEstimate) -> Table:

@@ -13,7 +13,7 @@ from yarnscale.laboratory.drape import DISC, SPECIMEN
 from yarnscale.laboratory.programme import Difference, FabricTests
 from yarnscale.show import theme
 from yarnscale.show.plots import written_figure
-from yarnscale.show.report import Cell, Picture, Section, Table, write_report
+from yarnscale.show.report import Cell, Picture, Section, Table, scaled, write_report
 
 _STYLES = ("-", "--")
 _MARKS = ("o", "x")
@@ -151,7 +151,7 @@ def numbers_section(tests: FabricTests) -> Section:
     tensile_names = ["direction [°]", "largest load [N/m]", "EMT [–]", "LT [–]", "WT [J/m²]", "RT [%]"]
     tensile_names += ["E5 [%]", "E20 [%]", "E100 [%]"]
     bend: list[list[Cell]] = [
-        [s.direction, _scaled(s.B, 1e6), _scaled(s.hysteresis, 1e3), _scaled(s.bending_length, 1e3)] for s in tests.bend
+        [s.direction, scaled(s.B, 1e6), scaled(s.hysteresis, 1e3), scaled(s.bending_length, 1e3)] for s in tests.bend
     ]
     rolls: list[list[Cell]] = [[r.direction, r.curvature, r.side, 1e3 * r.saved, r.status] for r in tests.rolls]
     shear = tests.sheared
@@ -179,7 +179,3 @@ def numbers_section(tests: FabricTests) -> Section:
         yarns = "" if tests.friction is None else f"Friction of yarns {tests.friction:g}. "
         text = [f"{yarns}Hysteresis and resilience are those of the first cycle."]
     return Section(f"{tests.subject} ({tests.kind})", text, tables)
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value

@@ -45,10 +45,7 @@ def draw_terms(material: SplineMaterial, samples: FabricStates, path: Path) -> N
     with written_figure(path, 11.0, 2.4 * len(pairs)) as figure:
         for row, pair in zip(figure.subplots(len(pairs), 5, squeeze=False), pairs, strict=True):
             on_plane = ~np.delete(acting, pair, axis=1).any(axis=1)
-            places, energies = (
-                samples.strains[on_plane][:, pair],
-                samples.energies[on_plane] - material.constant,
-            )
+            places, energies = samples.strains[on_plane][:, pair], samples.energies[on_plane] - material.constant
             u, v = (np.linspace(1.15 * material.range[k, 0], 1.15 * material.range[k, 1], 60) for k in pair)
             first, second = (material.axes[k] for k in pair)
             single = first(u)[:, None] + second(v)
@@ -91,9 +88,7 @@ def _tension(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: fl
     good = [k for k, state in enumerate(path) if state.converged]
     line = np.array([path[k].strain[place] for k in good]), loads[good]
     _line_and_dots(axes, line, (states.strains[pulled, place], along[pulled]))
-    axes.set_yscale("log")
-    axes.set_xlabel("stretch [–]")
-    axes.set_ylabel("load [N/m]")
+    axes.set(yscale="log", xlabel="stretch [–]", ylabel="load [N/m]")
 
 
 def _bending(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: float, place: int) -> None:
@@ -111,5 +106,4 @@ def _bending(axes: Axes, states: FabricStates, fabric: MaterialFabric, angle: fl
                 line.append((side * float(value), float(found.stress[3 + place])))
     x, y = np.array(sorted(line)).reshape(-1, 2).T
     _line_and_dots(axes, (x, 1e3 * y), (curvature[bent], 1e3 * states.stresses[bent, 3 + place]))
-    axes.set_xlabel("curvature [1/m]")
-    axes.set_ylabel("moment [mN]")
+    axes.set(xlabel="curvature [1/m]", ylabel="moment [mN]")

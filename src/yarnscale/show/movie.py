@@ -216,11 +216,7 @@ class Film:
         return np.concatenate(outermost), (least, max(most, least + 1e-3))
 
     def _add_cloth(self, cloth: Surface, first: Moment, limits: tuple[float, float] | None) -> None:
-        def shape(moment: Moment) -> tuple[Array, Array]:
-            assert moment.cloth is not None
-            return moment.cloth, vertex_normals(moment.cloth, cloth.triangles)
-
-        mesh = self._part(cloth.triangles, shape, first)
+        mesh = self._surface_part("cloth", cloth, first)
         look: dict[str, Any] = {"ambient": 0.3, "diffuse": 0.8, "specular": 0.04}
         if self._wires:
             look |= {"show_edges": True, "edge_color": theme.INK, "edge_opacity": 0.25}
@@ -234,11 +230,7 @@ class Film:
         self._plotter.add_mesh(mesh, interpolation="phong", **look)
 
     def _add_bodies(self, bodies: Surface, first: Moment) -> None:
-        def shape(moment: Moment) -> tuple[Array, Array]:
-            assert moment.bodies is not None
-            return moment.bodies, vertex_normals(moment.bodies, bodies.triangles)
-
-        mesh = self._part(bodies.triangles, shape, first)
+        mesh = self._surface_part("bodies", bodies, first)
         self._plotter.add_mesh(mesh, color=theme.OBSTACLE, interpolation="phong", ambient=0.3, specular=0.1)
 
     def _add_yarns(self, curves: CurveSet, first: Moment, scale: float) -> None:
@@ -252,6 +244,13 @@ class Film:
         mesh = self._part(sweep.triangles, shape, first)
         mesh.point_data["colour"] = tube_colours(sweep)
         add_tubes(self._plotter, mesh)
+
+    def _surface_part(self, name: str, surface: Surface, first: Moment) -> pv.PolyData:
+        def shape(moment: Moment) -> tuple[Array, Array]:
+            points = getattr(moment, name)
+            return points, vertex_normals(points, surface.triangles)
+
+        return self._part(surface.triangles, shape, first)
 
     def _part(self, triangles: Integers, shape: Callable[[Moment], tuple[Array, Array]], first: Moment) -> pv.PolyData:
         points, normals = shape(first)

@@ -31,10 +31,7 @@ def stress_scatter(path: str | Path, groups: Mapping[str, tuple[Array, Array]], 
         line = np.geomspace(1e-4, max(1.0, *(float(n.max(initial=0)) for n, _ in groups.values())), 100)
         for share in (0.01, 0.06):
             axes.plot(line, share * (line + floor), color=theme.INK, linewidth=0.8)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlabel("stress of the cell [N/m]")
-        axes.set_ylabel("error of the fit [N/m]")
+        axes.set(xscale="log", yscale="log", xlabel="stress of the cell [N/m]", ylabel="error of the fit [N/m]")
         axes.legend()
 
 
@@ -56,8 +53,7 @@ def error_histogram(
             middle = float(np.median(values))
             axes.axvline(max(middle, floor), color=theme.FIT, linewidth=1.4)
             axes.text(0.01, 0.78, f"{name}   median {middle:.2g} %", transform=axes.transAxes, fontsize=8)
-            axes.set_xscale("log")
-            axes.set_yticks([])
+            axes.set(xscale="log", yticks=[])
             axes.grid(False)
             axes.spines["left"].set_visible(False)
         rows[-1].set_xlabel(label)

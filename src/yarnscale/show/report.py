@@ -87,7 +87,6 @@ def report_page(
         lstrip_blocks=True,
     )
     environment.filters["cell"] = cell_text
-    environment.filters["is_number"] = _is_number
     environment.filters["source"] = lambda picture: picture_source(picture.path)
     panes = [picture.pane for section in sections for picture in section.pictures if picture.pane is not None]
     return environment.get_template("report.html").render(
@@ -107,8 +106,9 @@ def cell_text(value: Cell) -> str:
     return str(value)
 
 
-def _is_number(value: Cell) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def scaled(value: float | None, factor: float) -> float | None:
+    """A number in another unit, None where there is none."""
+    return None if value is None else factor * value
 
 
 def _check(table: Table) -> None:

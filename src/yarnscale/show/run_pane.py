@@ -55,8 +55,7 @@ def run_pane(
     if count < 1:
         found = f"{each / 1e6:.0f} MB for a single frame"
         raise InputError("run is too large for a page", expected=f"at most {megabytes:g} MB", found=found)
-    chosen = np.unique(np.linspace(0, len(animation) - 1, max(count, 1)).round().astype(int))
-    chosen = chosen if count > 1 else np.array([len(animation) - 1])
+    chosen = np.unique(np.linspace(len(animation) - 1, 0, count).round().astype(int))
     moments = [animation.moment(int(k)) for k in chosen]
     return _pane(animation, moments, title, material, camera)
 

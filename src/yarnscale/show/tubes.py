@@ -49,7 +49,7 @@ def yarn_picture(
         add_tubes(plotter, tubes, radius)
         if surface is not None:
             _add_surface(plotter, surface)
-        framed = [_framed(c, radius) for c in curves]
+        framed = [c.points + side for c in curves for side in (-radius, radius)]
         if surface is not None:
             framed.append(np.asarray(surface, dtype=float).reshape(-1, 3))
         if room is not None:
@@ -61,11 +61,6 @@ def room_of(series: Sequence[Sequence[Curve]], radius: float) -> Array:
     """Least size (3,) [m] that holds every picture of a series."""
     sizes = [np.ptp(np.vstack([curve.points for curve in curves]), axis=0) for curves in series]
     return np.max(sizes, axis=0) + 2 * radius
-
-
-def _framed(curve: Curve, radius: float) -> Array:
-    """Corners that enclose a tube, for the camera, shape (2 k, 3)."""
-    return np.vstack([curve.points - radius, curve.points + radius])
 
 
 def _box(points: Array, room: Array) -> Array:
