@@ -98,12 +98,12 @@ def test_a_helix_has_the_curvature_and_twist_of_the_closed_form() -> None:
 def test_a_pattern_from_curves_is_twisted_evenly() -> None:
     curve, period = helix()
     for shape in ("straight", "current"):
-        pattern = pattern_from_curves([curve], period, 1e-4, rest_shape=shape, rest_length_scale=0.9)
+        pattern = pattern_from_curves([curve], period, 1e-4, rest_shape=shape)
         joint = pattern.twist - pattern.twist[pattern.previous_vertex] + pattern.reference_twist
         assert np.ptp(joint) < 1e-10
         assert (pattern.rest_length * pattern.twist).sum() == pytest.approx(0.0, abs=1e-12)
         assert np.abs(pattern.reference_twist[1:]).max() < 1e-12
-        assert np.allclose(pattern.rest_length, 0.9 * pattern.drawn_length)
+        assert np.allclose(pattern.rest_length, pattern.drawn_length)
         t = tangents(pattern)
         assert np.abs((t * pattern.reference_director).sum(axis=1)).max() < 1e-14
         if shape == "straight":

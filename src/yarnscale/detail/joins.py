@@ -142,11 +142,7 @@ def _partners(ends: YarnEnds, mesh: TriangleMesh, reach: float) -> _Pairs:
     left[across.rows] = False
     own_side = replace(ends, seen_place=ends.place, seen_step=ends.step, seen_panel=ends.panel)
     beside = _nearest_pairs(own_side, mesh, reach, left)
-    return _Pairs(
-        np.concatenate([across.rows, beside.rows]),
-        np.concatenate([across.miss, beside.miss]),
-        np.concatenate([across.gap, beside.gap]),
-    )
+    return _Pairs(*(np.concatenate([getattr(p, name) for p in (across, beside)]) for name in ("rows", "miss", "gap")))
 
 
 def _nearest_pairs(ends: YarnEnds, mesh: TriangleMesh, reach: float, free: Flags) -> _Pairs:

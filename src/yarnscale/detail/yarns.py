@@ -74,45 +74,21 @@ class YarnDetail:
         if not np.isfinite(positions).all():
             raise InputError("positions of the cloth", expected="finite numbers", found="others")
         gradient, first, second = self.surface.forms(positions)
+        mesh, layout, table = self.mesh, self.layout, self.table
         points, states = _place(
-            positions,
-            self.mesh.triangles,
-            self.mesh.corners,
-            self.mesh.material,
-            gradient,
-            first,
-            second,
-            self.layout.triangle,
-            self.layout.place,
-            self.layout.material,
-            self.layout.stretch,
-            self.layout.vertex,
-            self.table.pattern.vertices,
-            self.table.axes,
-            self.table.values,
-        )
-        self.layout.bridges.place(points)
+            positions, mesh.triangles, mesh.corners, mesh.material, gradient, first, second, layout.triangle,
+            layout.place, layout.material, layout.stretch, layout.vertex, table.pattern.vertices, table.axes,
+            table.values,
+        )  # fmt: skip
+        layout.bridges.place(points)
         return points, states
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _place(
-    positions,
-    triangles,
-    corners,
-    material,
-    gradient,
-    first,
-    second,
-    triangle,
-    place,
-    xi,
-    stretch,
-    vertex,
-    rest,
-    axes,
+    positions, triangles, corners, material, gradient, first, second, triangle, place, xi, stretch, vertex, rest, axes,
     values,
-):
+):  # fmt: skip
     """Positions (n, 3) and states (n, 5) of yarn vertices."""
     count = len(triangle)
     out, states = np.empty((count, 3)), np.empty((count, 5))

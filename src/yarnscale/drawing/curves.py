@@ -91,15 +91,14 @@ def pattern_from_curves(
     radius: float,
     *,
     name: str = "pattern",
-    rest_length_scale: float = 1.0,
     rest_shape: str = "straight",
     yarn_material: Sequence[int] | np.ndarray | None = None,
     yarn_radius: np.ndarray | None = None,
 ) -> YarnPattern:
     """A pattern whose yarns have their vertices at the points of the curves.
 
-    Rest lengths are those of the smooth curve times `rest_length_scale`. The rest curvature is zero
-    (``rest_shape="straight"``) or the present one (``"current"``), and so is the rest twist. Reference
+    Rest lengths are those of the smooth curve. The rest curvature is zero (``rest_shape="straight"``) or the present
+    one (``"current"``), and so is the rest twist. Reference
     directors are transported along each yarn; the angle that remains where the yarn closes is the reference twist of
     that joint, and the twist angles distribute it evenly along the yarn. yarn_material: number of each curve's
     material, default 0. yarn_radius: of each curve [m], the largest of them ``radius``.
@@ -107,8 +106,6 @@ def pattern_from_curves(
     """
     if rest_shape not in REST_SHAPES:
         raise InputError("rest_shape is unknown", expected=" or ".join(REST_SHAPES), found=rest_shape)
-    if not rest_length_scale > 0.0:
-        raise InputError("rest_length_scale must be positive", expected="> 0", found=rest_length_scale)
     if len(curves) == 0:
         raise InputError("a pattern needs yarns", expected="at least one curve", found=0)
     period = np.asarray(period, dtype=np.float64)
@@ -138,7 +135,7 @@ def pattern_from_curves(
         vertices=np.concatenate([curve.points for curve in curves]),
         twist=twist,
         edges=edges,
-        rest_length=curve_length(edge, previous, edges[:, 1]) * rest_length_scale,
+        rest_length=curve_length(edge, previous, edges[:, 1]),
         rest_curvature=curvature if bent else np.zeros((len(edges), 2)),
         rest_twist=twist - twist[previous] + joint_twist if bent else np.zeros(len(edges)),
         reference_director=director,

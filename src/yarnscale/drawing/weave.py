@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order
 
 from yarnscale.drawing.chart_error import ChartError
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
@@ -160,13 +162,9 @@ def _check_layers(table: np.ndarray) -> None:
     over[:picks, picks:] = table == 0
     over[picks:, :picks] = table.T == 1
     for link, side in ((over, "top"), (over.T, "bottom")):
-        reached, front = {0}, [0]
-        while front:
-            found = set(np.flatnonzero(link[front.pop()]).tolist()) - reached
-            reached |= found
-            front += found
+        reached = breadth_first_order(csr_array(link), 0, return_predecessors=False)
         # Nothing that is reached lies over what is not: those yarns are a layer of their own.
-        if loose := sorted(set(range(len(over))) - reached):
+        if loose := np.setdiff1d(np.arange(len(over)), reached).tolist():
             names = [f"weft pick {y + 1}" if y < picks else f"warp end {y - picks + 1}" for y in loose[:6]]
             raise ChartError(
                 f"draft does not hold together: {', '.join(names)}{' …' if len(loose) > 6 else ''} lie at the "

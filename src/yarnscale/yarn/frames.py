@@ -137,13 +137,8 @@ def material_curvature(tangent: Array, director: Array, twist: Array, previous: 
     cosine = np.einsum("ij,ij->i", before, tangent)[:, None]
     binormal = 2.0 * np.cross(before, tangent) / np.maximum(1.0 + cosine, 1e-12)
     first, second = material_frame(tangent, director, twist)
-    return np.stack(
-        [
-            0.5 * np.einsum("ij,ij->i", second[previous] + second, binormal),
-            -0.5 * np.einsum("ij,ij->i", first[previous] + first, binormal),
-        ],
-        axis=1,
-    )
+    means = 0.5 * (second[previous] + second), -0.5 * (first[previous] + first)
+    return np.stack([np.einsum("ij,ij->i", mean, binormal) for mean in means], axis=1)
 
 
 def untwisted_frames(

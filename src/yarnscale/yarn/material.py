@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields, replace
+from numbers import Real
 
 from yarnscale.errors import InputError, misspelt
 
@@ -209,14 +210,10 @@ STRETCH_FIELDS = tuple(entry.name for entry in fields(StretchRule))
 
 
 def _number(field_name: str, value: object, *, positive: bool) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        # numpy scalars are numbers too.
-        try:
-            value = float(value.item())  # type: ignore[attr-defined]
-        except (AttributeError, TypeError, ValueError):
-            raise InputError(f"{field_name} must be a number", expected="a number", found=repr(value)) from None
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{field_name} must be a number", expected="a number", found=repr(value))
     try:
-        number = float(value)  # type: ignore[arg-type]
+        number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number) or number < 0.0 or (positive and number == 0.0):

@@ -216,8 +216,7 @@ class YarnPattern:
     @cached_property
     def woven(self) -> bool:
         """Whether yarns run in two directions (warp and weft); those of a knit run in one."""
-        steps = np.array([self.edges[chain, 2:].sum(axis=0) for chain in self.yarns])
-        return bool(np.linalg.matrix_rank(steps) == 2)
+        return bool(np.linalg.matrix_rank(self.yarn_shift) == 2)
 
     @cached_property
     def relative_radius(self) -> np.ndarray:
@@ -278,19 +277,16 @@ class YarnPattern:
         def tiled(array: np.ndarray) -> np.ndarray:
             return np.tile(array, (len(tiles),) + (1,) * (array.ndim - 1))
 
-        repeated = YarnPattern(
+        copied = ("twist", "rest_length", "rest_curvature", "rest_twist", "reference_director", "reference_twist")
+        repeated = replace(
+            self,
             vertices=vertices.reshape(-1, 3),
-            twist=tiled(self.twist),
             edges=edges.reshape(-1, 4),
-            rest_length=tiled(self.rest_length),
-            rest_curvature=tiled(self.rest_curvature),
-            rest_twist=tiled(self.rest_twist),
-            reference_director=tiled(self.reference_director),
-            reference_twist=tiled(self.reference_twist),
             period=self.period * count,
-            radius=self.radius,
             name=self.name if courses * wales == 1 else f"{self.name}-{courses}x{wales}",
-            polyline=self.polyline,
+            yarn_material=None,
+            yarn_radius=None,
+            **{name: tiled(getattr(self, name)) for name in copied},
         )
         first = [chain[0] for chain in repeated.yarns]
         radius = None if self.yarn_radius is None else tiled(self.yarn_radius[self.yarn_of_vertex])[first]
@@ -314,14 +310,8 @@ class YarnPattern:
 
     def scaled(self, factor: float) -> YarnPattern:
         """The pattern with all lengths multiplied; integrated curvatures and twists stay as they are."""
-        return replace(
-            self,
-            vertices=self.vertices * factor,
-            rest_length=self.rest_length * factor,
-            period=self.period * factor,
-            radius=self.radius * factor,
-            yarn_radius=None if self.yarn_radius is None else self.yarn_radius * factor,
-        )
+        lengths = ["vertices", "rest_length", "period", "radius"] + ["yarn_radius"] * (self.yarn_radius is not None)
+        return replace(self, **{name: getattr(self, name) * factor for name in lengths})
 
     def content_hash(self) -> str:
         """SHA-256 (hex) of everything except the name; the same on every machine."""
@@ -329,16 +319,9 @@ class YarnPattern:
         digest.update(np.array([len(self.edges)], dtype="<i8").tobytes())
         digest.update(np.ascontiguousarray(self.edges, dtype="<i8").tobytes())
         for array in (
-            self.vertices,
-            self.twist,
-            self.rest_length,
-            self.rest_curvature,
-            self.rest_twist,
-            self.reference_director,
-            self.reference_twist,
-            self.period,
-            np.array([self.radius]),
-        ):
+            self.vertices, self.twist, self.rest_length, self.rest_curvature, self.rest_twist, self.reference_director,
+            self.reference_twist, self.period, np.array([self.radius]),
+        ):  # fmt: skip
             # Adding zero turns -0.0 into 0.0: equal numbers, equal bytes.
             digest.update(np.ascontiguousarray(array + 0.0, dtype="<f8").tobytes())
         if self.material_of_vertex.any():
