@@ -34,11 +34,7 @@ _SHORT_ROUNDS, _SHORT_ITERATIONS = 4, 6
 
 
 def estimated_rest(
-    cell: PeriodicCell,
-    *,
-    shortening: float = 0.1,
-    max_rounds: int = 200,
-    progress: RoundObserver | None = None,
+    cell: PeriodicCell, *, shortening: float = 0.1, max_rounds: int = 200, progress: RoundObserver | None = None
 ) -> RestShape:
     """Move the rest shape of the yarns towards their present one, until the stress at the given periods is small.
 

@@ -10,14 +10,7 @@ from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.errors import InputError
 from yarnscale.kinematics import ShellStrain
-from yarnscale.yarn.frames import (
-    carried,
-    material_curvature,
-    parallel_transport,
-    reference_twist,
-    unit,
-    upright,
-)
+from yarnscale.yarn.frames import carried, material_curvature, parallel_transport, reference_twist, unit, upright
 from yarnscale.yarn.pattern import YarnPattern
 
 

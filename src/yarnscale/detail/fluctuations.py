@@ -184,9 +184,7 @@ class ScatteredFluctuations:
         return np.linalg.norm(difference.reshape(len(difference), self.values.shape[1] // 3, 3), axis=2)
 
 
-def _sorted_grid(
-    store: SampleStore,
-) -> tuple[tuple[Array, Array, Array, Array, Array], Integers]:
+def _sorted_grid(store: SampleStore) -> tuple[tuple[Array, Array, Array, Array, Array], Integers]:
     """Increasing axes of a grid store, and the number of every state in that order."""
     states = store.states.reshape((*store.shape, 5))
     index = np.arange(store.count).reshape(store.shape)
@@ -200,9 +198,7 @@ def _sorted_grid(
 
 
 def _values(
-    store: SampleStore,
-    axes: tuple[Array, Array, Array, Array, Array],
-    slots: list[Integers],
+    store: SampleStore, axes: tuple[Array, Array, Array, Array, Array], slots: list[Integers]
 ) -> tuple[Array, int]:
     """``values`` and ``replaced`` of a table; slots: numbers of the states over (s_x, s_a, s_y), flat ones first."""
     good = store.status() == CODE_OF["converged"]

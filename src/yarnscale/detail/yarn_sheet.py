@@ -37,11 +37,7 @@ class SheetOnMesh:
 
 
 def sheet_on_mesh(
-    pattern: YarnPattern,
-    mesh: TriangleMesh,
-    *,
-    state: Equilibrium | None = None,
-    positions: Array | None = None,
+    pattern: YarnPattern, mesh: TriangleMesh, *, state: Equilibrium | None = None, positions: Array | None = None
 ) -> SheetOnMesh:
     """The pattern over every panel of a mesh, its loops as in a cell's equilibrium without strain (default: as drawn).
 

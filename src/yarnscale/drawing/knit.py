@@ -159,9 +159,7 @@ def _swollen_curves(
 
     if chart.courses * chart.wales > MOST_STITCHES:
         raise InputError(
-            "chart is too large",
-            expected=f"at most {MOST_STITCHES} stitches",
-            found=chart.courses * chart.wales,
+            "chart is too large", expected=f"at most {MOST_STITCHES} stitches", found=chart.courses * chart.wales
         )
     size = np.array([*(period / [chart.wales, chart.courses]), thickness])
     curves = []

@@ -13,14 +13,7 @@ import numpy as np
 
 from yarnscale.checked import checked
 from yarnscale.drawing.knit import knit
-from yarnscale.drawing.weave import (
-    basket_draft,
-    herringbone_draft,
-    plain_draft,
-    satin_draft,
-    twill_draft,
-    weave,
-)
+from yarnscale.drawing.weave import basket_draft, herringbone_draft, plain_draft, satin_draft, twill_draft, weave
 from yarnscale.errors import InputError, misspelt
 from yarnscale.yarn.pattern import YarnPattern
 

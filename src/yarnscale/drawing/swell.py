@@ -87,12 +87,7 @@ def swollen(
 
 
 def _stage(
-    curves: list[PeriodicCurve],
-    period: Array,
-    wanted: list[float],
-    reached: float,
-    stage: Stage,
-    radii: Array,
+    curves: list[PeriodicCurve], period: Array, wanted: list[float], reached: float, stage: Stage, radii: Array
 ) -> list[PeriodicCurve]:
     """Run one stage; the diameter grows from `reached` at its beginning."""
     pattern = pattern_from_curves(curves, period, float(radii.max()), yarn_radius=radii)
@@ -120,17 +115,7 @@ def _stage(
             near = _Near.of(x, offset, strands, pairs)
         copies = x[near.source] + near.offset
         _forces(
-            x,
-            edge_end,
-            tile,
-            rest,
-            copies,
-            near.source,
-            near.end,
-            near.first,
-            near.second,
-            diameter * share,
-            force,
+            x, edge_end, tile, rest, copies, near.source, near.end, near.first, near.second, diameter * share, force
         )
         if grown == 1.0 and np.abs(force).max() < AT_REST:
             break

@@ -77,11 +77,9 @@ class Cycle:
 
     def plain(self) -> dict[str, Any]:
         """As plain values."""
-        names = {
-            "tension": ("stretch", "load"),
-            "shear": ("angle", "force"),
-            "bending": ("curvature", "moment"),
-        }[self.test]
+        names = {"tension": ("stretch", "load"), "shear": ("angle", "force"), "bending": ("curvature", "moment")}[
+            self.test
+        ]
         content: dict[str, Any] = {"direction": self.direction, "cycle": self.number}
         for leg in ("loading", "unloading"):
             content[leg] = [dict(zip(names, point, strict=True)) for point in getattr(self, leg)]

@@ -223,10 +223,7 @@ def sheared(angle: float) -> Prescribed:
 
 
 def _steps(
-    fabric: HomogeneousFabric,
-    values: Sequence[float] | Array,
-    loads: Loads,
-    prescribed: Callable[[float], Prescribed],
+    fabric: HomogeneousFabric, values: Sequence[float] | Array, loads: Loads, prescribed: Callable[[float], Prescribed]
 ) -> Iterator[tuple[float, LoadedState]]:
     """Equilibria with a strain at each of some values, in their order; each from its neighbour towards zero."""
     values = [_finite("value", float(v)) for v in values]

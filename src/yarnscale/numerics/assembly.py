@@ -118,12 +118,7 @@ def _lanes(remaining):
 def _run(address, full, index, parameters, count, vectors, gradient, slots, rotation, values):
     """Sum of the energies; adds gradients and Hessians where there are arrays for them."""
     n, entries = index.shape[1], slots.shape[1]
-    q, g, energy, h = (
-        np.empty((n, BLOCK)),
-        np.empty((n, BLOCK)),
-        np.empty((1, BLOCK)),
-        np.empty((entries, BLOCK)),
-    )
+    q, g, energy, h = (np.empty((n, BLOCK)), np.empty((n, BLOCK)), np.empty((1, BLOCK)), np.empty((entries, BLOCK)))
     pointers = np.zeros(5, np.int64)  # a kernel takes those of its outputs
     total = 0.0
     for block in range(index.shape[0]):

@@ -137,11 +137,7 @@ def _columns(keys, groups):
         column = key // groups
         bucket[filled[column]] = key - column * groups
         filled[column] += 1
-    starts, rows, seen = (
-        np.zeros(groups + 1, np.int64),
-        np.empty(len(keys) + groups, np.int64),
-        np.full(groups, -1),
-    )
+    starts, rows, seen = (np.zeros(groups + 1, np.int64), np.empty(len(keys) + groups, np.int64), np.full(groups, -1))
     found = 0
     for column in range(groups):
         rows[found], seen[column] = column, column

@@ -52,20 +52,7 @@ def scatter(values, places, factor):
 
 
 @numba.njit(**_JIT)
-def factor_fronts(
-    share,
-    first,
-    starts,
-    places,
-    begin,
-    by_parent,
-    children,
-    raised,
-    lowered,
-    updates,
-    factor,
-    blas,
-):
+def factor_fronts(share, first, starts, places, begin, by_parent, children, raised, lowered, updates, factor, blas):
     """Factor fronts in their order; False as soon as a pivot is not positive."""
     lower, none, right, transposed = [blas.letters.ctypes.data + k for k in range(4)]
     size = np.zeros(4, np.int32)  # width, rows below, rows, outcome
@@ -94,8 +81,7 @@ def factor_fronts(
             blas.dtrsm, (right, lower, transposed, none, below_at, width_at, plus, data, rows_at, under, rows_at)
         )
         call_address(
-            blas.dsyrk,
-            (lower, none, below_at, width_at, minus, under, rows_at, beta, update.ctypes.data, below_at),
+            blas.dsyrk, (lower, none, below_at, width_at, minus, under, rows_at, beta, update.ctypes.data, below_at)
         )
         if lowered[s] < raised[s]:
             for k in range(below * below):
@@ -159,8 +145,7 @@ def solve_fronts(first, starts, rows, begin, factor, x, blas):
         if forward and below:
             if count == 1:
                 call_address(
-                    blas.dgemv,
-                    (none, below_at, width_at, plus, under, rows_at, mine, step_at, zero, apart, step_at),
+                    blas.dgemv, (none, below_at, width_at, plus, under, rows_at, mine, step_at, zero, apart, step_at)
                 )
             else:
                 call_address(blas.dgemm, (

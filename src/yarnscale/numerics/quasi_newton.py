@@ -18,15 +18,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.linear_solver import LinearSolver
-from yarnscale.numerics.newton import (
-    Bound,
-    Descent,
-    NewtonOptions,
-    Objective,
-    Solution,
-    Status,
-    invalid_start,
-)
+from yarnscale.numerics.newton import Bound, Descent, NewtonOptions, Objective, Solution, Status, invalid_start
 from yarnscale.numerics.secant import SecantPairs
 
 _SHIFTS = (1.0, 1.0 + 1e-8, 1.0 + 1e-5, 1.0 + 1e-2, 2.0)

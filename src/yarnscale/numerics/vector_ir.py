@@ -146,9 +146,7 @@ class _Writer:
         low = plain("fmul", power, _constant(_LN2_LOW))
         correction = plain("fadd", plain("fmul", s, plain("fadd", half, rest)), low)
         result = plain(
-            "fsub",
-            plain("fmul", power, _constant(_LN2_HIGH)),
-            plain("fsub", plain("fsub", half, correction), f),
+            "fsub", plain("fmul", power, _constant(_LN2_HIGH)), plain("fsub", plain("fsub", half, correction), f)
         )
         finite = self.emit(f"fcmp olt {_VECTOR} {x}, {_constant(float('inf'))}")
         result = self.emit(f"select {_MASK} {finite}, {_VECTOR} {result}, {_VECTOR} {x}")

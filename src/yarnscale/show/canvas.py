@@ -54,9 +54,7 @@ def require_renderer() -> None:
     probe = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=120, check=False)
     if probe.returncode != 0:
         raise PicturesUnavailable(
-            "cannot draw pictures",
-            expected="an OpenGL that needs no display (EGL or OSMesa of Mesa)",
-            found="none",
+            "cannot draw pictures", expected="an OpenGL that needs no display (EGL or OSMesa of Mesa)", found="none"
         )
     vtkObject.GlobalWarningDisplayOff()
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)

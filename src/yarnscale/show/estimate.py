@@ -134,12 +134,7 @@ def load_factor(units: str, width: float, area_density: float) -> float:
 
 
 def _stress_panel(
-    axes: Axes,
-    test: StretchTest,
-    target: UniformCurve,
-    shell: UniformCurve | None,
-    curve: YarnCurve,
-    factor: float,
+    axes: Axes, test: StretchTest, target: UniformCurve, shell: UniformCurve | None, curve: YarnCurve, factor: float
 ) -> None:
     measured = test.curve.up_to(POWER_LOAD)
     comfort, power = factor * COMFORT_LOAD, factor * POWER_LOAD

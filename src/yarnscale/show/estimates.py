@@ -31,12 +31,7 @@ def write_estimates_page(path: Path, summaries: Mapping[str, Mapping[str, Any]])
     if len(rows) > 1:
         mean = [*_means(yarns), _means(shells)[0], _means(cloths)[0]]
         rows.append(["mean", *_percent(mean), None, None, None])
-    columns = [
-        "fabric",
-        *(f"{name} [%]" for name in ERRORS.values()),
-        "shell, comfort [%]",
-        "cloth, comfort [%]",
-    ]
+    columns = ["fabric", *(f"{name} [%]" for name in ERRORS.values()), "shell, comfort [%]", "cloth, comfort [%]"]
     names = list(dict.fromkeys(name for found in summaries.values() for name in found["parameters"]))
     units = [f"{name} [{_UNITS[name]}]" if name in _UNITS else name for name in names]
     values = [[name, *(found["parameters"].get(n) for n in names)] for name, found in summaries.items()]

@@ -101,9 +101,7 @@ def checked_names(names: Sequence[str]) -> list[str]:
             read_pattern(name)  # refuses what cannot be drawn
         if not drawn:
             raise InputError(
-                "pattern that is no drawing",
-                expected="built-in patterns, charts, drafts and knitout",
-                found=repr(name),
+                "pattern that is no drawing", expected="built-in patterns, charts, drafts and knitout", found=repr(name)
             )
     return list(dict.fromkeys(names))
 

@@ -91,11 +91,7 @@ def write_movie(
 
 
 def write_stills(
-    folder: str | os.PathLike[str],
-    animation: Animation,
-    *,
-    on_frame: Callable[[int], None] | None = None,
-    **look: Any,
+    folder: str | os.PathLike[str], animation: Animation, *, on_frame: Callable[[int], None] | None = None, **look: Any
 ) -> None:
     """Write ``frame_0000.png`` and so on into a folder that exists; arguments and errors as of ``write_movie``."""
     with Film(animation, **look) as film:

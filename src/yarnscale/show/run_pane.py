@@ -61,11 +61,7 @@ def run_pane(
 
 
 def _pane(
-    animation: Animation,
-    moments: list[Moment],
-    title: str,
-    material: object,
-    camera: Camera | Sequence[float],
+    animation: Animation, moments: list[Moment], title: str, material: object, camera: Camera | Sequence[float]
 ) -> Pane:
     frames = {name: [getattr(moment, name) for moment in moments] for name in ("cloth", "yarns", "bodies")}
     drawn = [name for name in frames if getattr(animation, name) is not None]

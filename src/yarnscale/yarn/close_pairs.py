@@ -131,11 +131,7 @@ def _find(
                 stop = starts[first + min(cell[m, 2] + 2, shape[2])]
                 for entry in range(begin, stop):
                     g = near[order[entry]]
-                    x, y, z = (
-                        middle[g, 0] - middle[i, 0],
-                        middle[g, 1] - middle[i, 1],
-                        middle[g, 2] - middle[i, 2],
-                    )
+                    x, y, z = (middle[g, 0] - middle[i, 0], middle[g, 1] - middle[i, 1], middle[g, 2] - middle[i, 2])
                     away, limit = x * x + y * y + z * z, reach + size[i] + size[g]
                     if away >= limit * limit:
                         continue

@@ -52,12 +52,7 @@ class ContactList:
     """Lists the pairs of yarns, anew only where vertices have moved far enough; positions are those of all nodes."""
 
     def __init__(
-        self,
-        strands: Strands,
-        stiffness: PatternStiffness,
-        *,
-        symmetric: bool = False,
-        turning: Array | None = None,
+        self, strands: Strands, stiffness: PatternStiffness, *, symmetric: bool = False, turning: Array | None = None
     ) -> None:
         """symmetric: every pair from both sides, half each. turning: rotation vectors (T·n, 3), None: flat."""
         self._strands, self._stiffness = strands, stiffness

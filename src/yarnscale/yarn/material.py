@@ -167,12 +167,7 @@ class YarnMaterial:
         return self.density * math.pi * radius**2
 
     def with_stiffnesses(
-        self,
-        radius: float,
-        *,
-        stretch: float | None = None,
-        bending: float | None = None,
-        twist: float | None = None,
+        self, radius: float, *, stretch: float | None = None, bending: float | None = None, twist: float | None = None
     ) -> YarnMaterial:
         """The material whose yarn of `radius` [m] has these k_s (k_s1) [N], k_b and k_t [N m²]; the others stay.
 
@@ -221,9 +216,7 @@ def _number(field_name: str, value: object, *, positive: bool) -> float:
         raise InputError(f"{field_name} must be {kind}", expected="> 0" if positive else "≥ 0", found=number)
     if number != 0.0 and not SMALLEST <= number <= LARGEST:
         raise InputError(
-            f"{field_name} is of no size that yarns have",
-            expected=f"{SMALLEST:g} to {LARGEST:g}",
-            found=number,
+            f"{field_name} is of no size that yarns have", expected=f"{SMALLEST:g} to {LARGEST:g}", found=number
         )
     return number
 

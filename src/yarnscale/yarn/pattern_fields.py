@@ -50,9 +50,7 @@ def edge_array(value: object, n: int) -> np.ndarray:
         )
     if (bad := first_true((edges[:, 1] < 0) | (edges[:, 1] >= n))) is not None:
         raise InputError(
-            f"edges[{bad}] ends at a vertex that is not there",
-            expected=f"0 ≤ v1 < {n}",
-            found=f"v1 = {edges[bad, 1]}",
+            f"edges[{bad}] ends at a vertex that is not there", expected=f"0 ≤ v1 < {n}", found=f"v1 = {edges[bad, 1]}"
         )
     incoming = np.bincount(edges[:, 1], minlength=n)
     if (bad := first_true(incoming != 1)) is not None:

@@ -63,9 +63,7 @@ def materials_of(pattern: Yarns, material: Materials) -> tuple[YarnMaterial, ...
         return (material,)
     if isinstance(material, str) or not isinstance(material, Iterable):
         raise WrongArgument(
-            "yarn material",
-            expected=f"YarnMaterial or several ({MAKERS['YarnMaterial']})",
-            found=repr(material),
+            "yarn material", expected=f"YarnMaterial or several ({MAKERS['YarnMaterial']})", found=repr(material)
         )
     given = tuple(material)
     for k, entry in enumerate(given):

@@ -63,13 +63,7 @@ class ShapeContact(PairContact):
     """Contact with one shape among the obstacles, whose point is row ``guest`` of all ``rows``, or at rest (None)."""
 
     def __init__(
-        self,
-        shape: Shape,
-        number: int,
-        mesh: TriangleMesh,
-        settings: ContactSettings,
-        guest: int | None,
-        rows: int,
+        self, shape: Shape, number: int, mesh: TriangleMesh, settings: ContactSettings, guest: int | None, rows: int
     ) -> None:
         self.shape, self.number = shape, number
         if isinstance(shape, Sphere):

@@ -35,14 +35,7 @@ from yarnscale.shell.elastic.energy import ShellEnergy, ShellObjective
 from yarnscale.shell.state import Attachment, ClothState
 
 SHELL_SHIFT = ShiftRule(
-    start=1.0,
-    lowest=0.1,
-    highest=1.5,
-    growth=2.0,
-    least=0.125,
-    decay=0.5,
-    lowest_is_zero=True,
-    hold_above=10.0,
+    start=1.0, lowest=0.1, highest=1.5, growth=2.0, least=0.125, decay=0.5, lowest_is_zero=True, hold_above=10.0
 )
 """From the positive model (shift 1) to the exact Hessian (0), once forces are within ten times the weight."""
 

@@ -38,12 +38,7 @@ class StepObjective(SumOfEnergies):
     """
 
     def __init__(
-        self,
-        elastic: ShellObjective,
-        terms: Sequence[Term],
-        scale: float,
-        contact: ClothContact,
-        growth: PatternGrowth,
+        self, elastic: ShellObjective, terms: Sequence[Term], scale: float, contact: ClothContact, growth: PatternGrowth
     ) -> None:
         super().__init__(elastic, terms, scale)
         self._contact, self._growth = contact, growth

@@ -29,11 +29,7 @@ def forms_of_blocks(
     pointers = np.empty(4, np.int64)
     for b in range(stencils.shape[0]):
         gather_corners(positions, stencils[b], corners)
-        pointers[0], pointers[1], pointers[2] = (
-            corners.ctypes.data,
-            geometry[b].ctypes.data,
-            forms[b].ctypes.data,
-        )
+        pointers[0], pointers[1], pointers[2] = (corners.ctypes.data, geometry[b].ctypes.data, forms[b].ctypes.data)
         if len(jacobian):
             pointers[3] = jacobian[b].ctypes.data
         call_address(address, (lanes, lanes, pointers))

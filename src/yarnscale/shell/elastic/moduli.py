@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 BENDING_SCALE = 100.0
 """Curvatures are divided by 100 /m before eigenvalues are computed, so that bending is not lost to round-off."""
 
-FAST = {
-    "cache": True,
-    "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"},
-    "error_model": "numpy",
-    "nogil": True,
-}
+FAST = {"cache": True, "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}, "error_model": "numpy", "nogil": True}
 """Numba options of all loops over elements: values need not be finite; loops release the interpreter's lock."""
 
 

@@ -116,8 +116,7 @@ def form_kernels() -> FormKernels:
             ca.Function("jacobian", [positions, geometry], [forms, ca.vec(rows)], cse), "shell_jacobian"
         ),
         curvature=compile_kernel(
-            ca.Function("curvature", [positions, geometry, stress], [ca.densify(lower)], cse),
-            "shell_curvature",
+            ca.Function("curvature", [positions, geometry, stress], [ca.densify(lower)], cse), "shell_curvature"
         ),
     )
 
@@ -155,11 +154,7 @@ def follow_angles(positions: NDArray, stencils: NDArray, geometry: NDArray) -> f
 
 @numba.njit(cache=True, inline="always")
 def _between(positions: NDArray, i: int, j: int) -> tuple[float, float, float]:
-    return (
-        positions[j, 0] - positions[i, 0],
-        positions[j, 1] - positions[i, 1],
-        positions[j, 2] - positions[i, 2],
-    )
+    return (positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1], positions[j, 2] - positions[i, 2])
 
 
 @numba.njit(cache=True, inline="always")
