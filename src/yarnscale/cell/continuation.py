@@ -14,7 +14,6 @@ from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium, EquilibriumOptions, Start
 from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.passages import has_passages, jump_is_safe, linked_differently, safe_move
-from yarnscale.cell.starts import perturbed
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.linear_solver import linear_solver
 from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
@@ -28,7 +27,11 @@ FEWEST_STEPS = 4
 """Steps from rest to a state where the direct solve failed."""
 PATIENCE = 4
 """Factor on the iterations of a last attempt where no load path has converged."""
-
+NOISE = 0.1
+"""Standard deviation of the noise of every coordinate [r]."""
+WAVE = 0.6
+"""Largest height of each of the waves across the cell, out of and in the plane [r]."""
+_WAVES = ((1, 0), (0, 1), (1, 1), (1, -1))
 
 _Reached = tuple[CellEnergy, Solution]
 
@@ -204,3 +207,23 @@ def _with_work(solution: Solution, *others: Solution | Equilibrium) -> Solution:
         iterations=solution.iterations + sum(other.iterations for other in others),
         factorisations=solution.factorisations + sum(other.factorisations for other in others),
     )
+
+
+def perturbed(energy: CellEnergy, x: Array, generator: np.random.Generator) -> Array:
+    """A free vector near ``x``: noise on every vertex and waves of the cell's own period, the ones of buckling.
+
+    The perturbation is shortened until no yarn passes another and the energy is finite.
+    """
+    n, pattern = energy.count, energy.pattern
+    moves = NOISE * generator.standard_normal((n, 3))
+    place = pattern.vertices[:, :2] / pattern.period
+    for wave in _WAVES:
+        phase, height = generator.uniform(0.0, 2.0 * np.pi), generator.uniform(-WAVE, WAVE, 3)
+        moves += np.cos(2.0 * np.pi * (place @ np.array(wave)) + phase)[:, None] * height * (0.5, 0.5, 1.0)
+    step = np.concatenate([moves.ravel(), np.zeros(n)])
+    step = energy.constraints.project(step)
+    for _ in range(6):
+        if safe_move(energy, x, x + step) and np.isfinite(energy.value(x + step)):
+            return x + step
+        step = 0.5 * step
+    return x

@@ -234,9 +234,7 @@ def bracket(axis, value):
         return 0, 0.0
     if value >= axis[last]:
         return last - 1, 1.0
-    k = 0
-    while value >= axis[k + 1]:
-        k += 1
+    k = np.searchsorted(axis, value, "right") - 1
     return k, (value - axis[k]) / (axis[k + 1] - axis[k])
 
 

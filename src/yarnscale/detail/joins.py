@@ -17,8 +17,7 @@ from scipy.spatial import KDTree
 
 from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.detail.alignment import aligned_tilings
-from yarnscale.detail.bridges import Bridges
-from yarnscale.detail.tiling import Tilings, YarnLayout
+from yarnscale.detail.tiling import Bridges, Tilings, YarnLayout
 from yarnscale.shell.mesh import TriangleMesh
 from yarnscale.yarn.pattern import YarnPattern
 
