@@ -13,6 +13,9 @@ from yarnscale.arrays import Array
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.linear_solver import Constraints, linear_solver
 
+_TOLERANCE, _ITERATIONS = 1e-10, 200
+"""Of the conjugate gradients of every column."""
+
 
 class ConstrainedInverse:
     """K⁺ of a quadratic model at a minimum: one factorisation, then one refined solve per right-hand side."""
@@ -30,11 +33,11 @@ class ConstrainedInverse:
     def _project(self, columns: Array) -> Array:
         return columns if self._constraints is None else self._constraints.project(columns)
 
-    def apply(self, right: Array, *, tolerance: float = 1e-10, max_iterations: int = 200) -> Array:
+    def apply(self, right: Array) -> Array:
         """K⁺ right for columns (n, k), by conjugate gradients preconditioned with the shifted factor."""
-        return np.column_stack([self._solve(c, tolerance, max_iterations) for c in np.atleast_2d(right.T)])
+        return np.column_stack([self._solve(column) for column in np.atleast_2d(right.T)])
 
-    def _solve(self, right: Array, tolerance: float, max_iterations: int) -> Array:
+    def _solve(self, right: Array) -> Array:
         right, shape = self._project(right), (len(right), len(right))
 
         def times(direction: Array) -> Array:
@@ -49,7 +52,7 @@ class ConstrainedInverse:
             return self._solver.step(residual, None)
 
         inverse = LinearOperator(shape, matvec=precondition, dtype=np.float64)  # type: ignore[call-arg]
-        x, short = cg(matrix, right, rtol=tolerance, atol=0.0, maxiter=max_iterations, M=inverse)
-        if short and np.linalg.norm(right - times(x)) > 1e3 * tolerance * np.linalg.norm(right):
-            raise ArithmeticError(f"the solve stopped short of its tolerance after {max_iterations} iterations")
+        x, short = cg(matrix, right, rtol=_TOLERANCE, atol=0.0, maxiter=_ITERATIONS, M=inverse)
+        if short and np.linalg.norm(right - times(x)) > 1e3 * _TOLERANCE * np.linalg.norm(right):
+            raise ArithmeticError(f"the solve stopped short of its tolerance after {_ITERATIONS} iterations")
         return x

@@ -21,7 +21,10 @@ _VECTOR = f"<{LANES} x double>"
 _MASK = f"<{LANES} x i1>"
 _SUFFIX = f"v{LANES}f64"
 
-_BINARY = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+_PLAIN = {
+    ca.OP_ADD: "fadd {a}, {b}", ca.OP_SUB: "fsub {a}, {b}", ca.OP_MUL: "fmul {a}, {b}", ca.OP_DIV: "fdiv {a}, {b}",
+    ca.OP_NEG: "fneg {a}", ca.OP_SQ: "fmul {a}, {a}", ca.OP_TWICE: "fadd {a}, {a}", ca.OP_INV: "fdiv {one}, {a}",
+}  # fmt: skip
 _COMPARE = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
 _UNARY_INTRINSIC = {
     ca.OP_SQRT: "sqrt",
@@ -157,8 +160,9 @@ class _Writer:
 
     def operation(self, code: int, a: str, b: str) -> str:
         """Emit one arithmetic instruction and return the name of its value."""
-        if code in _BINARY:
-            return self.emit(f"{_BINARY[code]} {_FAST} {_VECTOR} {a}, {b}")
+        if code in _PLAIN:
+            word, _, operands = _PLAIN[code].partition(" ")
+            return self.emit(f"{word} {_FAST} {_VECTOR} {operands.format(a=a, b=b, one=_constant(1.0))}")
         if code in _UNARY_INTRINSIC:
             return self.emit(f"call {_FAST} {_VECTOR} @llvm.{_UNARY_INTRINSIC[code]}.{_SUFFIX}({_VECTOR} {a})")
         if code in _BINARY_INTRINSIC:
@@ -172,16 +176,8 @@ class _Writer:
         return self._special(code, a, b)
 
     def _special(self, code: int, a: str, b: str) -> str:
-        if code == ca.OP_NEG:
-            return self.emit(f"fneg {_FAST} {_VECTOR} {a}")
         if code == ca.OP_LOG:
             return self.logarithm(a)
-        if code == ca.OP_SQ:
-            return self.emit(f"fmul {_FAST} {_VECTOR} {a}, {a}")
-        if code == ca.OP_TWICE:
-            return self.emit(f"fadd {_FAST} {_VECTOR} {a}, {a}")
-        if code == ca.OP_INV:
-            return self.emit(f"fdiv {_FAST} {_VECTOR} {_constant(1.0)}, {a}")
         if code == ca.OP_ASSIGN:
             return a
         if code == ca.OP_NOT:

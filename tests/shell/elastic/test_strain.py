@@ -136,7 +136,8 @@ def test_kernel_is_the_symbolic_function() -> None:
     positions, geometry = random_state(4)
     forms = np.empty((6, 8))
     form_kernels().value(8, 8, positions, geometry, forms)
-    symbolic = fundamental_forms()
+    x, g = ca.SX.sym("x", 18), ca.SX.sym("g", GEOMETRY)
+    symbolic = ca.Function("symbolic", [x, g], [fundamental_forms(x, g)])
     for n in range(8):
         expected = np.array(symbolic(ca.DM(positions[:, n]), ca.DM(geometry[:, n]))).ravel()
         np.testing.assert_allclose(forms[:, n], expected, rtol=1e-12, atol=1e-13)

@@ -119,7 +119,9 @@ class ClothSolver(Body[ClothState]):
             self.contact, self.growth,
         )  # fmt: skip
         moved = duration * state.velocities if inertia else np.zeros_like(state.velocities)
-        start = self._start(begin, self._with_obstacle_steps(begin, moved, held)).ravel()
+        # Points of obstacles move to their places.
+        moved = np.concatenate([moved, held[-1].targets - begin[len(moved) :]])
+        start = self._start(begin, moved).ravel()
         limit = self.options.iterations if iterations is None else iterations
         solution = self._minimise(objective, start, limit, static=static)
         positions, obstacles = np.split(solution.x.reshape(-1, 3), [len(self.masses)])
@@ -227,10 +229,6 @@ class ClothSolver(Body[ClothState]):
         """Positions of the cloth and, after them, of the points of moving obstacles."""
         places = self.contact.places(state.time) if state.obstacles is None else state.obstacles
         return np.concatenate([state.positions, places])
-
-    def _with_obstacle_steps(self, begin: Array, moved: Array, held: list[Attachment]) -> Array:
-        """A step of the cloth and, after it, the displacements of the obstacles' points to their places."""
-        return np.concatenate([moved, held[-1].targets - begin[len(moved) :]])
 
     def _bound(self, x: Array, step: Array) -> float:
         return self.contact.bound(x.reshape(-1, 3), step.reshape(-1, 3))

@@ -7,7 +7,6 @@ membrane's geometric term. Newton's method uses exact + shift·(positive − exa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
 from typing import Literal
@@ -215,23 +214,17 @@ def sum_of(arrays: list[Array]) -> Array:
     return total
 
 
-@dataclass(eq=False)
 class Linearisation:
     """Energy [J], gradient (nv, 3) [N] and per-element derivatives at one state."""
 
-    energy: ShellEnergy = field(repr=False)
-    value: float = field(init=False, default=0.0)
-    positions: Array = field(init=False, repr=False)
-    gradient: Array = field(init=False, repr=False)
-    jacobian: Array = field(init=False, repr=False)
-    stress: Array = field(init=False, repr=False)
-    moduli: Array = field(init=False, repr=False)
+    positions: Array
+    gradient: Array
+    value: float
 
-    def __post_init__(self) -> None:
-        blocks = self.energy.elements.blocks
-        self.jacobian = np.empty((blocks, 108, BLOCK))
-        self.stress = np.empty((blocks, 6, BLOCK))
-        self.moduli = np.empty((blocks, 21, BLOCK))
+    def __init__(self, energy: ShellEnergy) -> None:
+        shapes = ((energy.elements.blocks, count, BLOCK) for count in (108, 6, 21))
+        self.energy = energy
+        self.jacobian, self.stress, self.moduli = map(np.empty, shapes)
 
     def hessian(self, kind: Literal["exact", "positive"] = "exact") -> Array:
         """Entries of the Hessian in the pattern of the energy [N/m]."""

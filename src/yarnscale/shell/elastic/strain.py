@@ -34,20 +34,8 @@ REFERENCE = slice(12, 15)
 REST = slice(15, 18)
 
 
-def fundamental_forms() -> ca.Function:
-    """Symbolic (x0..x5 [m] (18,), geometry (18,)) → (I11, I12, I22 [-], II11, II12, II22 [1/m])."""
-    positions, geometry = ca.SX.sym("positions", 18), ca.SX.sym("geometry", GEOMETRY)
-    return ca.Function(
-        "fundamental_forms",
-        [positions, geometry],
-        [_forms(positions, geometry)],
-        ["positions", "geometry"],
-        ["forms"],
-        {"cse": True},
-    )
-
-
-def _forms(positions: ca.SX, geometry: ca.SX) -> ca.SX:
+def fundamental_forms(positions: ca.SX, geometry: ca.SX) -> ca.SX:
+    """Symbolic (I11, I12, I22 [-], II11, II12, II22 [1/m]) of x0..x5 [m] (18,) and ``GEOMETRY`` (18,)."""
     x = [positions[3 * i : 3 * i + 3] for i in range(6)]
     bent_x, bent_y = _columns(x[1] - x[0], x[2] - x[0], geometry[0:4])
     apex = x[2] + geometry[8] * (x[3] - x[2])
@@ -105,7 +93,7 @@ def form_kernels() -> FormKernels:
     """The kernels of the fundamental forms, compiled once (object code is kept on disk)."""
     positions, geometry = ca.SX.sym("positions", 18), ca.SX.sym("geometry", GEOMETRY)
     stress = ca.SX.sym("stress", 6)
-    forms = _forms(positions, geometry)
+    forms = fundamental_forms(positions, geometry)
     rows = ca.densify(ca.jacobian(forms, positions).T)
     hessian, _ = ca.hessian(ca.dot(stress, forms), positions)
     lower = ca.vertcat(*[hessian[i, j] for i in range(18) for j in range(i + 1)])
