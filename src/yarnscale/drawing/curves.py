@@ -98,10 +98,10 @@ def pattern_from_curves(
     """A pattern whose yarns have their vertices at the points of the curves.
 
     Rest lengths are those of the smooth curve. The rest curvature is zero (``rest_shape="straight"``) or the present
-    one (``"current"``), and so is the rest twist. Reference
-    directors are transported along each yarn; the angle that remains where the yarn closes is the reference twist of
-    that joint, and the twist angles distribute it evenly along the yarn. yarn_material: number of each curve's
-    material, default 0. yarn_radius: of each curve [m], the largest of them ``radius``.
+    one (``"current"``), and so is the rest twist. Reference directors are transported along each yarn; the angle that
+    remains where the yarn closes is the reference twist of that joint, and the twist angles distribute it evenly along
+    the yarn. yarn_material: number of each curve's material, default 0. yarn_radius: of each curve [m], the largest of
+    them ``radius``.
     Raises InputError for curves with fewer than three points and for what `YarnPattern` refuses.
     """
     if rest_shape not in REST_SHAPES:
@@ -115,24 +115,22 @@ def pattern_from_curves(
     counts = np.array([len(curve.points) for curve in curves])
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     edges = _edges(starts, counts, [curve.shift for curve in curves])
+    vertices = np.concatenate([curve.points for curve in curves])
     edge = np.concatenate([np.diff(curve.closed(period), axis=0) for curve in curves])
-    tangents = [_tangents(curve, period) for curve in curves]
-    director = np.concatenate([_transported_directors(tangent) for tangent in tangents])
-    tangent = np.concatenate(tangents)
     length = np.linalg.norm(edge, axis=1)
+    if not (length > 0.0).all():
+        raise InputError("a curve repeats a point", expected="distinct points", found=vertices[length == 0.0][0])
+    tangent = edge / length[:, None]
+    director = np.concatenate([_transported_directors(line) for line in np.split(tangent, starts[1:])])
     previous = np.empty(len(edges), dtype=np.int64)
     previous[edges[:, 1]] = edges[:, 0]
     joint_twist = reference_twist(tangent, director, previous)
-    twist = np.concatenate(
-        [
-            _even_twist(joint_twist[start : start + count], length[start : start + count])
-            for start, count in zip(starts, counts, strict=True)
-        ]
-    )
+    lines = zip(np.split(joint_twist, starts[1:]), np.split(length, starts[1:]), strict=True)
+    twist = np.concatenate([_even_twist(*line) for line in lines])
     bent = rest_shape == "current"
     curvature = material_curvature(tangent, director, twist, previous)
     return YarnPattern(
-        vertices=np.concatenate([curve.points for curve in curves]),
+        vertices=vertices,
         twist=twist,
         edges=edges,
         rest_length=curve_length(edge, previous, edges[:, 1]),
@@ -157,14 +155,6 @@ def _edges(starts: np.ndarray, counts: np.ndarray, shifts: list[tuple[int, int]]
     edges[last, 1] = starts
     edges[last, 2:] = np.asarray(shifts, dtype=np.int64)
     return edges
-
-
-def _tangents(curve: PeriodicCurve, period: np.ndarray) -> np.ndarray:
-    edge = np.diff(curve.closed(period), axis=0)
-    length = np.linalg.norm(edge, axis=1)
-    if not (length > 0.0).all():
-        raise InputError("a curve repeats a point", expected="distinct points", found=curve.points[length == 0.0][0])
-    return edge / length[:, None]
 
 
 def _transported_directors(tangent: np.ndarray) -> np.ndarray:

@@ -21,8 +21,6 @@ SMALLEST, LARGEST = 1e-12, 1e18
 class ContactRule:
     """Law and quadrature of the contact energy of two segments; the defaults are the published convention.
 
-    Attributes
-    ----------
     kernel: ``"hylc2020"``, f(d) = 1/d² + d² - 2 for d = D/2r < 1 (HYLC20 §5.1, after Kaldor 2008), or
         ``"est2022"``, two barriers -(x-1)² ln x with x = (D/2R)² (EST22 eq. 7).
     points: quadrature points along each segment, an odd number from 3.
@@ -78,8 +76,6 @@ class ContactRule:
 class StretchRule:
     """Law of the tension of a yarn over its strain.
 
-    Attributes
-    ----------
     law: ``"linear"``, k_s in tension and compression (HYLC20 §5.1), or ``"two_phase"``, k_s1 from rest to the
         strain `knee`, k_s2 beyond it and in compression (EST22 eq. 5). k_s1 belongs to the material's
         ``young_modulus``, which also scales bending; k_s2 has no influence on bending.
@@ -105,8 +101,6 @@ class StretchRule:
 class YarnMaterial:
     """The material of a yarn as a discrete elastic rod with contact.
 
-    Attributes
-    ----------
     young_modulus: E [Pa]; stretch stiffness k_s = E π r², or k_s1 with the law ``two_phase``.
     shear_modulus: G [Pa]; twist stiffness k_t = γ G π r⁴/2.
     bending_scale: γ [-], scales bending and twist (HYLC20 eq. 23); bending stiffness k_b = γ E π r⁴/4.

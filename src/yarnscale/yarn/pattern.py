@@ -37,8 +37,6 @@ class YarnPattern:
     is stored at the index of the edge's first vertex**: ``edges[i, 0] == i``. Quantities of a joint (rest
     curvature, rest twist, reference twist) belong to the vertex between the incoming and the outgoing edge.
 
-    Attributes
-    ----------
     vertices: positions, shape (n, 3) [m].
     twist: angle θ of the material frame from the reference frame, per edge, shape (n,) [rad].
     edges: rows (v0, v1, dx, dy), shape (n, 4); the second end is ``vertices[v1] + (dx px, dy py, 0)``.

@@ -60,7 +60,9 @@ def to_si(value: float, unit: str) -> float:
     """
     if unit in COUNTS:
         return COUNTS[unit] / positive(f"yarn count {unit}", value)
-    return value * _factor(unit)
+    if unit not in FACTORS:
+        raise InputError("unknown unit", expected=", ".join([*FACTORS, *COUNTS]), found=repr(unit))
+    return value * FACTORS[unit][1]
 
 
 def yarn_radius(linear_density: float, *, fibre_density: float, packing_fraction: float = 0.5) -> float:
@@ -83,9 +85,3 @@ def yarn_density(*, fibre_density: float, packing_fraction: float = 0.5) -> floa
 def linear_density(radius: float, density: float) -> float:
     """Mass per length [kg/m] of a yarn of `radius` [m] and `density` [kg/m³]."""
     return math.pi * positive("radius", radius) ** 2 * positive("density", density)
-
-
-def _factor(unit: str) -> float:
-    if unit not in FACTORS:
-        raise InputError("unknown unit", expected=", ".join([*FACTORS, *COUNTS]), found=repr(unit))
-    return FACTORS[unit][1]
