@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain, combinations
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import ssyrk  # pyright: ignore[reportAttributeAccessIssue]
 from scipy.optimize import nnls
 
 from yarnscale.arrays import Array, Integers
@@ -185,8 +186,6 @@ class Problem:
         # Knits can be a thousand times softer in bending than in tension.
         moment = _MOMENT_FLOOR * float(np.median(self.norms[bent])) if bent.any() else FIT_FLOOR
         self.floors = np.where(bent | self.at_rest, min(1.0, moment / FIT_FLOOR), 1.0)
-        count = self.x.shape[1]
-        self.blocks = [slice(k, min(k + _AT_ONCE, count)) for k in range(0, count, _AT_ONCE)]
         self.states = Directional(self.x, self.v, mirrored=mirrored)
         self.coarse = Directional(self.x.astype(_SINGLE), self.v.astype(_SINGLE), mirrored=mirrored)
 
@@ -264,51 +263,49 @@ class Problem:
                 break
         return unknowns, taken + 1, first
 
-    def _by_blocks(self, function: Callable[[slice], Array]) -> list[Array]:
-        """``function`` of states in numbers that the cache holds: whole arrays take four times as long."""
-        threads = min(available_threads(), len(self.blocks))
-        groups = [
-            self.blocks[k * len(self.blocks) // threads : (k + 1) * len(self.blocks) // threads] for k in range(threads)
-        ]
-        return list(chain(*run_parts(lambda group: [function(block) for block in group], groups)))
+    def _by_parts(self, function: Callable[[slice], Array]) -> list[Array]:
+        """``function`` of states, a part of them on every thread."""
+        count = self.x.shape[1]
+        ends = np.linspace(0, count, min(available_threads(), count) + 1).astype(int)
+        return run_parts(function, [slice(*pair) for pair in pairwise(ends)])
 
     def _residuals(self, unknowns: Array, weights: Array) -> Array:
-        with np.errstate(over="ignore"):
-            springs = self.network(unknowns)
-
-        @np.errstate(over="ignore", invalid="ignore")
-        def block(place: slice) -> Array:
-            return weights[:, place] * (self.states.part(place).values(*springs) - self.target[:, place])
-
-        return np.concatenate(self._by_blocks(block), axis=1)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a step that is too long
+            network = self.network(unknowns)
+            parts = self._by_parts(lambda place: self.states.part(place).values(*network))
+            return weights * (np.concatenate(parts, axis=1) - self.target)
 
     def _slope(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
         """Half of the gradient of the loss."""
         springs, adjoint = self.network(unknowns)[0], weights * np.clip(residuals, -_HUBER, _HUBER)
         return np.sum(
-            self._by_blocks(lambda place: self.states.part(place).pulled_back(springs, adjoint[:, place])), axis=0
+            self._by_parts(lambda place: self.states.part(place).pulled_back(springs, adjoint[:, place])), axis=0
         )
 
-    @np.errstate(over="ignore")
     def _loss(self, residuals: Array) -> float:
         """Huber's."""
         size = np.abs(residuals)
+        if not np.all(np.isfinite(size)):
+            return np.inf
         near = np.minimum(size, _HUBER)
-        return float((near * (2 * size - near)).sum()) if np.all(np.isfinite(size)) else np.inf
+        return float((near * (2 * size - near)).sum())
 
     def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
-        """Matrix of the Gauss–Newton step, in single precision."""
-        springs, states, kind = coarse(self.network(unknowns)[0]), self.coarse, _SINGLE
+        """Upper triangle of the matrix of the Gauss–Newton step, in single precision."""
+        springs = self.network(unknowns)[0]
         scaled = weights * np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(residuals), 1e-300)))
-        scaled = scaled.astype(kind)
+        scaled = scaled.T.astype(_SINGLE)[:, :, None]
 
-        def block(place: slice) -> Array:
-            rows = states.part(place).jacobian(springs)
-            rows *= scaled[:, place]
-            rows = rows.reshape(len(unknowns), -1)
-            return rows @ rows.T
+        def part(place: slice) -> Array:
+            matrix = np.zeros((len(unknowns), len(unknowns)), _SINGLE, order="F")
+            for first in range(place.start, place.stop, _AT_ONCE):
+                block = slice(first, min(first + _AT_ONCE, place.stop))
+                rows = self.coarse.part(block).jacobian(springs)
+                rows *= scaled[block]
+                matrix = ssyrk(1.0, rows.reshape(-1, len(unknowns)).T, beta=1.0, c=matrix, overwrite_c=True)
+            return matrix
 
-        matrix = np.asarray(np.sum(self._by_blocks(block), axis=0), np.float64)
+        matrix = np.asarray(np.sum(self._by_parts(part), axis=0), np.float64)
         matrix[np.diag_indices(len(matrix))] += _SMALL
         return matrix
 
@@ -319,7 +316,7 @@ class Problem:
     def errors(self, unknowns: Array) -> StressErrors:
         """Of the stress at the states."""
         x, along = self.data.x.T, np.repeat(np.eye(6)[:, :, None], len(self.data.x), axis=2)
-        fitted = Directional(x, along, mirrored=len(self.states.images) == 2).values(*self.network(unknowns))[1:7].T
+        fitted = Directional(x, along, mirrored=len(self.states.signs) == 2).values(*self.network(unknowns))[1:7].T
         return StressErrors.of(fitted, self.data.stresses, np.ones(6))
 
 
@@ -357,8 +354,3 @@ class NonNegative(NamedTuple):
         found = self.scaled(mine) / self.size[mine]
         found[-1] += self.least
         return found
-
-
-def coarse(springs: SpringNetwork) -> SpringNetwork:
-    """The network in single precision, which takes half of the time."""
-    return SpringNetwork(*(part.astype(_SINGLE) for part in springs))

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.homogenize.compact_problem import FIT_FLOOR, NonNegative, Problem, coarse
-from yarnscale.homogenize.spring_jacobian import step, unknowns_of
+from yarnscale.homogenize.compact_problem import FIT_FLOOR, NonNegative, Problem
+from yarnscale.homogenize.spring_jacobian import unknowns_of
 from yarnscale.shell.materials.compact import SpringNetwork
 
 _FIRST_FLOOR, _LOWERED = 0.3, 0.85
@@ -57,7 +57,8 @@ def start_of(problem: Problem, rng: np.random.Generator) -> Array:
 
 def _inputs(springs: SpringNetwork, x: Array) -> Array:
     """What springs read of states, (n, 6 + steps)."""
-    return np.column_stack([x, step(x @ springs.steps.T + springs.step_offsets)[0]])
+    bent = x @ springs.steps.T + springs.step_offsets
+    return np.column_stack([x, bent / np.sqrt(1.0 + bent * bent)])
 
 
 def _joined(springs: SpringNetwork, rows: Array, x: Array) -> SpringNetwork:
@@ -105,7 +106,7 @@ def _varied(x: Array, springs: SpringNetwork, spread: float, rng: np.random.Gene
 @np.errstate(over="ignore", invalid="ignore")
 def _selected(problem: Problem, springs: SpringNetwork, weights: Array) -> tuple[SpringNetwork, float]:
     """The stiffest springs, at most ``options.springs``, with the best stiffnesses and background; the constant."""
-    columns = np.concatenate([problem.coarse.by_stiffness(coarse(springs)), problem.coarse.by_background()])
+    columns = np.concatenate([problem.coarse.by_stiffness(springs), problem.coarse.by_background()])
     squares, count = NonNegative.of(columns, weights, problem.target), len(springs.springs)
     found = squares.scaled(np.arange(len(columns)))[:count]
     kept = np.argsort(found)[-problem.options.springs :]
