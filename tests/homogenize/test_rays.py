@@ -25,6 +25,7 @@ from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import (
     ITERATES,
     LEVELS,
+    SOLVES,
     VISITED,
     Ray,
     box_strains,
@@ -70,7 +71,7 @@ def inline(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_plans_hold_all_kinds_of_states_over_the_decades(cell: PeriodicCell) -> None:
-    rays = load_rays(cell, solves=600, limit=40.0)
+    rays = load_rays(cell, solves=SOLVES, limit=40.0)
     kinds = Counter(ray.kind for ray in rays)
     assert set(kinds) == {"rest", "tension", "bending", "bent", "stress", "strain"}
     pulls = [load for ray in rays for loads, _ in ray.levels for _, load in loads.tensions]
@@ -83,7 +84,7 @@ def test_plans_hold_all_kinds_of_states_over_the_decades(cell: PeriodicCell) -> 
     assert steps == pytest.approx(steps[0])
     closer = [ray for ray in rays if ray.kind == "tension" and len(ray.levels) > 1.5 * LEVELS]
     assert [ray.levels[0][0].tensions[0][0] for ray in closer] == pytest.approx([0.0, np.pi / 2, np.pi / 4])
-    assert sum(len(ray.levels) for ray in rays) < 600 < ITERATES * sum(len(ray.levels) for ray in rays)
+    assert sum(len(ray.levels) for ray in rays) < SOLVES < ITERATES * sum(len(ray.levels) for ray in rays)
     bent = np.array([ray.levels[0][1].values for ray in rays if ray.kind == "bent" and not ray.origin])
     determinant = bent[:, 0] * bent[:, 2] - bent[:, 1] ** 2
     doubly = np.abs(determinant) > 1e-6 * (bent**2).sum(axis=1)

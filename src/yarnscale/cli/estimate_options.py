@@ -9,7 +9,7 @@ from yarnscale.cli.shared_options import Add
 from yarnscale.cli.values import not_negative, positive, positive_integer, two_lengths
 
 SOLVERS = ("sobol", "local", "paper")
-SOLVES = 600
+SOLVES = 750
 DIRECTIONS = ("weft", "bias", "warp")
 FOLLOW = ("measured", "shell")
 SHELLS = ("stiffening", "stvk")
@@ -85,7 +85,7 @@ def add_estimate_options(add: Add) -> None:
     )  # fmt: skip
     option(
         "--homogenize", type=positive_integer, nargs="?", const=SOLVES, metavar="N",
-        help="homogenize the estimated yarn with about N equilibria (600), simulate the swatches as cloth of it, and "
+        help="homogenize the estimated yarn with about N equilibria (750), simulate the swatches as cloth of it, and "
         "compare them with the measured ones",
     )  # fmt: skip
     option("--units", choices=UNITS, default="N/m", help="of loads in the report; cN/tex by the fabric's mass (N/m)")

@@ -62,7 +62,7 @@ SHARED: dict[str, dict[str, Any]] = {
         "help": "starts, all but one perturbed; the lowest energy counts (1)",
     },
     "--solves": {
-        "type": positive_integer, "metavar": "N", "help": "equilibria to sample (600; form hylc2020: 400)",
+        "type": positive_integer, "metavar": "N", "help": "equilibria to sample (750; form hylc2020: 400)",
     },
     "--limit": {"type": positive, "metavar": "N/M", "help": "largest load in N/m (50, less for soft yarn)"},
     "--workers": {"type": positive_integer, "metavar": "N", "help": "processes (default: one per core)"},

@@ -56,9 +56,9 @@ class CompactOptions:
     steps, springs: their number, of springs the largest. rounds: of the choice of springs. iterations: of the
     refinement. starts: of which the best is refined to the end. tolerance: relative error of stress and energy that
     counts as one. strain_tolerance: error of the strain, in units, that counts as one along soft directions.
-    modulus_weight: of a relative error of a modulus beside one of stress. importance: of states under tension; its
-    power 0.8 of those at rest and bent ones. symmetric: whether the fabric is its own mirror image, None to tell from
-    the samples. seed: of the choice. Raises InputError for values out of range.
+    modulus_weight: of a relative error of a modulus beside one of stress. importance: of states under tension and
+    those of own tests; its power 0.8 of those at rest and bent ones. symmetric: whether the fabric is its own mirror
+    image, None to tell from the samples. seed: of the choice. Raises InputError for values out of range.
     """
 
     steps: int = 16
@@ -69,7 +69,7 @@ class CompactOptions:
     tolerance: float = 0.03
     strain_tolerance: float = 0.01
     modulus_weight: float = 0.3
-    importance: float = 3.0
+    importance: float = 5.0
     symmetric: bool | None = None
     seed: int = 0
 
@@ -179,7 +179,7 @@ class Problem:
         self.target = np.concatenate([self.energies[None], slopes, seconds])
         self.norms = np.linalg.norm(stresses, axis=1)
         kinds = np.concatenate([data.kinds, data.kinds[more]])
-        pulled, bent = kinds == "tension", kinds == "bending"
+        pulled, bent = np.isin(kinds, ("tension", "tested")), kinds == "bending"
         rather = np.where(bent | self.at_rest, options.importance**_BENT_POWER, 1.0)
         self.importance = np.where(pulled, options.importance, rather)
         self.least = np.where(pulled | bent, _LEAST_USUAL, _LEAST_ALLOWED)

@@ -8,9 +8,10 @@ a fraction of the weight of a centimetre of the fabric up to a limit, each state
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
+from itertools import chain, cycle
 
 import numpy as np
 from scipy.special import ndtri
@@ -28,7 +29,7 @@ ITERATES = 3
 """Most equilibria of the cell that a level takes; all of them are samples."""
 LIMIT = 50.0
 """Largest load by default [N/m]."""
-SOLVES = 600
+SOLVES = 750
 """Equilibria of the cell by default."""
 _PER_LEVEL = 2.1  # equilibria, as measured over ten patterns
 _FEWEST_RAYS = 9  # of a plan that begins with the axes: tension and bending along both
@@ -41,6 +42,10 @@ _HELD, _ROLLED, _BENT_ALONG = (6, 8, 11), 7, 9
 """Levels of tension that bending across starts from; that at which a piece rolls up freely; that of bending along."""
 _BOTH, _SHEARED, _SHEARS = np.array([1.0, 0.0, 1.0]), ((7, 1.0), (5, -1.0)), np.array([0.02, 0.07, 0.16])
 """Tension both ways, its levels that are sheared and to which side, and the shear s_a."""
+_IN_TURN = "stress", "bent", "tension", "stress", "stress", "bent", "stress", "stress"
+"""Kinds of random rays. Loads of all six strains have the most directions, and soon roll the fabric up."""
+_STRESSED = 2
+"""First level of loads of all six strains: the weight of a centimetre of the fabric, about."""
 _BOX = np.array([[-0.2, 0.7], [-0.6, 0.6], [-0.2, 0.7]])
 """Least and largest s_x, s_a, s_y of states that are chosen by strain, for safety; they bend up to 0.1/r."""
 
@@ -161,22 +166,25 @@ def _along_axes(radius: float, sizes: Array, close: Array) -> Iterator[Ray]:
 
 def _random_rays(radius: float, sizes: Array, seed: int) -> Iterator[Ray]:
     """All kinds of loads in turn, and states of the box between them, without end."""
-    draws, box = qmc.Sobol(7, rng=seed), box_strains(radius, seed + 1)
-    for turn in count():
+    # Each kind has a sequence of its own: every eighth point of one lies in a corner of the cube.
+    draws = {kind: qmc.Sobol(7, rng=np.random.default_rng((seed, k))) for k, kind in enumerate(sorted(set(_IN_TURN)))}
+    taken, box = Counter[str](), box_strains(radius, seed + 1)
+    for kind in cycle(_IN_TURN):
         yield ray_to(next(box))
-        place = draws.random(1)[0]
+        turn, place = taken[kind], draws[kind].random(1)[0]
+        taken[kind] += 1
         normal = ndtri(np.clip(place[:6], 1e-3, 1 - 1e-3))
         pull = normal[:3].copy()
         if turn % 3:  # fabric bears little compression before it buckles
             pull[[0, 2]] = np.abs(pull[[0, 2]])
-        if turn % 2 == 0 and turn % 8 != 2:
-            yield _stress(np.concatenate([pull, normal[3:]]) * _emphasis(turn // 2), sizes, radius)
-        elif turn % 16 == 2:
-            yield _in_plane(pull, sizes)
-        elif turn % 16 == 10:
-            yield _tension(np.pi * place[6], sizes)
-        else:
+        if kind == "stress":
+            yield _stress(np.concatenate([pull, normal[3:]]) * _emphasis(turn // 3), sizes[_STRESSED:], radius)
+        elif kind == "bent":
             yield _bent(pull, curvature(place[3:7], radius, least=0.004, most=0.15), sizes)
+        elif turn % 2 == 0:
+            yield _in_plane(pull, sizes)
+        else:
+            yield _tension(np.pi * place[6], sizes)
 
 
 def _emphasis(turn: int) -> Array:
