@@ -147,6 +147,6 @@ def test_the_stiff_phase_has_its_own_modulus() -> None:
 
 
 def test_numpy_numbers_are_numbers() -> None:
-    material = replace(YarnMaterial.preset("wool"), density=np.float32(2.0), young_modulus=np.int64(3))
+    material = replace(YarnMaterial.preset("wool"), density=np.float32(2.0), young_modulus=np.array(3))
     assert (material.density, material.young_modulus) == (2.0, 3.0)
     assert type(material.young_modulus) is float

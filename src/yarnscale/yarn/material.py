@@ -199,6 +199,8 @@ STRETCH_FIELDS = tuple(entry.name for entry in fields(StretchRule))
 
 
 def _number(field_name: str, value: object, *, positive: bool) -> float:
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()  # type: ignore[attr-defined]  # of NumPy, as files of arrays hold single numbers
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(f"{field_name} must be a number", expected="a number", found=repr(value))
     try:
