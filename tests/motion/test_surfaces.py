@@ -59,3 +59,11 @@ def test_no_points_are_no_fault() -> None:
         surface = surface_of(body, reach=0.2)
         assert len(surface.at(np.zeros((0, 3)), 0.5)[0]) == 0
         assert surface.carried(np.zeros((0, 3)), 0.0, 0.5).shape == (0, 3)
+
+
+@pytest.mark.parametrize("rings", [2, 3])
+def test_a_coarse_ball_is_closed_and_faces_outwards(rings: int) -> None:
+    vertices, triangles = ball(rings=rings, sectors=5)
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    assert len(triangles) == 2 * len(vertices) - 4
+    assert (np.einsum("ni,ni->n", a, np.cross(b, c)) > 0).all()

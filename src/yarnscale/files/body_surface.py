@@ -56,8 +56,8 @@ def ball(*, rings: int = 24, sectors: int = 48) -> tuple[Array, Integers]:
     body = np.column_stack([width * np.cos(angle), width * np.sin(angle), height])
     top, bottom = np.full(sectors, len(body)), np.full(sectors, len(body) + 1)
     here = np.arange(len(body)).reshape(rings - 1, sectors)
-    a, b = here[:-1], np.roll(here, -1, axis=1)[:-1]
-    c, d = a + sectors, b + sectors
+    following = np.roll(here, -1, axis=1)
+    a, b, c, d = here[:-1], following[:-1], here[1:], following[1:]
     walls = np.stack([a, c, d, a, d, b], axis=-1).reshape(-1, 3)
-    lids = [np.column_stack([top, a[0], b[0]]), np.column_stack([bottom, d[-1], c[-1]])]
+    lids = [np.column_stack([top, here[0], following[0]]), np.column_stack([bottom, following[-1], here[-1]])]
     return np.vstack([body, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]), np.vstack([walls, *lids])
