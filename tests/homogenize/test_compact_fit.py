@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.homogenize import compact_problem
 from yarnscale.homogenize.compact_fit import (
     CompactOptions,
     StressErrors,
     fit_compact_material,
 )
-from yarnscale.homogenize.compact_problem import STAGES, Problem
+from yarnscale.homogenize.compact_problem import STAGES, Problem, Samples
 from yarnscale.homogenize.spring_jacobian import Directional, sizes_of, springs_of, unknowns_of
 from yarnscale.kinematics import strain_units
 from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNetwork
 
+FEW = CompactOptions(steps=2, springs=5)
 RADIUS = 1e-3
 SCALE = strain_units(RADIUS)
 
@@ -121,6 +125,24 @@ def test_mirror_images_count_only_where_the_fabric_is_one(found):
 def test_the_same_samples_and_seed_give_the_same_material(found):
     z = states(20, 9)
     np.testing.assert_allclose(fitted(known()).energy_density(z), found.energy_density(z), rtol=1e-6)
+
+
+def test_sums_do_not_depend_on_threads_and_steps_that_are_too_long_are_silent(monkeypatch):
+    material, z, rng = known(), states(40, 2), np.random.default_rng(3)
+    arrays = material.energy_density(z), material.stress(z), material.moduli(z)
+    problem = Problem(Samples.of(z / SCALE, arrays[0], arrays[1] * SCALE, arrays[2], None, SCALE), True, FEW)
+    unknowns = rng.normal(size=sum(sizes_of(FEW.steps, FEW.springs)))
+    weights, sums = problem.weights(0.1), []
+    for threads in (1, 2, 3):
+        monkeypatch.setattr(compact_problem, "available_threads", lambda threads=threads: threads)
+        residuals = problem._residuals(unknowns, weights)
+        sums.append([f(unknowns, weights, residuals) for f in (problem._slope, problem._normal)])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert problem._loss(problem._residuals(800.0 * unknowns, weights)) == np.inf
+    for other in sums[1:]:
+        for one, same in zip(sums[0], other, strict=True):
+            np.testing.assert_array_equal(one, same)
 
 
 def test_a_buckled_state_of_rest_does_not_make_a_fabric_skewed():

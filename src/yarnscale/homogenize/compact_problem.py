@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +40,8 @@ FEWEST_STATES = 10
 _HUBER = 5.0
 """Residual from which the loss grows linearly."""
 _SMALL, _LEAST_DIAGONAL, _AT_ONCE, _AT_REST = 1e-5, 1e-3, 120, 6.0
+_PARTS = 8
+"""Parts of the states whose sums are added in the end, whatever the number of threads."""
 _SINGLE: Any = np.float32
 _DAMPING, _LARGEST_DAMPING = 1e-2, 1e4
 """Of the first step of a stage at most, and that at which a stage ends."""
@@ -264,16 +266,23 @@ class Problem:
         return unknowns, taken + 1, first
 
     def _by_parts(self, function: Callable[[slice], Array]) -> list[Array]:
-        """``function`` of states, a part of them on every thread."""
+        """``function`` of parts of the states, side by side; the same parts for any number of threads."""
         count = self.x.shape[1]
-        ends = np.linspace(0, count, min(available_threads(), count) + 1).astype(int)
-        return run_parts(function, [slice(*pair) for pair in pairwise(ends)])
+        ends = np.linspace(0, count, min(_PARTS, count) + 1).astype(int)
+        parts = [slice(*pair) for pair in pairwise(ends)]
+        threads = min(available_threads(), len(parts))
+        groups = [parts[k * len(parts) // threads : (k + 1) * len(parts) // threads] for k in range(threads)]
+        return list(chain(*run_parts(lambda group: [function(part) for part in group], groups)))
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a step that is too long
     def _residuals(self, unknowns: Array, weights: Array) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):  # of a step that is too long
-            network = self.network(unknowns)
-            parts = self._by_parts(lambda place: self.states.part(place).values(*network))
-            return weights * (np.concatenate(parts, axis=1) - self.target)
+        network = self.network(unknowns)
+
+        @np.errstate(over="ignore", invalid="ignore")  # other threads do not know what this one ignores
+        def part(place: slice) -> Array:
+            return weights[:, place] * (self.states.part(place).values(*network) - self.target[:, place])
+
+        return np.concatenate(self._by_parts(part), axis=1)
 
     def _slope(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
         """Half of the gradient of the loss."""
