@@ -113,6 +113,14 @@ def test_a_cell_follows_cycles_of_its_material_and_paths_are_kept(monkeypatch, t
     assert walked == ["tension 45", *names]
 
 
+def test_a_kept_path_that_the_material_could_not_begin_is_not_complete(tmp_path) -> None:
+    def units() -> friction_paths._PathUnits:
+        return friction_paths._PathUnits(tmp_path, {"none": np.zeros((0, 6))}, YarnFriction(0.2))
+
+    units().keep(0, FrictionPath("none", *np.zeros((3, 0, 6)), complete=False))
+    assert not units().pending() and units().converged == 0
+
+
 def test_a_cell_without_a_first_step_is_refused_before_anything_long() -> None:
     cell = ys.PeriodicCell(ys.patterns.build("plain"), ys.YarnMaterial.preset("hylc2020-basket"))
     with pytest.raises(InputError, match="paths with friction"):

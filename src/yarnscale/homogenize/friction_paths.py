@@ -119,7 +119,7 @@ class _PathUnits:
                 arrays = [kept[key] for key in ("strains", "stresses", "elastic")]
         except (OSError, KeyError, ValueError, BadZipFile):
             return None
-        return FrictionPath(name, *arrays, complete=len(arrays[0]) == len(self.planned[name]))
+        return FrictionPath(name, *arrays, complete=0 < len(arrays[0]) == len(self.planned[name]))
 
     def _file(self, name: str) -> Path:
         return self.folder / f"{name.replace(' ', '-')}.npz"
