@@ -81,6 +81,17 @@ def test_affine_stretch_has_the_energy_of_all_yarns(name: str, monkeypatch: pyte
     assert cells.value(stretched) == pytest.approx(whole, rel=1e-9)
 
 
+def test_twist_to_either_side_has_the_same_energy(fabric: SplineFabric, volume: BoundingVolume) -> None:
+    """Loops of jersey are their own mirror image, whatever surface the yarns of a cell are laid on."""
+    cells, energies = VolumeCells(SplineEnergy(fabric), volume), []
+    for twist in (60.0, -60.0):
+        control = cells.at_rest.copy()
+        surface = volume.count // 2
+        control[:surface, 2] = twist * control[:surface, 0] * control[:surface, 1]
+        energies.append(cells.value(control.ravel()))
+    assert energies[0] == pytest.approx(energies[1], rel=1e-6) and energies[0] > 1e-6
+
+
 def test_falls_where_the_published_volume_hardly_moves(fabric: SplineFabric, volume: BoundingVolume) -> None:
     lowest = []
     for reduction in ("published", "homogenized"):

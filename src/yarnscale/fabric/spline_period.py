@@ -15,9 +15,10 @@ class SplinePeriod:
     """The segments and stitches of one period.
 
     width, height: of the period [m]. source: (m,) which of the ``count`` control points of the period each node copies;
-    reference: (m, 3) its place in the flat fabric [m]. segments: (s, 4) nodes. stitches: (k, 2, 4) nodes at both
-    points of every contact; weights, slopes: (k, 2, 4) that give positions and derivatives by the curve parameter.
-    courses: of the period, ``count / courses`` control points each.
+    reference: (m, 3) its place in the flat period [m], around the origin in x and y, since the surface of a cell that
+    bends both ways is exact only there. segments: (s, 4) nodes. stitches: (k, 2, 4) nodes at both points of every
+    contact; weights, slopes: (k, 2, 4) that give positions and derivatives by the curve parameter. courses: of the
+    period, ``count / courses`` control points each.
     """
 
     width: float
@@ -66,9 +67,11 @@ class SplinePeriod:
                 below = (course - 1) % len(loops)
                 stitches.append([four(course, first), four(below, second, 0 if course else 1)])
                 along.append([low - first, high - second])
+        reference = np.array([place for _, place in places])
+        reference[:, :2] -= 0.5 * (reference.min(axis=0) + reference.max(axis=0))[:2]
         return cls(
-            float(lap[0]), height, len(loops), np.array([source for source, _ in places]),
-            np.array([place for _, place in places]), np.array(segments), np.array(stitches),
+            float(lap[0]), height, len(loops), np.array([source for source, _ in places]), reference,
+            np.array(segments), np.array(stitches),
             blending(np.array(along)), blending(np.array(along), 1),
         )  # fmt: skip
 
