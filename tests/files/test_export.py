@@ -258,6 +258,25 @@ def test_tubes_are_closed_face_outwards_and_do_not_turn() -> None:
     assert (normals * turned).sum(axis=1).min() > np.cos(2 * angle)
 
 
+def test_tubes_stay_round_where_a_curve_turns_into_its_own_normal() -> None:
+    directions = np.random.default_rng(3).standard_normal((50, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    curves = CurveSet(3 * np.arange(51), 2e-3)
+    sweep = TubeSweep(curves, sides=6)
+    steps = np.arange(3)[:, None]
+    first = sweep.surface((directions[:, None] * steps).reshape(-1, 3), curves.radii)[1]
+    turned = first.reshape(50, 18, 3)[:, 0]
+    second = sweep.surface((turned[:, None] * steps).reshape(-1, 3), curves.radii)[1]
+    assert np.abs(np.einsum("nki,ni->nk", second.reshape(50, 18, 3), turned)).max() < 1e-12
+
+
+def test_a_curve_without_length_does_not_take_after_the_one_before() -> None:
+    points = np.vstack([np.outer(np.arange(3), [0.0, 0.6, 0.8]), np.ones((3, 3))])
+    both = TubeSweep(CurveSet([0, 3, 6], 2e-3), sides=6).surface(points, np.full(6, 2e-3))[0]
+    alone = TubeSweep(CurveSet([0, 3], 2e-3), sides=6).surface(points[3:], np.full(3, 2e-3))[0]
+    np.testing.assert_array_equal(both[18:], alone)
+
+
 def test_vtk_series_is_read_with_its_times(tmp_path: Path) -> None:
     series = VtkSeries(tmp_path / f"{NAME}.pvd", WHOLE)
     for k, here in enumerate(WHOLE):

@@ -33,11 +33,11 @@ class TubeSweep:
         """Vertices [m] and their normals, both (n · sides, 3), of points (n, 3) [m] with radii (n,) [m]."""
         offsets, closed = self.curves.offsets, self.curves.closed
         lengths, first = np.diff(offsets), offsets[:-1]
-        tangents = _tangents(points, self._neighbours)
+        tangents = _tangents(points, self._neighbours, np.repeat(first, lengths))
         along = tangents[first]
-        starts = upright(self._starts, along)
-        none = ~starts.any(axis=1)
-        starts[none] = upright(np.eye(3)[np.abs(along[none]).argmin(axis=1)], along[none])
+        # Round-off is left of a normal that the curve now runs along.
+        lost = np.linalg.norm(np.cross(self._starts, along), axis=1) < 1e-6
+        starts = upright(np.where(lost[:, None], np.eye(3)[np.abs(along).argmin(axis=1)], self._starts), along)
         normals, back = _carried(tangents, offsets, starts)
         # The mismatch after a loop is spread evenly over it.
         mismatch = np.where(closed, signed_angle(starts, back, along), 0.0)
@@ -74,13 +74,13 @@ def tube_triangles(curves: CurveSet, sides: int) -> Integers:
     return np.vstack([walls, front, back]).astype(np.int64)
 
 
-def _tangents(points: Array, neighbours: tuple[Integers, Integers]) -> Array:
-    """Unit tangents (n, 3); where points coincide that of the point before."""
+def _tangents(points: Array, neighbours: tuple[Integers, Integers], first: Integers) -> Array:
+    """Unit tangents (n, 3); where points coincide that of the point before; first: of each point's curve (n,)."""
     before, after = neighbours
     tangents = points[after] - points[before]
     length = np.linalg.norm(tangents, axis=1)
     if (none := length == 0.0).any():
-        known = np.maximum.accumulate(np.where(none, 0, np.arange(len(points))))
+        known = np.maximum.accumulate(np.where(none, first, np.arange(len(points))))
         tangents, length = tangents[known], length[known]
         tangents[length == 0.0], length[length == 0.0] = (1.0, 0.0, 0.0), 1.0
     return tangents / length[:, None]
