@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.detail.fluctuations import FluctuationTable, ScatteredFluctuations, detail_grid, fluctuation
+from yarnscale.detail.fluctuations import FluctuationTable, ScatteredFluctuations, bracket, detail_grid, fluctuation
 from yarnscale.errors import InputError
 from yarnscale.homogenize.plan import StrainGrid, scattered_axes
 from yarnscale.homogenize.rays import ray_to
@@ -127,3 +127,8 @@ def test_the_default_grid_scales_with_the_yarn(cell: PeriodicCell) -> None:
     grid = detail_grid(cell)
     assert 0.0 in grid.s_x and 0.0 in grid.s_a and 0.0 in grid.lambda_x
     assert max(grid.lambda_y) * cell.pattern.radius == pytest.approx(0.08)
+
+
+def test_no_number_lies_in_an_interval_of_the_axis() -> None:
+    place, share = bracket(np.array([0.0, 1.0, 3.0]), np.nan)
+    assert 0 <= place <= 1 and np.isnan(share)

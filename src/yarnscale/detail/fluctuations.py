@@ -234,7 +234,9 @@ def bracket(axis, value):
         return 0, 0.0
     if value >= axis[last]:
         return last - 1, 1.0
-    k = np.searchsorted(axis, value, "right") - 1
+    k = 0  # a search by halves would put what is no number behind the last interval
+    while value >= axis[k + 1]:
+        k += 1
     return k, (value - axis[k]) / (axis[k + 1] - axis[k])
 
 
