@@ -12,6 +12,7 @@ for M = B κ is (B/w)^(1/3) to 1 %.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -62,7 +63,8 @@ def bending_length(curvatures: Array, moments: Array, density: float) -> float |
     for slope in np.linspace(0.02, 0.5 * math.pi - 1e-3, _TRIES).tolist():
         fall = hung(slope)[1]
         if before <= FALL < fall:  # false of NaN too
-            return 0.5 * unit * hung(float(brentq(lambda tip: hung(tip)[1] - FALL, low, slope, xtol=1e-10)))[0]
+            tip: Any = brentq(lambda tip: hung(tip)[1] - FALL, low, slope, xtol=1e-10)
+            return 0.5 * unit * hung(tip)[0]
         low, before = slope, fall
     return None
 

@@ -181,12 +181,15 @@ class MappedObjective:
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy and Bᵀ g."""
         value, gradient = self._objective.gradient(self._affine.expand(x))
-        return value, self._affine.pull_gradient(gradient)
+        return value, self._pulled(gradient)
 
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
         """Energy, Bᵀ g and the model Bᵀ H B."""
         value, gradient, model = self._objective.quadratic(self._affine.expand(x))
-        return value, self._affine.pull_gradient(gradient), _PulledModel(model, self._pull.of(model.pattern))
+        return value, self._pulled(gradient), _PulledModel(model, self._pull.of(model.pattern))
+
+    def _pulled(self, gradient: Array) -> Array:
+        return self._affine.pull_gradient(gradient)
 
 
 @dataclass(frozen=True, eq=False)
