@@ -1,6 +1,6 @@
 """From yarn to shell material with few solves: 120 states of a stockinette under loads, over two processes.
 
-A real material takes some hundred states (`yarnscale homogenize`, 600 by default); this one shows the way. The fit is
+A real material takes some hundred states (`yarnscale homogenize`, 750 by default); this one shows the way. The fit is
 judged on states that it has not seen. Processes are spawned, hence the guard at the end.
 """
 
@@ -21,12 +21,12 @@ def main() -> None:
     summary, errors = outcome.summary, outcome.errors
     print(f"{summary.converged} of {summary.states} states converged in {summary.seconds:.1f} s")
     print(f"median error on {errors.states} unseen states: {errors.median:.1%} of the stress itself")
-    assert errors.median < 0.5
 
     # The material is a function of six strains; its stress is the derivative, as in the cell.
     stretched = ys.ShellStrain(s_x=0.1)
     fitted, exact = material.energy_density(stretched.vector[None])[0], cell.relax(stretched).energy_density
     print(f"10 % along the course: {fitted:.4f} J/m² fitted, {exact:.4f} J/m² from the yarns")
+    assert abs(fitted / exact - 1.0) < 0.2
 
 
 if __name__ == "__main__":

@@ -119,8 +119,8 @@ class UniformData:
 
     @property
     def contraction_scale(self) -> float:
-        """Largest measured contraction of the comfort ranges, 0.001 at least, by which its errors are divided."""
-        measured = [c for c in self.curves if c.contraction_measured]
+        """Largest measured contraction of the comfort ranges (of all where none is), by which errors are divided."""
+        measured = [c for c in self.curves if c.contraction_measured] or self.curves
         largest = [float(np.interp(c.comfort_stretch, c.stretch, np.abs(c.contraction))) for c in measured]
         return max([1e-3, *largest])
 
