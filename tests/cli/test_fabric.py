@@ -53,6 +53,7 @@ def test_hangs_and_writes_frames(method: str, tmp_path: Path, capsys: pytest.Cap
     assert summary["method"] == method and summary["model"] == "splines" and summary["centre_drop"] > 0.0
     assert {"frames.png", "last.png", "last.obj", "index.html"} <= {path.name for path in tmp_path.iterdir()}
     page = (tmp_path / "index.html").read_text()
+    assert "centre_drop [m]" in page
     assert "centre_drop" in page and page.count("data:image/") == 2
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -96,6 +97,7 @@ def test_shells_complete_commands_options_choices_names_and_files(tmp_path: Path
     assert {"--strain", "--starts"} <= completed("yarnscale relax plain --st", tmp_path)
     assert {"course", "wale"} == completed("yarnscale stretch m.json --direction ", tmp_path)
     assert {"stockinette", "stone.chart"} <= completed("yarnscale relax sto", tmp_path)
+    assert {"stockinette-small", "stockinette-wool"} <= completed("yarnscale view stockinette-", tmp_path)
     assert {"wool"} == completed("yarnscale relax plain --material wo", tmp_path)
 
 
@@ -103,6 +105,7 @@ def test_misspelt_names_are_told_the_likely_one(refused) -> None:
     for arguments, meant in (
         (["rleax"], "relax"),
         (["relax", "plain", "--straim", "0,0,0,0,0"], "--strain"),
+        (["pattern", "plain", "--outt", "x"], "--out"),
         (["relax", "stokinette"], "stockinette"),
         (["relax", "plain", "--material", "woll"], "wool"),
         (["stretch", "m.json", "--out", "x", "--direction", "curse"], "course"),
@@ -119,4 +122,5 @@ def test_without_arguments_comes_help_and_commands_stand_in_groups(run) -> None:
     outcome = run("relax")
     assert outcome.status == 2 and "positional arguments:\n  PATTERN" in outcome.err
     titles = [line[:-1] for line in outcome.err.splitlines() if line.endswith(":") and line[0] != " "]
+    assert re.search(r"options:\n  -h, --help .*\n\nyarn:", run("fabric").err)
     assert titles.index("yarn") < titles.index("loads and states") < titles.index("results")

@@ -9,6 +9,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -34,15 +35,15 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
-    def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
+    def _add_action(self, action: argparse.Action) -> argparse.Action:
         """Options of the groups in ``GROUPS`` appear there in the help."""
-        title = _GROUP_OF.get(names[0])
+        title = _GROUP_OF.get(next(iter(action.option_strings), ""))
         if title is None:
-            return super().add_argument(*names, **settings)
+            return super()._add_action(action)
         there = (group for group in self._action_groups if group.title == title)
         group = next(there, None) or self.add_argument_group(title)
         self._action_groups.sort(key=lambda group: _ORDER.get(group.title or "", -1))
-        return group.add_argument(*names, **settings)
+        return group._add_action(action)
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
         if _COMPLETING:
@@ -50,11 +51,17 @@ class Parser(argparse.ArgumentParser):
         if not args and any(action.required for action in self._actions):
             self.print_help(sys.stderr)
             self.exit(2)
+        # A misspelt option before one that is missing, which it likely stands for.
+        for word in () if self._subparsers else takewhile(lambda word: word != "--", args or ()):
+            if word.startswith("--") and not self._get_option_tuples(word.partition("=")[0]):
+                self._unknown(word)
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            name = unknown[0].partition("=")[0]
-            self.error(f"unknown argument {misspelt(name, self._option_string_actions)}")
+            self._unknown(unknown[0])
         return found, unknown
+
+    def _unknown(self, word: str) -> NoReturn:
+        self.error(f"unknown argument {misspelt(word.partition('=')[0], self._option_string_actions)}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:

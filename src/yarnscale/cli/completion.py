@@ -32,23 +32,22 @@ def _completer(action: argparse.Action) -> argcomplete.completers.BaseCompleter 
 
 def _names(action: argparse.Action) -> Iterable[str]:
     kind = action.metavar or action.dest
-    if kind == "PATTERN":
+    if kind in ("PATTERN", "THING", "SUBJECT", "OTHER", "KNIT.chart"):
         # Not by yarnscale.drawing, which would load numba.
-        return tomllib.loads((files("yarnscale") / "drawing" / "patterns.toml").read_text(encoding="utf-8"))
-    if kind == "SHELL":
+        yield from tomllib.loads((files("yarnscale") / "drawing" / "patterns.toml").read_text(encoding="utf-8"))
+    if kind in ("SHELL", "THING", "SUBJECT", "OTHER"):
         from yarnscale.files import material_library
 
-        return material_library.names()
+        yield from material_library.names()
     if kind == "YARN":
         from yarnscale.yarn.material import PRESETS
 
-        return PRESETS
+        yield from PRESETS
     if kind == "SCENE":
         from yarnscale.shell.scenes.ready import READY
 
-        return READY
+        yield from READY
     if kind == "TOPIC":
         from yarnscale.cli.guide import pages
 
-        return pages()
-    return ()
+        yield from pages()

@@ -24,18 +24,27 @@ YARN_MATERIAL = (
 )
 
 GROUPS = {
+    "inputs": ("front", "back", "traced", "chart", "scale", "period", "pattern", "samples", "sample"),
     "yarn": ("material", "radius", "as-drawn", "free-sliding", "yarn-length", "stiffness", "friction"),
     "fabric at rest": ("wales", "courses", "loop-length", "tex", "area-density", "swatch"),
+    "model": ("form", "method", "model", "volume", "reduction", "adaptive", "size", "sizes", "relaxed", "count"),
     "loads and states": ("strain", "solves", "limit", "visited", "grid", "directions", "loads", "curvatures"),
+    "tests": ("against", "free-curvature", "cycles", "drape"),
     "form hylc2020": ("stretch", "shear", "curvature", "one-dimensional", "smoothing", "even-knots"),
-    "search": ("solver", "seed", "starts", "refined", "iterations", "bending-weight", "follow", "shell-model"),
+    "search": (
+        "solver", "seed", "starts", "refined", "iterations", "bending-weight", "follow", "shell-model", "holdout",
+        "shape",
+    ),
     "piece": ("rows", "columns", "on", "unit", "weld", "tube", "border"),
     "scene": ("scene", "shell", "amount", "travel", "direction", "air-drag", "ball-friction", "spacing"),
-    "time steps": ("duration", "time-step", "damping", "animation", "may-give-way"),
-    "pictures": ("picture", "fps", "speed", "colour", "camera", "wires", "yarns-as", "megabytes"),
-    "results": ("out", "overwrite", "resume", "json", "format"),
+    "time steps": ("explicit", "integrator", "duration", "time-step", "damping", "animation", "may-give-way"),
+    "pictures": ("picture", "fps", "speed", "colour", "camera", "wires", "yarns-as", "yarns", "seams", "megabytes"),
+    "page": ("port", "browser", "export", "no-page"),
+    "results": (
+        "out", "overwrite", "resume", "json", "format", "frames", "homogenize", "positions", "moduli", "units",
+    ),
     "processes": ("workers", "dask"),
-}
+}  # fmt: skip
 """Headings of options in the help of commands."""
 
 SHARED: dict[str, dict[str, Any]] = {

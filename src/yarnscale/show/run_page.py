@@ -20,6 +20,11 @@ from yarnscale.show.report import Cell, Picture, Section, Table, write_report
 from yarnscale.show.run_pane import run_pane
 
 CAPTIONS = {"frames.png": "Moments of the run, bodies where they are.", "last.png": "At the end."}
+UNITS = {
+    "bar_force": "N", "force": "N", "speed": "m/s", "simulated_seconds": "s", "seconds": "s",
+    **dict.fromkeys(("lowest", "highest", "closest", "centre_drop", "lower_edge_drop"), "m"),
+}  # fmt: skip
+"""Of the numbers of a run that are no counts and no shares."""
 _MOMENTS, _TILE = 6, (640, 500)
 """Moments of a picture at most, and the size of each [pixels]."""
 View = Camera | tuple[float, float, float]
@@ -53,7 +58,7 @@ def write_run_page(
         pictures.insert(0, replace(last, caption="The run; drag to turn.", wide=True, pane=pane))
     except InputError as error:
         text = [*text, f"No view that turns: {error}."]
-    rows = [[name, _cell(value)] for name, value in numbers.items() if _cell(value) is not None]
+    rows = [[f"{k} [{UNITS[k]}]" if k in UNITS else k, _cell(v)] for k, v in numbers.items() if _cell(v) is not None]
     tables = [Table(["", "value"], rows), *_unfulfilled(run.unfulfilled)]
     summary = f"Status: {run.outcome}{', motions not carried out' * bool(run.unfulfilled)}."
     section = Section("Results", text, tables, pictures)
