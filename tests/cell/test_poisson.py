@@ -113,7 +113,8 @@ def test_the_tile_hardly_depends_on_the_domain() -> None:
 def test_derivatives_by_the_state(strain: ShellStrain) -> None:
     options = {"centre": (0.2, 0.1)}
     reference, u = points(30), np.random.default_rng(1).normal(size=(30, 3))
-    exact = surface(strain, **options).by_state(reference, u)
+    places, turns = surface(strain, **options).slopes(reference)
+    exact = places + np.einsum("nijl,nj->nil", turns, u)
     assert (np.abs(exact).max(axis=(0, 1)) > 1e-2).all()
     step = 1e-5
     for k in range(6):
@@ -124,15 +125,29 @@ def test_derivatives_by_the_state(strain: ShellStrain) -> None:
         np.testing.assert_allclose(exact[:, :, k], (sides[0] - sides[1]) / (2 * step), atol=1e-8)
 
 
+@pytest.mark.parametrize("strain", [*CYLINDERS, *DOUBLY_CURVED, ShellStrain(0.1, 0.2, 0.3)])
+def test_second_derivatives_by_the_state(strain: ShellStrain) -> None:
+    generator, reference = np.random.default_rng(2), points(30)
+    forces, turns = generator.normal(size=(30, 3)), generator.normal(size=(30, 3, 3))
+
+    def loaded(vector: np.ndarray) -> np.ndarray:
+        places, rotations = surface(ShellStrain.from_vector(vector), centre=(0.2, 0.1)).slopes(reference)
+        return np.einsum("ni,nil->l", forces, places) + np.einsum("nij,nijl->l", turns, rotations)
+
+    exact = surface(strain, centre=(0.2, 0.1)).second(reference, forces, turns)
+    for k, move in enumerate(1e-5 * np.eye(6)):
+        expected = (loaded(strain.vector + move) - loaded(strain.vector - move)) / 2e-5
+        np.testing.assert_allclose(exact[k], expected, atol=1e-7 * np.abs(exact).max())
+
+
 def test_the_unit_of_length_drops_out() -> None:
     reference, length = points(20), 1e-3
     strain = ShellStrain(0.1, 0.0, 0.0, 300.0, 50.0, -200.0)
     in_unit = PoissonMidsurface(strain, period=PERIOD, length=length)
     in_metres = PoissonMidsurface(strain, period=PERIOD * length)
     np.testing.assert_allclose(in_unit.at(reference)[0] * length, in_metres.at(reference * length)[0], atol=1e-15)
-    still = np.zeros_like(reference)
     np.testing.assert_allclose(
-        in_unit.by_state(reference, still) * length, in_metres.by_state(reference * length, still), atol=1e-14
+        in_unit.slopes(reference)[0] * length, in_metres.slopes(reference * length)[0], atol=1e-14
     )
 
 

@@ -6,8 +6,10 @@ in E π r³ (``PatternStiffness``) inside this room, so that tolerances and regu
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -52,8 +54,9 @@ class CellEnergy:
     """Energy of a pattern under one macroscopic state; an objective for ``numerics.newton``.
 
     The free vector is [û (3n, in radii), θ (n)]. sliding: whether yarns may slide along themselves as a whole.
-    symmetric: count every contact pair from both sides, half each; needed off singly curved states and by
-    ``friction_pairs``; None: there. friction_pairs: pairs that resist slip since an earlier state.
+    symmetric: count every contact pair from both sides, half each; needed off singly curved states, by
+    ``friction_pairs`` and by ``moved``; None: at the former two. friction_pairs: pairs that resist slip since an
+    earlier state.
     """
 
     pattern: YarnPattern
@@ -70,7 +73,10 @@ class CellEnergy:
         pattern, radius = self.pattern, self.pattern.radius
         self.stiffness = PatternStiffness.of(pattern, self.material)
         self.unit = self.stiffness.unit
-        self.surface = cell_midsurface(pattern, self.strain)
+        bent = not self.strain.is_flat
+        if self.symmetric is None:
+            self.symmetric = bent or self.friction_pairs is not None
+        self.surface = cell_midsurface(pattern, self.strain, bending=self.symmetric)
         n = self.count = len(pattern.edges)
         large = n > LARGE
         # Yarns of a weave slide across each other on long curved paths; knits, whose contacts change, need new factors.
@@ -78,19 +84,17 @@ class CellEnergy:
         self.strands = Strands.around(pattern, self._reach(SLACK))
         self.reference = self.placed(self.strands)
         offset, rotation = self.surface.at(self.reference)
-        self.frames = rotation[:n]
+        self.rotation, self.frames = rotation, rotation[:n]
         self.turning = Midsurface(self.strain, length=radius).rotation_vectors(self.reference)
         source = np.tile(np.arange(n), len(self.strands.tiles))
-        bent = not self.strain.is_flat
         turned = rotation if bent else np.empty((0, 3, 3))
         self.nodes = CopiedNodes(source, turned, offset, n, n)
         self.rods = RodEnergy(
-            self.stiffness, self.strands, copies=self.nodes,
-            symmetric=bent or self.friction_pairs is not None if self.symmetric is None else self.symmetric,
+            self.stiffness, self.strands, copies=self.nodes, symmetric=self.symmetric,
             turning=self.turning if bent else None, margin=PATTERN_MARGIN if large else WIDE_MARGIN,
         )  # fmt: skip
-        anchors, self._anchor_slope = self._anchors(rotation)
-        self.rods.set_anchors(anchors, pattern.reference_twist)
+        self._anchors, self._anchors_by_edge = self._carried()
+        self.rods.set_anchors(self._anchors, pattern.reference_twist)
         if self.friction_pairs is not None:
             self._friction = self.friction_pairs.stencils(self.strands, self.frames)
             self.rods.set_others(self._friction)
@@ -124,36 +128,44 @@ class CellEnergy:
         radius = self.pattern.radius
         return strands.copies(self.pattern.vertices / radius, self.pattern.period / radius)
 
-    def _anchors(self, rotation: Array) -> tuple[Array, Array]:
-        """``ANCHORS`` of all joints (n, 12), and their derivatives by the macroscopic state (n, 12, 6)."""
-        vertex, found = np.arange(self.count), []
-        for start, end in ((self.strands.before, vertex), (vertex, self.strands.ends[: self.count])):
-            found.append(self._carried(start, end, rotation))
-        (tangent, director, slope), (after, director_after, slope_after) = found
-        anchors = np.concatenate([tangent, after, director, director_after], axis=1)
-        parts = slope[:, :3], slope_after[:, :3], slope[:, 3:], slope_after[:, 3:]
-        return anchors, np.concatenate(parts, axis=1)
+    @cached_property
+    def _edges(self) -> tuple[Integers, Integers, Array]:
+        """Edges whose frames are anchors, before and after every joint: start and end (2n,), and their vectors.
 
-    def _carried(self, start: Integers, end: Integers, rotation: Array) -> tuple[Array, Array, Array]:
-        """Tangent and director of edges (start node → end node) carried from rest to the macroscopic state.
-
-        Also their derivatives by that state, (N, 6, 6): rows tangent and director, columns the six components.
+        Those are tangent and director at rest (2n, 2, 3).
         """
-        vertex = start % self.count
-        rest = unit(self.pattern.edge_vectors())[vertex]
-        director = upright(self.pattern.reference_director[vertex], rest)
-        turn = rotation[start]
-        edge = self.nodes.offset[end] - self.nodes.offset[start]
-        turned = np.einsum("nij,nj->ni", turn, rest), np.einsum("nij,nj->ni", turn, director)
-        tangent, carried, slope = carried_frames(edge, *turned)
-
-        surface, place, still = self.surface, self.reference[start], np.zeros_like(rest)
-        inputs = (
-            surface.by_state(self.reference[end], still) - surface.by_state(place, still),
-            surface.frames_by_state(place, rest),
-            surface.frames_by_state(place, director),
+        vertex = np.arange(self.count)
+        start, end = (
+            np.concatenate(part) for part in ((self.strands.before, vertex), (vertex, self.strands.ends[vertex]))
         )
-        return tangent, carried, slope @ np.concatenate(inputs, axis=1)
+        tangent = unit(self.pattern.edge_vectors())[start % self.count]
+        director = upright(self.pattern.reference_director[start % self.count], tangent)
+        return start, end, np.stack([tangent, director], 1)
+
+    def _carried(self, places: Array | None = None, rotation: Array | None = None) -> tuple[Array, Array]:
+        """``ANCHORS`` of all joints (n, 12): frames of edges carried from rest to the state.
+
+        With their derivatives by edge, tangent and director in the macroscopic state, (2n, 6, 9). places, rotation: of
+        all nodes; by default those of the state.
+        """
+        start, end, vectors = self._edges
+        places = self.nodes.offset if places is None else places
+        turned = np.einsum("nij,nkj->nki", (self.rotation if rotation is None else rotation)[start], vectors)
+        tangent, director, slope = carried_frames(places[end] - places[start], turned[:, 0], turned[:, 1])
+        both = np.stack([tangent, director]).reshape(2, 2, self.count, 3)
+        return both.transpose(2, 0, 1, 3).reshape(self.count, 12), slope
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """Derivatives of the places (T·n, 3, 6) and rotations (T·n, 3, 3, 6) of all nodes by the macroscopic state."""
+        return self.surface.slopes(self.reference)
+
+    @cached_property
+    def _edge_slopes(self) -> Array:
+        """Derivatives of edge, tangent and director of ``_edges`` in the macroscopic state, (2n, 9, 6)."""
+        (start, end, vectors), (places, rotation) = self._edges, self._slopes
+        turned = np.einsum("nijl,nkj->nkil", rotation[start], vectors).reshape(len(start), 6, 6)
+        return np.concatenate([places[end] - places[start], turned], axis=1)
 
     def _constraints(self, large: bool) -> LinearConstraints | ChainConstraints:
         """Rows of ``constraint_rows``, made independent of each other; of large cells, as chains."""
@@ -221,20 +233,65 @@ class CellEnergy:
 
         Positions follow the state through (C1), the reference frames of the rods through their anchors.
         """
+        return self._by_state(x) * self.unit / self.pattern.area
+
+    def _by_state(self, x: Array) -> Array:
+        """∂W/∂(state) at fixed û and θ, (6,)."""
+        forces, turns, by_edge = self._pulls(x)
+        places, rotation = self._slopes
+        total = np.einsum("ni,nil->l", forces, places) + np.einsum("nij,nijl->l", turns, rotation)
+        return total + np.einsum("ni,nil->l", by_edge, self._edge_slopes)
+
+    def _pulls(self, x: Array) -> tuple[Array, Array, Array]:
+        """∂W by places (T·n, 3), rotations (T·n, 3, 3) and, through the anchors, edges with their frames (2n, 9)."""
         full = self.nodes.expand(x)
-        nodes = self.rods.positions(self.rods.gradient(full)[1].sum(axis=0))
-        loaded = np.flatnonzero((nodes != 0.0).any(axis=1))
-        fluctuation = self.split(x)[0][self.nodes.source[loaded]]
-        slopes = self.surface.by_state(self.reference[loaded], fluctuation)
-        by_anchors = self.rods.bend_twist.by_parameters(full, ANCHORS)
-        total = np.einsum("ni,nij->j", nodes[loaded], slopes) + np.einsum("ni,nij->j", by_anchors, self._anchor_slope)
+        forces = self.rods.positions(self.rods.gradient(full)[1].sum(axis=0))
+        turns = forces[:, :, None] * self.split(x)[0][self.nodes.source][:, None]
         if self.friction_pairs is not None and self._friction.count:
             vertices, vectors = self.friction_pairs.turned(self.strands)
             by_vectors = self._friction.by_parameters(full, ("offset", "normal")).reshape(-1, 2, 3)
-            for k in (0, 1):
-                turned = self.surface.frames_by_state(self.reference[vertices], vectors[:, k])
-                total += np.einsum("ni,nij->j", by_vectors[:, k], turned)
-        return total * self.unit / self.pattern.area
+            np.add.at(turns, vertices, np.einsum("kvi,kvj->kij", by_vectors, vectors))
+        return forces, turns, np.einsum("ni,nij->nj", self._by_frames(full), self._anchors_by_edge)
+
+    def _by_frames(self, full: Array) -> Array:
+        """∂W by the anchors in the order of ``_edges``, (2n, 6)."""
+        by_anchors = self.rods.bend_twist.by_parameters(full, ANCHORS).reshape(self.count, 2, 2, 3)
+        return by_anchors.transpose(2, 0, 1, 3).reshape(2 * self.count, 6)
+
+    def moved(self, component: int, step: float) -> CellEnergy:
+        """The energy a small step away in one component of the state, to first order in the step.
+
+        It has the contacts of this one, which must be ``symmetric``; and the slopes of this one, see ``second``.
+        """
+        assert self.symmetric
+        (places, rotation), other = self._slopes, copy.copy(self)
+        other.rotation = self.rotation + step * rotation[..., component]
+        other.frames = other.rotation[: self.count]
+        other.nodes = CopiedNodes(
+            self.nodes.source, other.rotation, self.nodes.offset + step * places[..., component], self.count, self.count
+        )
+        other._anchors, other._anchors_by_edge = other._carried()
+        other.rods = copy.copy(self.rods)
+        other.rods.set_anchors(other._anchors, self.pattern.reference_twist)
+        if self.friction_pairs is not None:
+            other._friction = self.friction_pairs.stencils(self.strands, other.frames)
+            other.rods.set_others(other._friction)
+        return other
+
+    def second(self, x: Array, moved: list[CellEnergy], step: Array) -> Array:
+        """∂²W/∂(state)² at fixed û and θ, (6, 6); moved: this energy a step away in every component.
+
+        Forces change along a step, which ``moved`` tell, and slopes, which the surface has in closed form.
+        """
+        here = self._by_state(x)
+        forces, turns, by_edge = self._pulls(x)
+        start, end, vectors = self._edges
+        np.add.at(forces, end, by_edge[:, :3])
+        np.add.at(forces, start, -by_edge[:, :3])
+        np.add.at(turns, start, np.einsum("nki,nkj->nij", by_edge[:, 3:].reshape(-1, 2, 3), vectors))
+        loaded = np.flatnonzero((forces != 0.0).any(axis=1) | (turns != 0.0).any(axis=(1, 2)))
+        along = np.stack([(other._by_state(x) - here) / h for other, h in zip(moved, step, strict=True)])
+        return along + self.surface.second(self.reference[loaded], forces[loaded], turns[loaded])
 
     def gaps(self, x: Array) -> Array:
         """Distances of all listed pairs over the yarn diameter."""

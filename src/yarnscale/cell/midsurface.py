@@ -75,13 +75,24 @@ def _kernel() -> Kernel:
 
 
 @cache
-def _derivative_kernel() -> Kernel:
-    """∂(m + R û)/∂z, 3×6 row by row, at fixed û."""
-    z, reference, u = ca.SX.sym("z", 6), ca.SX.sym("X", 3), ca.SX.sym("u", 3)
+def _slope_kernel() -> Kernel:
+    """Derivatives of m and of the rows of R by the state, (3, 6) and (9, 6)."""
+    z, reference = ca.SX.sym("z", 6), ca.SX.sym("X", 3)
     point, rotation = midsurface_point(z, reference)
-    slope = ca.vec(ca.jacobian(point + rotation @ u, z).T)
-    function = ca.Function("midsurface_by_state", [z, reference, u], [ca.densify(slope)], {"cse": True})
-    return compile_kernel(function, "midsurface_by_state", shared=(0,))
+    outputs = [ca.densify(ca.vec(ca.jacobian(part, z).T)) for part in (point, ca.vec(rotation.T))]
+    function = ca.Function("midsurface_slopes", [z, reference], outputs, {"cse": True})
+    return compile_kernel(function, "midsurface_slopes", shared=(0,))
+
+
+@cache
+def _second_kernel() -> Kernel:
+    """Second derivatives of f·m + Q:R by the state, (6, 6); Q row by row."""
+    z, reference, f, q = (ca.SX.sym(name, size) for name, size in (("z", 6), ("X", 3), ("f", 3), ("Q", 9)))
+    point, rotation = midsurface_point(z, reference)
+    second, _ = ca.hessian(ca.dot(f, point) + ca.dot(q, ca.vec(rotation.T)), z)
+    output = ca.densify(ca.vec(second))
+    function = ca.Function("midsurface_second", [z, reference, f, q], [output], {"cse": True})
+    return compile_kernel(function, "midsurface_second", shared=(0,))
 
 
 class Midsurface:
@@ -102,11 +113,12 @@ class Midsurface:
         """w = ξ^α ω_α at reference coordinates (n, 3), shape (n, 3) [rad]; may exceed a full turn."""
         return reference[:, :2] @ np.array(_turning()(self._z)).T
 
-    def by_state(self, reference: Array, fluctuation: Array) -> Array:
-        """∂(m + R û)/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û, shape (n, 3, 6); lengths in the unit."""
-        (slopes,) = run_columns(_derivative_kernel(), self._z[None], reference, fluctuation)
-        return slopes.reshape(-1, 3, 6) * self._scale
+    def slopes(self, reference: Array) -> tuple[Array, Array]:
+        """Derivatives of points (n, 3, 6) and rotations (n, 3, 3, 6) by (s_x, s_a, s_y, II11, II12, II22)."""
+        points, rotations = run_columns(_slope_kernel(), self._z[None], reference)
+        return points.reshape(-1, 3, 6) * self._scale, rotations.reshape(-1, 3, 3, 6) * self._scale
 
-    def frames_by_state(self, reference: Array, vectors: Array) -> Array:
-        """∂(R v)/∂(state) of vectors (n, 3) fixed in the frames at reference coordinates (n, 3), shape (n, 3, 6)."""
-        return self.by_state(reference, vectors) - self.by_state(reference, np.zeros_like(vectors))
+    def second(self, reference: Array, forces: Array, turns: Array) -> Array:
+        """Second derivatives (6, 6) by the state of Σ f·m + Q:R, for forces f (n, 3) and turns Q (n, 3, 3)."""
+        (found,) = run_columns(_second_kernel(), self._z[None], reference, forces, turns.reshape(-1, 9))
+        return found.sum(axis=0).reshape(6, 6) * self._scale[:, None] * self._scale

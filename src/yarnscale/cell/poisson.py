@@ -46,15 +46,15 @@ CELLS = 16
 
 
 @cache
-def _target_kernel(derivative: bool, axis: int) -> Kernel:
-    """Column of T (3×2) of an axis at a point ξ, or its derivative by the state, 3×6."""
-    z, xi = ca.SX.sym("z", 6), ca.SX.sym("xi", 2)
+def _target_kernel(order: int, axis: int) -> Kernel:
+    """Column of T (3×2) of an axis at a point ξ; its derivative by the state, 3×6; second ones of f·T, 6×6."""
+    z, xi, f = ca.SX.sym("z", 6), ca.SX.sym("xi", 2), ca.SX.sym("f", 3)
     stretch, _ = midsurface_frames(z)
     point, rotation = midsurface_point(z, ca.vertcat(xi, 0))
     column = (rotation[:, 0:2] @ stretch - ca.jacobian(point, xi))[:, axis]
-    output = ca.vec(ca.jacobian(column, z).T) if derivative else column
-    name = f"midsurface_misfit_{axis}" + "_by_state" * derivative
-    return compile_kernel(ca.Function(name, [z, xi], [ca.densify(output)], {"cse": True}), name, shared=(0,))
+    output = (lambda: column, lambda: ca.jacobian(column, z).T, lambda: ca.hessian(ca.dot(f, column), z)[0])[order]()
+    name, inputs = f"midsurface_misfit_{axis}_{order}", [z, xi, f][: 3 if order == 2 else 2]
+    return compile_kernel(ca.Function(name, inputs, [ca.densify(ca.vec(output))], {"cse": True}), name, shared=(0,))
 
 
 class Grid:
@@ -88,6 +88,7 @@ class Grid:
             self.flow_to_waves.append(self.to_waves[-1] @ _divergence(count) / step)
         self.size = sizes[0][:, None] + sizes[1]
         self.size[0, 0] = np.inf  # the constant is free
+        self.tile_share = [self._share_of_tile(axis) for axis in (0, 1)]
 
     @classmethod
     @lru_cache(maxsize=8)
@@ -101,34 +102,65 @@ class Grid:
         lines[axis] = 0.5 * (lines[axis][1:] + lines[axis][:-1])
         return np.stack(np.meshgrid(*lines, indexing="ij"), -1)
 
-    def least_squares(self, gradients: tuple[Array, Array]) -> Array:
-        """Fields (…, N1, N2) whose differences along edges are nearest to the given gradients; zero in the middle."""
+    def solved(self, gradients: tuple[Array, Array]) -> Array:
+        """Fields (…, N1, N2) whose differences along edges are nearest to gradients (…, count 1, count 2).
+
+        A linear field is added, so that the tile has their mean.
+        """
         (to_1, to_2), (flow_1, flow_2), (from_1, from_2) = self.to_waves, self.flow_to_waves, self.from_waves
         waves = (flow_1 @ gradients[0] @ to_2.T + to_1 @ gradients[1] @ flow_2.T) / self.size
         field = from_1 @ waves @ from_2.T
-        return field - field[..., self.middle[0], self.middle[1], None, None]
-
-    def tile_mean(self, gradient: Array, axis: int) -> Array:
-        """Mean over the tile of quantities (…, count 1, count 2) on the edges along an axis."""
-        inside = [slice(rim, rim + self.cells + 1) for rim in self.rim]
-        inside[axis] = slice(self.rim[axis], self.rim[axis] + self.cells)
-        part = gradient[..., inside[0], inside[1]].mean(axis=axis - 2)
-        return (part.sum(axis=-1) - 0.5 * (part[..., 0] + part[..., -1])) / self.cells
-
-    def keep_tile_mean(self, field: Array, gradients: tuple[Array, Array]) -> Array:
-        """The field plus a linear one, so that its gradient has the tile mean of ``gradients``."""
+        field = field - field[..., self.middle[0], self.middle[1], None, None]
         for axis in (0, 1):
             misfit = gradients[axis] - np.diff(field, axis=axis - 2) / self.step[axis]
-            line = self.nodes[axis].reshape((-1, 1) if axis == 0 else (1, -1))
-            field = field + self.tile_mean(misfit, axis)[..., None, None] * line
+            mean = (self.tile_share[axis] * misfit).sum(axis=(-2, -1), keepdims=True)
+            field = field + mean * self._line(axis)
         return field
+
+    def solved_back(self, weights: Array) -> tuple[Array, Array]:
+        """The transpose of ``solved``: the weights of gradients of which fields have weights (…, N1, N2)."""
+        shares = [np.zeros(1), np.zeros(1)]
+        for axis in (1, 0):
+            mean = (weights * self._line(axis)).sum(axis=(-2, -1), keepdims=True)
+            shares[axis] = mean * self.tile_share[axis]
+            closed = [(0, 0)] * (weights.ndim - 2) + [(1, 1) if k == axis else (0, 0) for k in (0, 1)]
+            weights = weights + np.diff(np.pad(shares[axis], closed), axis=axis - 2) / self.step[axis]
+        weights = weights.copy()
+        weights[..., self.middle[0], self.middle[1]] -= weights.sum(axis=(-2, -1))
+        (to_1, to_2), (flow_1, flow_2), (from_1, from_2) = self.to_waves, self.flow_to_waves, self.from_waves
+        waves = (from_1.T @ weights @ from_2) / self.size
+        return shares[0] + flow_1.T @ waves @ to_2, shares[1] + to_1.T @ waves @ flow_2
+
+    def _line(self, axis: int) -> Array:
+        return self.nodes[axis].reshape((-1, 1) if axis == 0 else (1, -1))
+
+    def _share_of_tile(self, axis: int) -> Array:
+        """Weights with which edges along an axis (count 1, count 2) have part in the mean over the tile."""
+        parts = []
+        for k, (line, rim) in enumerate(zip(self.nodes, self.rim, strict=True)):
+            part = np.zeros(len(line) - (k == axis))
+            part[rim : rim + self.cells + (k != axis)] = 1.0 / self.cells
+            if k != axis:
+                part[[rim, rim + self.cells]] *= 0.5
+            parts.append(part)
+        return np.outer(*parts)
 
     def interpolant(self, field: Array) -> Callable[[Array], Array]:
         """A field (…, N1, N2) as a function of points (n, 2): its C² cubic spline, beyond the grid its border value."""
         first, second = self.to_coefficients
         surface = NdBSpline(self.knots, np.moveaxis(first @ field @ second.T, (-2, -1), (0, 1)).copy(), 3)
+        return lambda points: surface(self._inside(points))
+
+    def interpolant_back(self, points: Array, weights: Array) -> Array:
+        """The weights of a field (k, N1, N2) of which its interpolant has weights (n, k) at points (n, 2)."""
+        (first, second), sizes = self.to_coefficients, [len(line) for line in self.nodes]
+        matrix = NdBSpline.design_matrix(self._inside(points), self.knots, 3)
+        matrix.resize(len(points), sizes[0] * sizes[1])  # its last columns may be missing
+        return first.T @ (matrix.T @ weights).T.reshape(-1, *sizes) @ second
+
+    def _inside(self, points: Array) -> Array:
         low, high = ([line[end] for line in self.nodes] for end in (0, -1))
-        return lambda points: surface(np.clip(points, low, high))
+        return np.clip(points, low, high)
 
 
 def _divergence(count: int) -> Array:
@@ -170,26 +202,27 @@ class PoissonMidsurface:
         self._closed = Midsurface(strain, length=length)
         flat = Midsurface(ShellStrain(strain.s_x, strain.s_a, strain.s_y), length=length)
         self._origin = flat.at(self._centre[None])[0][0]
-        self._origin_by_state = flat.by_state(self._centre[None], np.zeros((1, 3)))[0]
-        self._origin_by_state[:, 3:] = 0.0
+        self._flat = flat
 
-    def _solved(self, derivative: bool) -> Callable[[Array], Array]:
+    def _solved(self, order: int) -> Callable[[Array], Array]:
         """ψ (n, 3), or its derivatives by the scaled state (n, 3, 6), as a function of points (n, 2)."""
+        shape = ((3,), (3, 6))[order]
+        if self.strain.is_flat:
+            return lambda points: np.zeros((len(points), *shape))
         gradients = []
         for axis in (0, 1):
             points = self.grid.edge_middles(axis)
-            column = run_columns(_target_kernel(derivative, axis), self._z[None], points.reshape(-1, 2))[0]
-            gradients.append(column.T.reshape(*((3, 6) if derivative else (3,)), *points.shape[:2]))
-        both = gradients[0], gradients[1]
-        return self.grid.interpolant(self.grid.keep_tile_mean(self.grid.least_squares(both), both))
+            column = run_columns(_target_kernel(order, axis), self._z[None], points.reshape(-1, 2))[0]
+            gradients.append(column.T.reshape(*shape, *points.shape[:2]))
+        return self.grid.interpolant(self.grid.solved((gradients[0], gradients[1])))
 
     @cached_property
     def _correction(self) -> Callable[[Array], Array]:
-        return self._solved(False)
+        return self._solved(0)
 
     @cached_property
     def _correction_by_state(self) -> Callable[[Array], Array]:
-        return self._solved(True)
+        return self._solved(1)
 
     def at(self, reference: Array) -> tuple[Array, Array]:
         """Points m (n, 3) and rotations R (n, 3, 3) at reference coordinates (n, 3)."""
@@ -201,26 +234,39 @@ class PoissonMidsurface:
         """w = ξ^α ω_α at reference coordinates (n, 3), counted from the centre, shape (n, 3) [rad]."""
         return self._closed.rotation_vectors(reference - self._centre)
 
-    def by_state(self, reference: Array, fluctuation: Array) -> Array:
-        """∂(m + R û)/∂(s_x, s_a, s_y, II11, II12, II22) at fixed û, shape (n, 3, 6); lengths in the unit."""
+    def slopes(self, reference: Array) -> tuple[Array, Array]:
+        """Derivatives of points (n, 3, 6) and rotations (n, 3, 3, 6) by (s_x, s_a, s_y, II11, II12, II22)."""
         local = reference - self._centre
-        slopes = self._closed.by_state(local, fluctuation)
-        slopes += self._correction_by_state(local[:, :2]) * self._scale
-        return slopes + self._origin_by_state
+        points, rotations = self._closed.slopes(local)
+        points += self._correction_by_state(local[:, :2]) * self._scale
+        points[..., :3] += self._flat.slopes(self._centre[None])[0][..., :3]
+        return points, rotations
 
-    def frames_by_state(self, reference: Array, vectors: Array) -> Array:
-        """∂(R v)/∂(state) of vectors (n, 3) fixed in the frames at reference coordinates (n, 3), shape (n, 3, 6)."""
-        return self._closed.frames_by_state(reference - self._centre, vectors)
+    def second(self, reference: Array, forces: Array, turns: Array) -> Array:
+        """Second derivatives (6, 6) by the state of Σ f·m + Q:R, for forces f (n, 3) and turns Q (n, 3, 3)."""
+        local, whole = reference - self._centre, forces.sum(axis=0)[None]
+        found = self._closed.second(local, forces, turns)
+        found[:3, :3] += self._flat.second(self._centre[None], whole, np.zeros((1, 3, 3)))[:3, :3]
+        # ψ is linear in T: what T has to give to the forces is known from one solve backwards.
+        for axis, weights in enumerate(self.grid.solved_back(self.grid.interpolant_back(local[:, :2], forces))):
+            points, weights = self.grid.edge_middles(axis).reshape(-1, 2), weights.reshape(3, -1).T
+            (part,) = run_columns(_target_kernel(2, axis), self._z[None], points, weights)
+            found += part.sum(axis=0).reshape(6, 6) * self._scale[:, None] * self._scale
+        return found
 
 
-def cell_midsurface(pattern: YarnPattern, strain: ShellStrain) -> Midsurface | PoissonMidsurface:
+def cell_midsurface(
+    pattern: YarnPattern, strain: ShellStrain, *, bending: bool = True
+) -> Midsurface | PoissonMidsurface:
     """The midsurface of a pattern's copies, coordinates in yarn radii; centred on the pattern's yarn.
+
+    bending: whether a flat state may bend; its second derivatives are right only then.
 
     Its domain is as wide as the copies that can touch the tile at rest: given by the pattern, not by the search for
     contacts, so that energy is a smooth function of the state.
     """
     radius = pattern.radius
-    if strain.is_flat:
+    if strain.is_flat and not bending:
         return Midsurface(strain, length=radius)
     place = pattern.vertices[:, :2]
     length = np.linalg.norm(pattern.edge_vectors(), axis=1)

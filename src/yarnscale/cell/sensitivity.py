@@ -8,7 +8,7 @@ because rest lengths weigh the constraints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -18,7 +18,6 @@ from yarnscale.cell.constraints import constraint_rows, vertex_tangents
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.parameters import ExplicitPart, explicit_part
-from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.implicit import ConstrainedInverse
 from yarnscale.numerics.threads import on_one_thread
 
@@ -64,16 +63,14 @@ def response(energy: CellEnergy, state: Equilibrium) -> Response:
     """One solve per component with one factorisation; holds at flat, bent and doubly curved states.
 
     energy: of which the state is an equilibrium.
-    The explicit parts W,zz and W,xz are one-sided differences of exact gradients at fixed x.
+    W,xz is a one-sided difference of exact gradients at fixed x, as is that part of W,zz in which forces change.
     """
     x = energy.start(state.fluctuation / energy.pattern.radius, state.twist)
     _, gradient, model = energy.quadratic(x)
-    stress = energy.stress(x)
-    mixed, explicit = np.empty((len(x), 6)), np.empty((6, 6))
-    for k, step in enumerate(_SMALL_STEP / _STEP * _steps(energy)):
-        moved = _moved(energy, k, step)
-        mixed[:, k] = (moved.gradient(x)[1] - gradient) / step
-        explicit[k] = (moved.stress(x) - stress) / step
+    steps, both = _SMALL_STEP / _STEP * _steps(energy), _symmetric(energy)
+    moved = [both.moved(k, step) for k, step in enumerate(steps)]
+    mixed = np.column_stack([(m.gradient(x)[1] - gradient) / h for m, h in zip(moved, steps, strict=True)])
+    explicit = energy.unit / energy.pattern.area * both.second(x, moved, steps)
     by_state = -ConstrainedInverse(model, energy.constraints).apply(mixed)
     exact = model.values(0.0)
     carried = mixed + np.column_stack([model.pattern.multiply(exact, column) for column in by_state.T])
@@ -100,10 +97,10 @@ def sensitivities(energy: CellEnergy, state: Equilibrium) -> Sensitivities:
     value = _flat(here)
     lengths = slice(len(value) - energy.count, None)
     value[lengths] -= _constraint_work(energy, multipliers[:, 0], x)
-    stress = np.empty((6, len(value)))
+    stress, both = np.empty((6, len(value))), _symmetric(energy)
     for k, step in enumerate(_steps(energy)):
         ahead, behind = (
-            _flat(explicit_part(_moved(energy, k, s * step), x + s * step * answer.by_state[:, k])) for s in (1.0, -1.0)
+            _flat(explicit_part(both.moved(k, s * step), x + s * step * answer.by_state[:, k])) for s in (1.0, -1.0)
         )
         stress[k] = (ahead - behind) / (2 * step)
         stress[k, lengths] -= _constraint_work(energy, multipliers[:, 1 + k], x)
@@ -148,12 +145,9 @@ def _steps(energy: CellEnergy) -> Array:
     return _STEP * np.array([1.0] * 3 + [1.0 / energy.pattern.radius] * 3)
 
 
-def _moved(energy: CellEnergy, component: int, step: float) -> CellEnergy:
-    """The energy a step away in one component; a step from a flat state may bend it both ways."""
-    vector = energy.strain.vector.copy()
-    vector[component] += step
-    strain = ShellStrain.from_vector(vector)
-    return CellEnergy(energy.pattern, energy.material, strain, energy.sliding, True, energy.friction_pairs)
+def _symmetric(energy: CellEnergy) -> CellEnergy:
+    """The same energy, which may bend."""
+    return energy if energy.symmetric else replace(energy, symmetric=True)
 
 
 def _constraint_work(energy: CellEnergy, multipliers: Array, x: Array) -> Array:
