@@ -1,7 +1,7 @@
 """Numbers by which textile engineers compare fabrics: KES-F (Kawabata), FAST (CSIRO) and ASTM D1388.
 
 All from the curves of ``homogeneous_tests`` and, where yarns have friction, from the first of their ``cycles``. Without
-friction yarns give back all work: hysteresis (2HG, 2HG5, 2HB) and resilience RT are None.
+friction yarns return all work: hysteresis (2HG, 2HG5, 2HB) and resilience RT are None.
 """
 
 from __future__ import annotations

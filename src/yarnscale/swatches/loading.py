@@ -67,7 +67,7 @@ def loading(
     begin, end, back, remarks = _branch(force, length, largest_force, cycle)
     unloading = _unloading(force[begin:back], length[begin:back], end - begin)
     if unloading is not None and unloading.lost_work is not None:
-        remarks.append(f"unloading does not give back {100 * unloading.lost_work:.0f} % of the work")
+        remarks.append(f"unloading does not return {100 * unloading.lost_work:.0f} % of the work")
     columns = [column[begin:end] for column in (force, length, width) if column is not None]
     rising = isotonic_regression(columns[0]).x
     beyond = np.flatnonzero(rising > largest_force)
