@@ -56,7 +56,7 @@ def test_names_of_the_package_come_first_and_it_says_so(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "stockinette-wool").mkdir()
     assert view_of(parser().parse_args(["view", "stockinette-wool"])).title == "shell material stockinette-wool"
-    assert "./stockinette-wool is what lies here" in capsys.readouterr().err
+    assert "./stockinette-wool is your own" in capsys.readouterr().err
     assert main(["view", "./stockinette-wool"]) == 2
     assert "folder holds nothing to view" in capsys.readouterr().err
     assert main(["view", "stokinette-wool"]) == 2

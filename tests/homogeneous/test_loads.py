@@ -70,7 +70,7 @@ def test_line_stretch_is_the_length_of_the_material_line_and_has_its_derivatives
 
 def test_linear_fabric_with_held_strains_has_the_solution_of_its_equations() -> None:
     fabric = linear()
-    held = Prescribed.components(s_a=0.05) + Prescribed.curvature(np.pi / 4, 12.0)
+    held = Prescribed.components(s_a=0.05) + Prescribed(np.array([[0, 0, 0, 0.5, 1, 0.5]]), np.array([12.0]))
     loads = Loads.components(s_x=0.02, II11=1e-5)
     found = equilibrium_under(fabric, loads, prescribed=held, tolerance=1e-12)
     rows = held.matrix
@@ -169,6 +169,6 @@ def test_a_start_without_moduli_is_gone_on_from():
 
 def test_prescribed_strains_that_are_no_numbers_are_refused() -> None:
     with pytest.raises(InputError, match="finite"):
-        Prescribed.curvature(0.0, np.nan)
+        Prescribed.components(II11=np.nan)
     with pytest.raises(InputError, match="matrix"):
         Prescribed(np.eye(6), np.zeros(2))

@@ -21,7 +21,7 @@ from yarnscale.cell.rest_outcome import (
     rest_stress_ratio,
     shortened,
 )
-from yarnscale.cell.rest_shape import rebased, reset, set_as_drawn
+from yarnscale.cell.rest_shape import rebased, set_as_drawn, with_rest_moved
 from yarnscale.errors import InputError
 from yarnscale.yarn.pattern import YarnPattern
 
@@ -117,7 +117,7 @@ class _Estimation:
         passed = before[worst] * stress[worst] < 0.0 and not self.stepped_back
         if passed:
             share, now = stress[worst] / (stress[worst] - before[worst]), self.cell.pattern
-            self.cell = replace(self.cell, pattern=reset(now, now, self.last, share))
+            self.cell = replace(self.cell, pattern=with_rest_moved(now, now, self.last, share))
             self.momentum = 0.0
         self.stepped_back = passed
         return passed
@@ -125,6 +125,6 @@ class _Estimation:
     def _reset(self) -> None:
         """Move the rest shape towards the drawing, and on in the direction of the last reset."""
         pattern, given = self.cell.pattern, self.drawn.rest_length
-        moved = reset(set_as_drawn(pattern, share=self.share), self.last, pattern, self.momentum)
+        moved = with_rest_moved(set_as_drawn(pattern, share=self.share), self.last, pattern, self.momentum)
         length = np.clip(moved.rest_length, given * (1.0 - LENGTH_BOUND), given * (1.0 + LENGTH_BOUND))
         self.last, self.cell = pattern, replace(self.cell, pattern=replace(moved, rest_length=length))

@@ -75,10 +75,10 @@ def set_as_drawn(pattern: YarnPattern, *, share: float = 1.0, lengths: bool = Tr
         rest_curvature=material_curvature(tangent, director, pattern.twist, previous),
         rest_twist=pattern.twist - pattern.twist[previous] + pattern.reference_twist,
     )
-    return reset(pattern, pattern, drawn, share)
+    return with_rest_moved(pattern, pattern, drawn, share)
 
 
-def reset(pattern: YarnPattern, before: YarnPattern, after: YarnPattern, share: float) -> YarnPattern:
+def with_rest_moved(pattern: YarnPattern, before: YarnPattern, after: YarnPattern, share: float) -> YarnPattern:
     """The pattern with the rest shape of its yarns moved by a share of the difference between two others."""
     moved = {
         name: getattr(pattern, name) + share * (getattr(after, name) - getattr(before, name))

@@ -34,21 +34,21 @@ def report(options: argparse.Namespace, summary: Mapping[str, object], *lines: s
         print(line)
 
 
-def say(text: str) -> None:
+def print_status(text: str) -> None:
     """A line on the standard error, which keeps results apart."""
     print(text, file=sys.stderr, flush=True)
 
 
-def remark(text: str) -> None:
-    """``say``, in the name of the program."""
-    say(f"yarnscale: {text}")
+def print_notice(text: str) -> None:
+    """A line on the standard error that begins with the name of the program."""
+    print_status(f"yarnscale: {text}")
 
 
 def show_notices(notices: Iterable[str]) -> None:
     """Print sentences, and keep them for JSON output."""
     for text in notices:
         _given.append(text)
-        remark(f"note: {text}")
+        print_notice(f"note: {text}")
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from yarnscale.cli.console import ProgressLine, remark, report, writable_file
+from yarnscale.cli.console import ProgressLine, print_notice, report, writable_file
 from yarnscale.errors import InputError
 from yarnscale.files.animation import Animation, Moment, read_animation
 from yarnscale.files.run_folder import RunFolder, note_result, writable_folder
@@ -32,7 +32,7 @@ def convert(options: argparse.Namespace) -> int:
     elif options.format == "gltf" and options.yarns_as == "tubes" and animation.yarns is not None:
         last = animation.numbers[-1]
         if len(animation) > 1:
-            remark(
+            print_notice(
                 f"frame {last} of {animation.numbers[0]} to {last}; --frames FIRST:LAST:STEP takes several, and "
                 "--yarns-as lines or --format usd are smaller"
             )
@@ -139,7 +139,7 @@ def _tube_detail(animation: Animation, megabytes: float) -> TubeDetail | None:
     share = level_of(animation.yarns, first.yarns, detail)[0].point_count / animation.yarns.point_count
     # Later frames are differences of positions and normals.
     whole = size * (1.0 + (len(animation) - 1) * 24 / 36)
-    remark(
+    print_notice(
         f"about {whole / 1e6:.3g} MB: tubes of {detail.sides} sides, {100 * share:.0f} % of the points, to within "
         f"{detail.tolerance:g} radii (--megabytes takes more or fewer)"
     )

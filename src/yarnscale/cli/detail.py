@@ -13,7 +13,7 @@ import numpy as np
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
-from yarnscale.cli.console import ProgressLine, report, say, writable_file
+from yarnscale.cli.console import ProgressLine, print_status, report, writable_file
 from yarnscale.cli.materials import reach_dask, worker_count
 from yarnscale.cli.yarn_choice import YarnChoice, material_names, same_yarns, yarn_for
 from yarnscale.cli.yarns import pattern_of
@@ -87,17 +87,17 @@ def _table(options: argparse.Namespace, out: Path) -> tuple[FluctuationTable, di
         table = FluctuationTable.from_store(store, sampled)
         summary = _origin(store, out, resume=options.resume) | yarn.summary
         used = int((store.status() == CODE_OF["converged"]).sum())
-        yarn.say()
-        say(f"states of the yarns: {store.path}, {used} states")
+        yarn.print_status()
+        print_status(f"states of the yarns: {store.path}, {used} states")
         return table, summary | {"samples": str(store.path), "states": used} | _unseen_error(store, pattern)
     reach_dask(options)
-    yarn.say()
+    yarn.print_status()
     cell = PeriodicCell(pattern, yarn.materials)
     axes, path = detail_grid(cell).axes, writable_folder(out) / SAMPLES
     store = _kept(path, cell, axes, replace=options.overwrite)
     if store is None:
         store = create_store(path, cell, axes, scattered=False)
-    say(f"no samples given or beside the pattern: {store.count} states are relaxed ('homogenize' leaves samples)")
+    print_status(f"no samples given or beside the pattern: {store.count} states are relaxed ('homogenize' has them)")
     progress = ProgressLine(f"sampling {pattern.name}").sampled
     run_sample(cell, store, workers=worker_count(options), dask=options.dask, progress=progress)
     table = FluctuationTable.from_store(store, pattern)
@@ -118,7 +118,7 @@ def _stored(
         store = SampleStore(path)
         sampled = _sampled_pattern(store, pattern, yarn, options)
     except InputError as error:
-        say(f"not used: {error}")
+        print_status(f"not used: {error}")
         return None
     return (store, sampled) if (store.status() == CODE_OF["converged"]).any() else None
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from yarnscale.cli.console import ProgressLine, plain_json, remark, report
+from yarnscale.cli.console import ProgressLine, plain_json, print_notice, report
 from yarnscale.cli.materials import PATTERN, worker_count
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
@@ -72,7 +72,7 @@ def estimate(options: argparse.Namespace) -> int:
     report(options, found.summary(), *_lines(options.out, found))
     if not options.json:
         for warning in found.warnings:
-            remark(f"warning: {warning}")
+            print_notice(f"warning: {warning}")
     return 0 if found.fit.evaluation.failed == 0 else 1
 
 
@@ -108,7 +108,7 @@ def _every(options: argparse.Namespace) -> int:
     if not options.json:
         for name, done in summaries.items():
             for warning in done["warnings"]:
-                remark(f"warning: {name}: {warning}")
+                print_notice(f"warning: {name}: {warning}")
     return max(int(done["failed_states"] > 0) for done in summaries.values())
 
 
@@ -136,7 +136,7 @@ def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnMode
         KnownConstruction(**{"yarn_count" if name == "tex" else name: value for name, value in given.items()})
     )
     for note in measurements.notes:
-        remark(note)
+        print_notice(note)
     published = options.solver == "paper"
     if published:
         vars(options).update(PUBLISHED)
@@ -184,7 +184,7 @@ def _estimated(options: argparse.Namespace, measurements: SwatchMeasurements, mo
         # Before the folder, which stays untouched where there are no workers.
         executor = None
         if options.dask is not None:
-            executor = stack.enter_context(dask_workers(options.dask, on_notice=remark))
+            executor = stack.enter_context(dask_workers(options.dask, on_notice=print_notice))
         elif worker_count(options) > 1:
             executor = stack.enter_context(local_workers(worker_count(options)))
         folder = stack.enter_context(results)
@@ -212,7 +212,7 @@ def _as_cloth(options: argparse.Namespace, found: FabricEstimate, executor: Exec
     found = replace(found, cloth=_homogenized(options, place, found))
     if found.cloth is None or options.follow != "measured" or found.clamp_difference < OTHER_CLAMPS:
         return found
-    remark(
+    print_notice(
         f"in cloth of this yarn clamps change the force by up to {100 * found.clamp_difference:.0f} % more or less "
         "than the shell said: the yarn is fitted again"
     )
@@ -224,7 +224,7 @@ def _as_cloth(options: argparse.Namespace, found: FabricEstimate, executor: Exec
     )  # fmt: skip
     again = replace(again, cloth=_homogenized(options, place / "refitted", again))
     if again.cloth is None or not again.cloth.errors.comfort < found.cloth.errors.comfort:
-        remark("its cloth is no nearer to the measured swatches: the first yarn stays")
+        print_notice("its cloth is no nearer to the measured swatches: the first yarn stays")
         return found
     write_material(place / "material.json", again.cloth.material)
     return replace(again, tests=_tested(again))
@@ -241,7 +241,7 @@ def _tested(found: FabricEstimate) -> FabricTests | None:
 def _homogenized(options: argparse.Namespace, folder: Path, found: FabricEstimate) -> ClothCheck | None:
     """The swatches as cloth of the estimated yarn; None where that has no rest shape."""
     if not found.fit.evaluation.rested.relaxed:
-        remark("the estimated yarn has no fabric at rest: it is not homogenized")
+        print_notice("the estimated yarn has no fabric at rest: it is not homogenized")
         return None
     folder.mkdir(exist_ok=True)
     check = homogenized_swatches(
@@ -275,7 +275,7 @@ def _write(options: argparse.Namespace, found: FabricEstimate) -> None:
         try:
             write_estimate_report(folder, found, units=units)
         except PicturesUnavailable as error:
-            remark(f"no pictures of the cell: {error}")
+            print_notice(f"no pictures of the cell: {error}")
             write_estimate_report(folder, found, units=units, pictures=False)
     finally:
         write_text(folder / ESTIMATE, plain_json(found.summary(), indent=1) + "\n")

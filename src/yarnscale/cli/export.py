@@ -6,7 +6,7 @@ import argparse
 
 import numpy as np
 
-from yarnscale.cli.console import remark, report, say, writable_file
+from yarnscale.cli.console import print_notice, print_status, report, writable_file
 from yarnscale.cli.values import refuse
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
@@ -26,7 +26,7 @@ def export(options: argparse.Namespace) -> int:
     lost: list[str] = []
     if material.remembers:
         lost.append("friction: the exported cloth is elastic and remembers nothing")
-        remark(f"note: {lost[0]}")
+        print_notice(f"note: {lost[0]}")
     if options.format == "hylc":
         lost.append(_hylc(options, material))
     elif options.format == "newton":
@@ -55,12 +55,12 @@ def _newton(options: argparse.Namespace, material: ShellMaterial) -> list[str]:
     fit = fit_style3d(material, options.loads or RANGE)
     write_tests_table(table, fit.tests)
     write_newton_cloth(options.out, fit, str(options.material))
-    say(f"{table}: all tests of the material, for other engines")
-    say(f"errors of Newton's cloth, median and largest, from {fit.loads[0]:g} to {fit.loads[1]:g} N/m:")
+    print_status(f"{table}: all tests of the material, for other engines")
+    print_status(f"errors of Newton's cloth, median and largest, from {fit.loads[0]:g} to {fit.loads[1]:g} N/m:")
     for name, errors in errors_by_test(fit.deviations).items():
-        say(f"  {name}: {errors}")
+        print_status(f"  {name}: {errors}")
     for loss in fit.lost:
-        remark(f"note: not in Newton's cloth: {loss}")
+        print_notice(f"note: not in Newton's cloth: {loss}")
     return list(fit.lost)
 
 
@@ -85,5 +85,5 @@ def _hylc(options: argparse.Namespace, material: object) -> str:
     else:
         raise InputError("material cannot be exported", where=options.material, expected="kind 'compact' or HYLC JSON")
     write_material(options.out, published)
-    remark(f"note: not in HYLC JSON: {lost}")
+    print_notice(f"note: not in HYLC JSON: {lost}")
     return lost

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from yarnscale.cli import convert
-from yarnscale.cli.console import ProgressLine, outcome_lines, report, say
+from yarnscale.cli.console import ProgressLine, outcome_lines, print_status, report
 from yarnscale.cli.fabric_options import IN_SCENE_FILES, ONLY_RODS, SCENES, SHAPING
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
@@ -76,7 +76,7 @@ def _model(options: argparse.Namespace) -> str:
         model = options.model or ("splines" if hanging_jersey else "rods")
         other = "rods" if model == "splines" else "splines"
         chosen = "" if options.model else f" (--model {other} takes {other})"
-        say(f"yarns in the volume: {model}{chosen}")
+        print_status(f"yarns in the volume: {model}{chosen}")
         if model == "rods":
             refuse(options, ("adaptive", "explicit"), "--model splines, or --method direct")
             if options.reduction == "homogenized":
@@ -120,7 +120,7 @@ def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMateri
         raise InputError("--material", expected="one, or --method direct", found=len(options.material))
     material = read_yarn_material(options.material[0] if options.material else "wool")
     origin = "--material" if options.material else "default of spline yarns"
-    YarnChoice(options.pattern, material, origin).say()
+    YarnChoice(options.pattern, material, origin).print_status()
     size = options.rows, options.columns
     if options.pattern in JERSEYS:
         radius = 1e-3 if options.radius is None else options.radius
@@ -138,7 +138,7 @@ def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMateri
 def _rods(options: argparse.Namespace) -> int:
     pattern = pattern_of(options.pattern, options.radius)
     yarn = yarn_for(options.pattern, pattern, options.material)
-    yarn.say()
+    yarn.print_status()
     plan = _planned(options)
 
     if options.count:

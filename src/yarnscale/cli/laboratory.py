@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, plain_json, remark, report, say
+from yarnscale.cli.console import ProgressLine, plain_json, print_notice, print_status, report
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import pattern_of, settled_drawing
@@ -44,7 +44,7 @@ def test(options: argparse.Namespace) -> int:
         refuse(options, ("cycles",), "--friction too, for yarns")
     for name, shell in shells.items():
         if programme.cycles is None and shell.remembers:
-            remark(f"note: {name} is tested without its friction, which acts in --cycles")
+            print_notice(f"note: {name} is tested without its friction, which acts in --cycles")
         if programme.cycles is not None and not shell.remembers:
             expected = "a shell material with friction, which 'yarnscale homogenize --friction' makes"
             raise InputError("cycles", where=name, expected=expected, found="one without")
@@ -58,7 +58,7 @@ def test(options: argparse.Namespace) -> int:
             tested.append(shells[name])
         else:
             pattern, yarn = drawn[name], yarns[name].materials
-            yarns[name].say()
+            yarns[name].print_status()
             if is_drawing(name) and not options.as_drawn:
                 pattern = settled_drawing(pattern, yarn)
             tested.append(PeriodicCell(pattern, yarn))
@@ -71,7 +71,7 @@ def test(options: argparse.Namespace) -> int:
         progress = ProgressLine(f"testing {name}").show
         tests = run_tests(subject, name=name, programme=programme, progress=progress)
         if options.drape and isinstance(subject, ShellMaterial):
-            say(f"draping {tests.subject}")
+            print_status(f"draping {tests.subject}")
             tests = replace(tests, drape=drape_test(subject))
         found.append(tests)
     compared = _compare(found)
@@ -85,7 +85,7 @@ def test(options: argparse.Namespace) -> int:
     failed = sum(tests.failed for tests in found)
     report(options, content, *_lines(found, compared), f"{folder / 'index.html'}: curves and numbers")
     if failed:
-        remark(f"{failed} points have no equilibrium under their load; see status")
+        print_notice(f"{failed} points have no equilibrium under their load; see status")
     return 1 if failed else 0
 
 

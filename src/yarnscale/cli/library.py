@@ -9,7 +9,7 @@ from io import StringIO
 from itertools import product
 from pathlib import Path
 
-from yarnscale.cli.console import ProgressLine, remark, report
+from yarnscale.cli.console import ProgressLine, print_notice, report
 from yarnscale.cli.materials import worker_count
 from yarnscale.cli.yarn_choice import same_yarns
 from yarnscale.drawing import library as built_in
@@ -85,7 +85,7 @@ def _made(folder: Path, source: str, yarn: str, options: argparse.Namespace) -> 
             note_result(folder / "tests", folder)
             note_result(folder / "yarns.png", folder)
     except InputError as error:
-        remark(str(error))
+        print_notice(str(error))
         return False
     return good
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from yarnscale.cell import PeriodicCell
-from yarnscale.cli.console import ProgressLine, remark, report
+from yarnscale.cli.console import ProgressLine, print_notice, report
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import draw_cell, pattern_of, settled_drawing
@@ -50,7 +50,7 @@ def worker_count(options: argparse.Namespace) -> int:
 def reach_dask(options: argparse.Namespace) -> None:
     """Wait for the workers of ``--dask``, if it is given; InputError where they cannot be reached."""
     if options.dask is not None:
-        reach_workers(options.dask, on_notice=remark)
+        reach_workers(options.dask, on_notice=print_notice)
 
 
 def evaluate(options: argparse.Namespace) -> int:
@@ -62,7 +62,7 @@ def evaluate(options: argparse.Namespace) -> int:
     for name, value in zip(COMPONENTS, stress, strict=True):
         lines.append(f"d/d{name:<5} {value:.9g} {'N/m' if name.startswith('s') else 'N'}")
     if material.remembers:
-        remark("note: energy and stress are without friction")
+        print_notice("note: energy and stress are without friction")
     report(options, {"energy_density": energy, "stress": stress}, *lines)
     return 0
 
@@ -114,7 +114,7 @@ def homogenize(options: argparse.Namespace) -> int:
     if options.form == "compact":  # refuses impossible loads before anything is written
         plan = {name: settings[name] for name in ("solves", "limit") if name in settings}
         load_rays(PeriodicCell(drawn, yarn.materials), **plan)  # type: ignore[arg-type]
-    yarn.say()
+    yarn.print_status()
     with results as folder:
         if not begun:
             if is_drawing(options.pattern) and not options.as_drawn:

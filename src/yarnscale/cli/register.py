@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.cli.console import ProgressLine, report, say, writable_file
+from yarnscale.cli.console import ProgressLine, print_status, report, writable_file
 from yarnscale.cli.values import refuse
 from yarnscale.drawing.library import Structure
 from yarnscale.errors import InputError, located
@@ -106,7 +106,7 @@ def _session(
     inputs = fingerprint(pictures, list(structure.chart), structure.draft, structure.sizes, *given)
     session = None if options.overwrite else read_session(path, inputs)
     if session is not None:
-        say(f"{path}: going on from here; --overwrite begins anew")
+        print_status(f"{path}: going on from here; --overwrite begins anew")
         return session
     line = ProgressLine(f"moving the yarns of {options.out.stem}")
     fitted = guess.fitted(pictures, progress=line.note)
@@ -126,7 +126,7 @@ def _corrected(
 
     images = {side: photograph.png() for side, photograph in photographs.items()}
     page = RegistrationPage(session, images, pictures, write, port=options.port)
-    say(f"{page.address}  (open it in a browser; Ctrl-C here stops, what was changed is kept)")
+    print_status(f"{page.address}  (open it in a browser; Ctrl-C here stops, what was changed is kept)")
     try:
         page.serve()
     except KeyboardInterrupt:
@@ -146,7 +146,7 @@ def _pixel(options: argparse.Namespace, photographs: dict[str, Photograph]) -> f
         raise InputError("scale of the pictures is unknown", where=options.front, expected=expected)
     dpi = known.pop()
     assert dpi is not None
-    say(f"{options.front}: {dpi:g} dpi as the file says; --scale takes another")
+    print_status(f"{options.front}: {dpi:g} dpi as the file says; --scale takes another")
     return 25.4e-3 / dpi * reduced
 
 

@@ -54,7 +54,7 @@ def sample(options: argparse.Namespace) -> int:
     store = _load_store(options, cell) if grid is None else _grid_store(options, cell, grid)
     if not begun:
         write_pattern(tile, kept, yarns=yarn.materials)
-    yarn.say()
+    yarn.print_status()
     progress = ProgressLine(f"sampling {pattern.name}").sampled
     summary = run_sample(cell, store, workers=worker_count(options), dask=options.dask, progress=progress)
     names = ("states", "converged", "seconds", "workers", "peak_worker_megabytes")

@@ -20,7 +20,7 @@ def study(options: argparse.Namespace) -> int:
     yarn = yarn_for(options.pattern, pattern, options.material)
     for size in options.sizes:
         check_size(PeriodicCell(pattern, yarn.materials), size)
-    yarn.say()
+    yarn.print_status()
     pattern = at_rest(options, pattern, yarn.materials)
     cell = PeriodicCell(pattern, yarn.materials, options.free_sliding)
     results = run_study(cell, ShellStrain(sx, sa, sy, lx, 0.0, ly), options.sizes, starts=options.starts)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.cli.console import ProgressLine, report, say, writable_file
+from yarnscale.cli.console import ProgressLine, print_status, report, writable_file
 from yarnscale.cli.yarn_choice import yarn_for
 from yarnscale.cli.yarns import LARGE, at_rest
 from yarnscale.drawing import library
@@ -84,13 +84,13 @@ def view(options: argparse.Namespace) -> int:
         report(options, summary, f"{options.export}: {found.title}, {size / 1e6:.1f} MB, needs no network")
         return 0
     served = ViewPage(found.page(NONCE), port=options.port)
-    say(f"{served.address}  (open it in a browser; Ctrl-C here ends)")
+    print_status(f"{served.address}  (open it in a browser; Ctrl-C here ends)")
     if options.browser:
         webbrowser.open(served.address)
     try:
         served.serve()
     except KeyboardInterrupt:
-        say("")
+        print_status("")
     return 0
 
 
@@ -99,7 +99,7 @@ def view_of(options: argparse.Namespace) -> View:
     target, path = options.thing, Path(file_of(options.thing, MATERIAL))
     known = (*library.names(), *names())
     if target in known and Path(target).exists():
-        say(f"{target}: the one that comes with yarnscale; ./{target} is what lies here")
+        print_status(f"{target}: the one that comes with yarnscale; ./{target} is your own")
     if target in library.names():
         return _pattern(options, target)
     if path.is_dir():
@@ -121,7 +121,7 @@ def view_of(options: argparse.Namespace) -> View:
 def _pattern(options: argparse.Namespace, source: str) -> View:
     drawn = read_pattern(source)
     yarn = yarn_for(source, drawn, options.material)
-    yarn.say()
+    yarn.print_status()
     options.pattern = source
     cell = PeriodicCell(at_rest(options, drawn, yarn.materials), yarn.materials)
     return View(drawn.name, (_cell(cell),), _facts(cell))
@@ -131,7 +131,7 @@ def _cell(cell: PeriodicCell) -> Pane:
     """Relaxed here, at several states or, where that would take long, at one."""
     name = cell.pattern.name
     if len(cell.pattern.edges) > LARGE:
-        say(f"{name}: {len(cell.pattern.edges)} vertices, shown at rest only; 'homogenize' samples it")
+        print_status(f"{name}: {len(cell.pattern.edges)} vertices, shown at rest only; 'homogenize' samples it")
         return cell_pane(cell, States.of([cell.relax()]), name)
     line = ProgressLine(f"relaxing {name}")
     return cell_pane(cell, States.loaded(cell, line.show), name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from yarnscale.cli.console import say
+from yarnscale.cli.console import print_status
 from yarnscale.drawing import library
 from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.patterns import read_yarns
@@ -14,7 +14,7 @@ from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, materials_of
 
 KNIT_DEFAULT, WEAVE_DEFAULT = "hylc2020-stockinette", "hylc2020-basket"
-"""Yarns of patterns that say none, by their structure."""
+"""Yarns of patterns without yarn materials, by their structure."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class YarnChoice:
         """Entries of the JSON output."""
         return {"material": material_names(self.materials), "material_from": self.origin}
 
-    def say(self) -> None:
+    def print_status(self) -> None:
         """One line on the console."""
         instead = "" if self.replaced is None else f", instead of {material_names(self.replaced)} that came with it"
-        say(f"yarn of {self.pattern}: {material_names(self.materials)} ({self.origin}){instead}")
+        print_status(f"yarn of {self.pattern}: {material_names(self.materials)} ({self.origin}){instead}")
 
 
 def material_names(materials: Materials) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.rest import SETTING, RestRound, RestShape, set_as_drawn, settled
-from yarnscale.cli.console import ProgressLine, report, say, writable_file
+from yarnscale.cli.console import ProgressLine, print_status, report, writable_file
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
@@ -45,10 +45,10 @@ def pattern_of(source: str, radius: float | None) -> YarnPattern:
 
 def settled_drawing(drawn: YarnPattern, material: Materials) -> YarnPattern:
     """The fabric at rest of a drawing, with a line on the console, also where it is not quite at rest."""
-    say(f"settling {drawn.name} to its rest shape")
+    print_status(f"settling {drawn.name} to its rest shape")
     shape = watched_rest(drawn, material)
     if not shape.converged:
-        say(f"{drawn.name} is not quite at rest: {shape.status.value}")
+        print_status(f"{drawn.name} is not quite at rest: {shape.status.value}")
     return shape.pattern
 
 
@@ -78,7 +78,7 @@ def at_rest(options: argparse.Namespace, drawn: YarnPattern, material: Materials
     if options.as_drawn or not is_drawing(options.pattern):
         return drawn
     if len(drawn.edges) > LARGE:
-        say(
+        print_status(
             f"{drawn.name}: {len(drawn.edges)} vertices; yarns take on the shape of the drawing, as in fabric at rest, "
             "but periods stay as drawn, since these take minutes to settle; 'yarnscale pattern' does so"
         )
@@ -92,7 +92,7 @@ def pattern(options: argparse.Namespace) -> int:
     writable_file(options.picture, ".png")
     built = pattern_of(options.pattern, options.radius)
     yarn, good, note = yarn_for(options.pattern, built, options.material), True, "as it is"
-    yarn.say()
+    yarn.print_status()
     suffix, structure = options.out.suffix.lower(), structure_of(options.pattern)
     if suffix in (".chart", ".k"):
         # Stitches have no shape at rest, and a chart is settled when it is read.
@@ -103,7 +103,7 @@ def pattern(options: argparse.Namespace) -> int:
     # What was reached is written in any case: it is the place to look for what went wrong.
     write_pattern(built, options.out, yarns=yarn.materials, structure=structure)
     if suffix != ".json":
-        say(f"{options.out}: {suffix} files hold no yarn material, .json files do")
+        print_status(f"{options.out}: {suffix} files hold no yarn material, .json files do")
     if options.picture is not None:
         draw_cell(options.picture, PeriodicCell(built, yarn.materials), None)
     width, height = 1e3 * built.period
@@ -124,7 +124,7 @@ def relax(options: argparse.Namespace) -> int:
     sx, sa, sy, lx, ly = options.strain
     strain = ShellStrain(sx, sa, sy, lx, 0.0, ly)
     yarn, line = yarn_for(options.pattern, tile, options.material), ProgressLine(f"relaxing {tile.name}")
-    yarn.say()
+    yarn.print_status()
     PeriodicCell(tile, yarn.materials).warm_up(strain)
     source = at_rest(options, tile, yarn.materials).repeated(*options.size)
     cell = PeriodicCell(source, yarn.materials, options.free_sliding)

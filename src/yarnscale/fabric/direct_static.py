@@ -76,11 +76,6 @@ class Holds:
         handles = self.handles or {"held vertices": np.ones(len(away), bool)}
         return {name: float(away[held].max(initial=0.0)) for name, held in handles.items()}
 
-    def torques(self, energy: FabricEnergy, x: Array) -> Array:
-        """Torque with which each edge is held (j,) [N m]."""
-        stiffness = HOLD * energy.stiffness.twist_scale()[self.spun]
-        return stiffness * (self.angles - x[3 * energy.count + self.spun]) * energy.unit
-
 
 @dataclass(frozen=True, eq=False)
 class Rest:

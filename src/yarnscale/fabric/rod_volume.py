@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
@@ -21,8 +20,6 @@ from yarnscale.numerics.affine import FreeUnknowns, MappedObjective, NodeMap
 from yarnscale.numerics.newton import NewtonOptions, Objective, Solution, minimise
 from yarnscale.numerics.regularisation import ShiftRule
 
-_MOST_DENSE = 300
-"""Control points up to which Γ is multiplied as a dense matrix."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
 
 
@@ -32,8 +29,7 @@ class RodVolume:
     def __init__(self, energy: FabricEnergy, volume: BoundingVolume) -> None:
         """Raises InputError where yarns are outside of the volume."""
         self.energy, self.volume = energy, volume
-        weights = volume.weights(energy.sheet.vertices)
-        self.weights: Array | csr_array = weights.toarray() if self.volume.count <= _MOST_DENSE else weights
+        self.weights = volume.fast_weights(energy.sheet.vertices)
 
     @property
     def unknowns(self) -> int:

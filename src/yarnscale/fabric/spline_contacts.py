@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 
 from yarnscale.arrays import Array
 from yarnscale.fabric.spline_knit import SplineFabric
+from yarnscale.numerics.assembly import position_variables
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
 
@@ -75,7 +76,7 @@ class SplineContacts:
             )
             nodes.append(index)
         index = np.concatenate(nodes, axis=1)
-        columns = np.repeat((3 * index[:, :, None] + np.arange(3)).reshape(len(index), 1, -1), 3, axis=1)
+        columns = np.repeat(position_variables(index)[:, None], 3, axis=1)
         count = 3 * len(index)
         begin = np.arange(count + 1) * columns.shape[2]
         data = np.concatenate(blocks, axis=2).reshape(-1)

@@ -121,22 +121,14 @@ def jersey(
     material: YarnMaterial,
     *,
     radius: float = 1e-3,
-    wale_spacing: float = 9.0,
-    course_spacing: float = 6.0,
 ) -> SplineFabric:
     """Jersey of ``rows`` × ``columns`` stitches, flat, right side up (+z), centred on the origin; rows lie along x.
 
-    radius [m]; wale_spacing, course_spacing [radii], see ``drawing.knit``. Raises InputError.
+    radius [m]; a stitch is 9 radii wide and 6 high. Raises InputError.
     """
-    pattern = knit("k", radius=radius, wale_spacing=wale_spacing, course_spacing=course_spacing, name="jersey")
+    pattern = knit("k", radius=radius, name="jersey")
     return spline_fabric(
-        pattern,
-        StitchChart.read("k"),
-        rows,
-        columns,
-        material,
-        segments_per_stitch=JERSEY_SEGMENTS,
-        feet=False,
+        pattern, StitchChart.read("k"), rows, columns, material, segments_per_stitch=JERSEY_SEGMENTS, feet=False
     )
 
 

@@ -9,7 +9,7 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.fabric.bspline import GAUSS_POINTS, GAUSS_WEIGHTS, blending
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_yarn import SEGMENT_MASS, SPLINE_SEGMENT, shape_at_rest
-from yarnscale.numerics.assembly import StencilSet
+from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.regularisation import ShiftedHessian
@@ -28,9 +28,8 @@ class SplineEnergy:
     def __init__(self, fabric: SplineFabric) -> None:
         self.fabric = fabric
         self.size = 3 * fabric.yarn_count * fabric.points_per_yarn
-        count = len(fabric.segments)
         parameters = spline_parameters(fabric, fabric.control.reshape(-1, 3), fabric.segments)
-        unknowns = (3 * fabric.segments[:, :, None] + np.arange(3)).reshape(count, -1)
+        unknowns = position_variables(fabric.segments)
         self._stencils = StencilSet(SPLINE_SEGMENT, unknowns, parameters, 4)
         blocks = BlockPattern.of(np.full(self.size // 3, 3), [unknowns])
         self.pattern: SymmetricPattern = blocks.pattern
@@ -71,7 +70,7 @@ class SplineEnergy:
         return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))
 
     def _mass_entries(self) -> Array:
-        rows, columns = self.pattern.rows, np.repeat(np.arange(self.size), np.diff(self.pattern.starts))
+        rows, columns = self.pattern.rows, self.pattern.columns
         of_points = np.asarray(self.mass_matrix()[rows // 3, columns // 3]).ravel()
         return np.where(rows % 3 == columns % 3, of_points, 0.0)
 

@@ -32,16 +32,15 @@ from yarnscale.motion.integrator import (
     step_rule,
 )
 from yarnscale.numerics.affine import KeptPull, MappedObjective, NodeMap
-from yarnscale.numerics.kkt import ConstrainedSolver, LinearConstraints
+from yarnscale.numerics.kkt import LinearConstraints
+from yarnscale.numerics.linear_solver import LinearSolver, linear_solver
 from yarnscale.numerics.newton import NewtonOptions, Objective, Status, minimise
 from yarnscale.numerics.regularisation import ShiftedHessian, ShiftRule
-from yarnscale.numerics.saddle import SaddleSolver, SparseConstraints
-from yarnscale.numerics.sums import Load, MatrixSprings, SumOfEnergies
+from yarnscale.numerics.saddle import SparseConstraints
+from yarnscale.numerics.sums import Load, Springs, SumOfEnergies
 
 STANDARD_GRAVITY = (0.0, -GRAVITY, 0.0)
 """Down the wales [m/s²]: fabric hangs by its last row."""
-_MOST_DENSE = 300
-"""Control points of a volume up to which Γ is multiplied as a dense matrix."""
 _STABLE_SHARE = 0.7
 """Explicit steps over the longest stable one."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
@@ -124,17 +123,15 @@ class SplineMotion(Body[YarnMotion]):
         self._contacts = SplineContacts.of(fabric)
         self.map, control = None, rest
         if volume is not None and cells is None:
-            weights = volume.weights(rest)
-            dense = volume.count <= _MOST_DENSE
-            self.map = NodeMap(weights.toarray() if dense else weights, np.zeros(rest.size))
+            self.map = NodeMap(volume.fast_weights(rest), np.zeros(rest.size))
             control = volume.control_at_rest
         self.start = YarnMotion(control, np.zeros_like(control))
         self._constraints: SparseConstraints | LinearConstraints | None = (
             self._contacts_at(rest) if volume is None else self._held_volume(control)
         )
         self._pull = None if self.map is None else KeptPull(self.map)
-        self._linear = self._new_linear()
-        self._mass_solve: ConstrainedSolver | SaddleSolver | None = None
+        self._linear = linear_solver(self._constraints)
+        self._mass_solve: LinearSolver | None = None
         self._mass_model: ShiftedHessian | None = None
 
     def counts(self) -> dict[str, int]:
@@ -200,7 +197,7 @@ class SplineMotion(Body[YarnMotion]):
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
         self._aim_constraints(motion)
         _, gradient, model = self._objective(*self._balance(self._rule(motion, duration))).quadratic(reached.ravel())
-        linear, shift = self._new_linear(), 0.0
+        linear, shift = linear_solver(self._constraints), 0.0
         while not linear.factorise(model, shift):
             shift = _SHIFT.raised(shift)
         return -0.5 * float(gradient @ linear.step(-gradient, None))
@@ -272,7 +269,7 @@ class SplineMotion(Body[YarnMotion]):
         return weight, full[: len(self.load)]
 
     def _objective(self, weight: float, centre: Array) -> Objective:
-        inertia = MatrixSprings(lambda away: weight * self.times_mass(away), weight * self.energy.mass_entries, centre)
+        inertia = Springs(weight * self.energy.mass_entries, centre, lambda away: weight * self.times_mass(away))
         objective = SumOfEnergies(self.energy, [Load(self.load), inertia], self.force_scale)
         return objective if self.map is None else MappedObjective(objective, self.map, pull=self._pull)
 
@@ -300,19 +297,14 @@ class SplineMotion(Body[YarnMotion]):
         kept = directions[sizes > 1e-9 * sizes[0]]
         return LinearConstraints(kept, kept @ control.ravel())
 
-    def _new_linear(self) -> ConstrainedSolver | SaddleSolver:
-        if isinstance(self._constraints, SparseConstraints):
-            return SaddleSolver(self._constraints)
-        return ConstrainedSolver(self._constraints)
-
-    def _mass_solver(self) -> ConstrainedSolver | SaddleSolver:
+    def _mass_solver(self) -> LinearSolver:
         """The mass matrix with the constraints, factored; for a volume once, else once a step as contacts turn."""
         if self._mass_solve is None:
             pattern, entries = self.energy.pattern, self.energy.mass_entries
             if self._pull is not None:
                 pull = self._pull.of(pattern)
                 pattern, entries = pull.pattern, pull.entries(entries)
-            self._mass_model, self._mass_solve = ShiftedHessian(pattern, entries), self._new_linear()
+            self._mass_model, self._mass_solve = ShiftedHessian(pattern, entries), linear_solver(self._constraints)
             self._factorise_mass()
         elif isinstance(self._constraints, SparseConstraints):
             self._mass_solve.constraints = self._constraints  # type: ignore[assignment]

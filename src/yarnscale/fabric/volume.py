@@ -20,6 +20,8 @@ from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 
 DEGREE = 3
+_MOST_DENSE = 300
+"""Control points up to which Γ is multiplied as a dense matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +38,16 @@ class BoundingVolume:
     top: float
 
     @classmethod
-    def around(cls, points: ArrayLike, shape: tuple[int, int], *, margin: float = 0.0) -> BoundingVolume:
+    def around(cls, points: ArrayLike, shape: tuple[int, int]) -> BoundingVolume:
         """The volume of uniform patches with ``shape`` = (n1, n2) control points around points (n, 3) [m] at rest.
 
-        margin: added on all sides [m]. Raises InputError.
+        Raises InputError.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         for count in shape:
             if not 4 <= count <= 1000:
                 raise InputError("control points of a volume", expected="4 to 1000 in each direction", found=count)
-        low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+        low, high = points.min(axis=0), points.max(axis=0)
         flat = np.flatnonzero(high - low <= 0)
         if len(flat):
             raise InputError(
@@ -70,7 +72,7 @@ class BoundingVolume:
     @property
     def control_at_rest(self) -> Array:
         """Control points (count, 3) [m] at which the volume is the box it was made as (Greville's abscissae)."""
-        x, y = (_greville(knots) for knots in (self.x_knots, self.y_knots))
+        x, y = ((k[1:-3] + k[2:-2] + k[3:-1]) / 3.0 for k in (self.x_knots, self.y_knots))
         grid = np.meshgrid(x, y, [self.bottom, self.top], indexing="ij")
         return np.stack(grid, axis=-1).reshape(-1, 3)
 
@@ -80,6 +82,11 @@ class BoundingVolume:
         share = (points[:, 2] - self.bottom) / (self.top - self.bottom)
         across = csr_array(np.column_stack([1.0 - share, share]))
         return _row_products(_row_products(x, y), across)
+
+    def fast_weights(self, points: Array) -> Array | csr_array:
+        """``weights``, dense where products with them are then faster."""
+        weights = self.weights(points)
+        return weights.toarray() if self.count <= _MOST_DENSE else weights
 
     def interpolated(self, shape: Callable[[Array], Array]) -> Array:
         """Control points (count, 3) with which the volume takes a shape: a map of points at rest (k, 3) → (k, 3) [m].
@@ -110,10 +117,6 @@ class BoundingVolume:
             BoundingVolume(self.x_knots, finer, self.bottom, self.top),
         )[axis]
         return volume, csr_array(kron(maps, np.eye(n3)))
-
-
-def _greville(knots: Array) -> Array:
-    return (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0
 
 
 def _design(values: Array, knots: Array, name: str) -> csr_array:

@@ -31,7 +31,7 @@ from yarnscale.fabric.spline_period import SplinePeriod
 from yarnscale.fabric.spline_yarn import SPLINE_SEGMENT
 from yarnscale.fabric.volume import DEGREE, BoundingVolume
 from yarnscale.fabric.volume_surface import SurfacePoints
-from yarnscale.numerics.assembly import StencilSet, position_variables
+from yarnscale.numerics.assembly import StencilSet, position_variables, symmetric
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
 from yarnscale.numerics.regularisation import ShiftedHessian
@@ -142,7 +142,7 @@ class VolumeCells:
         self._lower = np.tril_indices(unknowns.shape[1])
         slots = blocks.slots(unknowns).transpose(0, 2, 1).reshape(-1, len(self._lower[0]))
         self._slots = slots[: self._cells].ravel()
-        columns, rows = np.repeat(np.arange(self.size), np.diff(self.pattern.starts)), self.pattern.rows
+        columns, rows = self.pattern.columns, self.pattern.rows
         kept = np.flatnonzero((rows < first) & (rows % 3 == columns % 3))
         self.mass_entries = np.zeros(self.pattern.entries)
         self.mass_entries[kept] = self.mass_matrix().toarray()[rows[kept] // 3, columns[kept] // 3]
@@ -198,7 +198,7 @@ class VolumeCells:
         hessians = self._segments.elements(placed.points.ravel())[2].reshape(cells, -1, 12, 12)
         self._add(local, self._period.segments, placed.jacobian, hessians, None)
         _, _, lower = run_columns(STITCH_SPRING.hessian, self._stitched(placed.points), self._springs)
-        self._add(local, self._tied, placed.jacobian, _symmetric(lower, 9).reshape(cells, -1, 9, 9), self._ties)
+        self._add(local, self._tied, placed.jacobian, symmetric(lower, 9).reshape(cells, -1, 9, 9), self._ties)
         (bends,) = run_columns(_node_kernels()[1], *placed.given, force.reshape(-1, 3))
         _scatter(local, self._places(np.arange(self._nodes)[:, None]), bends.reshape(cells, -1, 9, 9))
         local = local.reshape(cells, inner + _FORMS, -1)
@@ -318,14 +318,6 @@ def _between(points: Array, places: Array) -> tuple[Integers, Array]:
     before = np.clip(np.searchsorted(points, places) - 1, 0, len(points) - 2)
     share = (places - points[before]) / (points[before + 1] - points[before])
     return before, np.clip(share, 0.0, 1.0)
-
-
-def _symmetric(lower: Array, size: int) -> Array:
-    """Symmetric matrices (n, size, size) of their lower triangles, row by row."""
-    rows, columns = np.tril_indices(size)
-    whole = np.empty((len(lower), size, size))
-    whole[:, rows, columns] = whole[:, columns, rows] = lower
-    return whole
 
 
 def _scatter(local: Array, places: Integers, blocks: Array) -> None:

@@ -114,12 +114,6 @@ class Prescribed:
         return cls(np.eye(6)[_places(values)], np.array(list(values.values()), np.float64))
 
     @classmethod
-    def curvature(cls, angle: float, value: float) -> Prescribed:
-        """The normal curvature [1/m] along an angle from the course [rad]; the other curvatures are free."""
-        c, s = math.cos(angle), math.sin(angle)
-        return cls(np.array([[0.0, 0.0, 0.0, c * c, 2 * c * s, s * s]]), np.array([float(value)]))
-
-    @classmethod
     def bent(cls, angle: float, value: float) -> Prescribed:
         """All curvatures: a cylinder bent by a curvature [1/m] along an angle [rad]; flat where it is zero."""
         c, s = math.cos(angle), math.sin(angle)

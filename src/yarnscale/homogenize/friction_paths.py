@@ -125,19 +125,15 @@ class _PathUnits:
         return self.folder / f"{name.replace(' ', '-')}.npz"
 
     def pending(self) -> list[int]:
-        """Paths that are not kept."""
         return [unit for unit in range(self.total) if unit not in self.found]
 
     def ready(self, unit: int) -> bool:
-        """Each begins on its own."""
         return True
 
     def settled(self, unit: int) -> bool:
-        """All are walked."""
         return False
 
     def task(self, unit: int) -> Task:
-        """What a worker is to call, behind the cell."""
         name = self.names[unit]
         return _walk, (self.friction, name, self.planned[name])
 
@@ -156,7 +152,6 @@ class _PathUnits:
 
     @property
     def converged(self) -> int:
-        """Paths that were followed to the end."""
         return sum(path.complete for path in self.found.values())
 
 

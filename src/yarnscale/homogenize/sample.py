@@ -22,9 +22,8 @@ from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.executors import DaskExecutor, dask_workers, is_loss, local_workers
 from yarnscale.homogenize.rays import ITERATES, TESTED, VISITED, Ray
-from yarnscale.homogenize.store import RAY_DIMS, SampleStore
+from yarnscale.homogenize.store import RAY_DIMS, SampleStore, states_of
 from yarnscale.homogenize.units import GridUnits, RayUnits, Units
-from yarnscale.homogenize.worker import STRAINS
 from yarnscale.yarn.material import YarnMaterial
 
 ATTEMPTS = 3
@@ -133,7 +132,7 @@ def create_ray_store(path: Path, cell: PeriodicCell, rays: Sequence[Ray]) -> Sam
     )  # fmt: skip
 
 
-_TOLD_APART = {
+_COMPARED = {
     "tiles": "number of tiles",
     "pattern_hash": "pattern hash",
     "material": "material",
@@ -159,10 +158,7 @@ def check_resumable(
     positions, moduli: whether they are kept.
     """
     _check_cell(store, cell, tiles)
-    fresh = np.column_stack([axes[n] for n in STRAINS]) if store.dims == ("state",) else None
-    if fresh is None:
-        fresh = np.stack(np.meshgrid(*(axes[n] for n in STRAINS), indexing="ij"), -1).reshape(-1, len(STRAINS))
-    held = store.states
+    fresh, held = states_of(store.dims, axes), store.states
     if fresh.shape != held.shape or not np.allclose(fresh, held, atol=1e-12):
         raise InputError("cannot resume: other states", where=store.path, expected="the states of the store")
     for name, asked, there in (
@@ -192,7 +188,7 @@ def resumed_ray_store(store: SampleStore, cell: PeriodicCell, rays: Sequence[Ray
 
 def _check_cell(store: SampleStore, cell: PeriodicCell, tiles: tuple[int, int]) -> None:
     stored, now = store.attributes["provenance"], provenance(cell, tiles)
-    for field, name in _TOLD_APART.items():
+    for field, name in _COMPARED.items():
         if stored.get(field) != _plain(now[field]):
             raise InputError(
                 f"cannot resume: another {name}", where=store.path,

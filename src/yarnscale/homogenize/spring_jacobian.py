@@ -18,7 +18,7 @@ import numba
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.shell.materials.compact import MIRROR, SpringNetwork, shapes_of
+from yarnscale.shell.materials.compact import SpringNetwork, images_of, shapes_of
 
 OUTPUTS = 13
 """Per state: energy, six slopes, six second derivatives."""
@@ -61,7 +61,7 @@ class Directional:
 
     def __init__(self, x: Array, directions: Array, *, mirrored: bool) -> None:
         self.x, self.directions = x, directions
-        self.signs = np.array((np.ones(6), MIRROR) if mirrored else (np.ones(6),), dtype=x.dtype)
+        self.signs = np.array(images_of(mirrored), dtype=x.dtype)
 
     def part(self, states: slice) -> Directional:
         """Some of the states."""

@@ -115,7 +115,7 @@ class SampleStore:
             self.states = np.full((math.prod(self.shape), len(STRAINS)), np.nan)
         else:
             axes = {name: np.asarray(group[name][...]) for name in STRAINS}  # type: ignore[index]
-            self.states = _states(self.dims, axes)
+            self.states = states_of(self.dims, axes)
         self.has_positions = "positions" in group
         self.has_moduli = "moduli" in group
         self._fields = _fields(
@@ -291,7 +291,8 @@ def _link_tree(source: Path, target: Path) -> None:
     shutil.copytree(source, target, copy_function=link, ignore=ignored, dirs_exist_ok=True)
 
 
-def _states(dims: tuple[str, ...], axes: Mapping[str, Array]) -> Array:
+def states_of(dims: tuple[str, ...], axes: Mapping[str, Array]) -> Array:
+    """Strains (N, 5) of a grid with five axes, or of scattered states with five columns."""
     columns = [axes[name] for name in STRAINS]
     if dims == ("state",):
         return np.column_stack(columns)

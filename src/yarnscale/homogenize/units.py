@@ -66,20 +66,16 @@ class GridUnits:
         self.total = self.solved = int((~twice).sum())
 
     def pending(self) -> list[int]:
-        """Units that are left, in the order of work."""
         return [int(i) for i in self.order if self.status[i] == 0]
 
     def ready(self, unit: int) -> bool:
-        """Whether what the unit starts from is done."""
         parent = int(self.parents[unit])
         return parent < 0 or parent in self.done
 
     def settled(self, unit: int) -> bool:
-        """Whether the unit needs no work after all."""
         return False
 
     def task(self, unit: int) -> Task:
-        """What a worker is to call, behind the cell."""
         parent = int(self.parents[unit])
         while parent >= 0 and self.status[parent] != _CONVERGED:
             parent = int(self.parents[parent])
@@ -90,7 +86,6 @@ class GridUnits:
         return solve, (self.store.states[unit], start, self.store.has_moduli)
 
     def keep(self, unit: int, result: dict[str, object]) -> None:
-        """Store what a worker has found."""
         self.store.write(unit, result)
         self.status[unit] = int(result["status"])  # type: ignore[call-overload]
         self.done.add(unit)
@@ -101,7 +96,6 @@ class GridUnits:
 
     @property
     def converged(self) -> int:
-        """Converged states."""
         return int((self.status == _CONVERGED).sum())
 
     ended = 0
@@ -164,7 +158,6 @@ class RayUnits:
         return True
 
     def task(self, unit: int) -> Task:
-        """What a worker is to call, behind the cell."""
         ray, level = divmod(unit, self.levels)
         return sample_level, (*self.rays[ray].levels[level], self._start(unit), self.iterates)
 
@@ -202,7 +195,6 @@ class RayUnits:
         return np.full((6, 6), np.nan)
 
     def keep(self, unit: int, result: tuple[list[dict[str, object]], bool]) -> None:
-        """Store what a worker has found."""
         self._write(unit, *result)
 
     def _write(self, unit: int, found: list[dict[str, object]], ended: bool = False) -> None:
@@ -222,12 +214,10 @@ class RayUnits:
 
     @property
     def solved(self) -> int:
-        """States that were solved."""
         return self.converged
 
     @property
     def converged(self) -> int:
-        """Converged states."""
         return int((self.status == _CONVERGED).sum())
 
     @property

@@ -25,8 +25,12 @@ from yarnscale.yarn.friction import YarnFriction
 STEPS = 4
 """Steps between the values at which points are measured."""
 _PRE_TENSION_STEPS = 4
-_UNITS = {"tension": "N/m", "shear": "degrees", "bending": "1/m"}
-"""Of the values at which points are measured."""
+CYCLED = {
+    "tension": ("load", "N/m", "stretch", "-"),
+    "shear": ("angle", "degrees", "force", "N/m"),
+    "bending": ("curvature", "1/m", "moment", "N"),
+}
+"""What is prescribed in a cycle and what is measured, with their units."""
 _OPTIONS = {"tension": "loads", "bending": "curvatures"}
 """Options of ``test`` with these values."""
 
@@ -77,9 +81,8 @@ class Cycle:
 
     def plain(self) -> dict[str, Any]:
         """As plain values."""
-        names = {"tension": ("stretch", "load"), "shear": ("angle", "force"), "bending": ("curvature", "moment")}[
-            self.test
-        ]
+        given, _, measured, _ = CYCLED[self.test]
+        names = (measured, given) if self.test == "tension" else (given, measured)
         content: dict[str, Any] = {"direction": self.direction, "cycle": self.number}
         for leg in ("loading", "unloading"):
             content[leg] = [dict(zip(names, point, strict=True)) for point in getattr(self, leg)]
@@ -157,7 +160,7 @@ class CycledTest:
             "" if self.name == "shear" else f"; values that are closer (--{_OPTIONS[self.name]}) make shorter steps"
         )
         leg_name = ("loading", "unloading")[leg]
-        return f"no equilibrium at {value:.4g} {_UNITS[self.name]}, {leg_name} of cycle {number}{option}"
+        return f"no equilibrium at {value:.4g} {CYCLED[self.name][1]}, {leg_name} of cycle {number}{option}"
 
     def _read(self, value: float, history: FabricHistory) -> Pair:
         return self.read(self.point(value, loaded_state(history)))

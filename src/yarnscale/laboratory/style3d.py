@@ -143,7 +143,8 @@ def fit_style3d(material: ShellMaterial, loads: tuple[float, float] = RANGE) -> 
 
     best: Any = minimize_scalar(miss, bounds=np.log10(_SHEARS).tolist(), method="bounded", options={"xatol": 1e-3})
     cloth = sheared(float(best.x))
-    own = run_tests(cloth, name="Newton", programme=Programme(loads=steps, curvatures=_curvatures(tests)))
+    curvatures = tuple(sorted({p.curvature for p in tests.bending}))
+    own = run_tests(cloth, name="Newton", programme=Programme(loads=steps, curvatures=curvatures))
     lost = tuple(
         f"negative rigidity of bending along {direction:g}° ({B:.3g} N·m), of fabric that folds by itself"
         for direction, B in rigidity.items() if B < 0
@@ -194,7 +195,3 @@ def _stiffness(points: list[TensionPoint]) -> float:
     if work <= 0:
         raise InputError("material", expected="a material that stretches under load", found=stretch.tolist())
     return float(load @ load) / work
-
-
-def _curvatures(tests: FabricTests) -> tuple[float, ...]:
-    return tuple(sorted({p.curvature for p in tests.bending}))

@@ -6,15 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from yarnscale.laboratory.cycles import Cycle
+from yarnscale.laboratory.cycles import CYCLED, Cycle
 from yarnscale.laboratory.programme import FabricTests
-
-CYCLED = {
-    "tension": ("load", "N/m", "stretch", "-"),
-    "shear": ("angle", "degrees", "force", "N/m"),
-    "bending": ("curvature", "1/m", "moment", "N"),
-}
-"""What is prescribed in a cycle and what is measured, with their units."""
 
 
 @dataclass(frozen=True)

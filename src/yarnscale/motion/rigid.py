@@ -13,7 +13,7 @@ from yarnscale.errors import InputError
 
 @dataclass(frozen=True)
 class Motion:
-    """A straight shift with a turn, easing in and out: from time ``start`` for ``duration`` [s].
+    """A displacement and a rotation, smooth at both ends: from time ``start`` for ``duration`` [s].
 
     displacement: [m]; rotation: axis times angle [rad], about ``pivot`` [m], which is carried along by the
     displacement; ease: whether the speed is zero at both ends (else constant). Raises InputError.
@@ -43,13 +43,6 @@ class Motion:
     def moves(self) -> bool:
         """Whether anything moves at all."""
         return any(self.displacement) or any(self.rotation)
-
-    @property
-    def direction(self) -> Array:
-        """Unit vector of the displacement, zero without one, (3,)."""
-        displacement = np.asarray(self.displacement)
-        length = float(np.linalg.norm(displacement))
-        return displacement / length if length else displacement
 
     def share(self, time: float) -> float:
         """Part of the motion that is done at a time, in [0, 1]."""

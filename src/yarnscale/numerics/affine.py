@@ -63,7 +63,7 @@ class _NodePull:
         self._count, size, nodes = count, 3 * count, inner.size // 3
         self._column, self._row = np.triu_indices(size)
         self.pattern = _full_pattern(size)
-        columns = np.repeat(np.arange(inner.size), np.diff(inner.starts))
+        columns = inner.columns
         self._blocks = []
         for k in range(3):
             for other in range(k + 1):

@@ -89,12 +89,16 @@ class StencilSet:
 
     def elements(self, full: Array) -> tuple[Array, Array, Array]:
         """Energy (N,), gradient (N, n) and Hessian (N, n, n) of every stencil in the full variables."""
-        n = self.energy.variable_count
         energies, gradients, lower = run_columns(self.energy.hessian, full[self.variables], self.parameters)
-        rows, columns = np.tril_indices(n)
-        hessians = np.empty((self.count, n, n))
-        hessians[:, rows, columns] = hessians[:, columns, rows] = lower
-        return energies[:, 0], gradients, hessians
+        return energies[:, 0], gradients, symmetric(lower, self.energy.variable_count)
+
+
+def symmetric(lower: Array, size: int) -> Array:
+    """Symmetric matrices (N, size, size) of their lower triangles, row by row."""
+    rows, columns = np.tril_indices(size)
+    whole = np.empty((len(lower), size, size))
+    whole[:, rows, columns] = whole[:, columns, rows] = lower
+    return whole
 
 
 def position_variables(nodes: Integers) -> Integers:

@@ -42,8 +42,7 @@ class SymmetricPattern:
         """Pattern of the rows and columns ``kept`` (increasing), and which entries of the whole it has."""
         number = np.full(self.size, -1)
         number[kept] = np.arange(len(kept))
-        columns = number[np.repeat(np.arange(self.size), np.diff(self.starts))]
-        rows = number[self.rows]
+        columns, rows = number[self.columns], number[self.rows]
         chosen = np.flatnonzero((columns >= 0) & (rows >= 0))
         return SymmetricPattern.from_keys(len(kept), columns[chosen] * len(kept) + rows[chosen]), chosen
 
@@ -51,6 +50,11 @@ class SymmetricPattern:
     def entries(self) -> int:
         """Number of stored entries."""
         return len(self.rows)
+
+    @property
+    def columns(self) -> Integers:
+        """Column of every entry, (nnz,)."""
+        return np.repeat(np.arange(self.size), np.diff(self.starts))
 
     @property
     def diagonal(self) -> Integers:

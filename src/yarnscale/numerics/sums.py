@@ -50,49 +50,32 @@ class Term(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """½ Σ weight (x − centre)² of the first k unknowns, both (k,): springs, or lumped masses in an implicit step."""
+    """½ (x − centre)ᵀ W (x − centre) of the first k unknowns, centre (k,): springs, or masses in an implicit step.
+
+    weight: (k,) of a diagonal W; else the entries of W in a pattern that the pattern of the sum begins with, and
+    times: the product of W with a vector (k,).
+    """
 
     weight: Array
     centre: Array
+    times: Callable[[Array], Array] | None = None
+
+    def _pulled(self, x: Array) -> tuple[Array, Array]:
+        away = x[: len(self.centre)] - self.centre
+        return away, self.weight * away if self.times is None else self.times(away)
 
     def value(self, x: Array) -> float:
-        away = x[: len(self.weight)] - self.centre
-        return 0.5 * float((self.weight * away) @ away)
+        away, pull = self._pulled(x)
+        return 0.5 * float(pull @ away)
 
     def gradient(self, x: Array, gradient: Array) -> float:
-        away = x[: len(self.weight)] - self.centre
-        pull = self.weight * away
+        away, pull = self._pulled(x)
         gradient[: len(pull)] += pull
         return 0.5 * float(pull @ away)
 
     def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
-        entries[pattern.diagonal[: len(self.weight)]] += self.weight
-        return self.gradient(x, gradient)
-
-
-@dataclass(frozen=True, eq=False)
-class MatrixSprings:
-    """½ (x − centre)ᵀ W (x − centre) of the first k unknowns, centre (k,).
-
-    times: the product of W with a vector (k,). entries: of W, in a pattern that the pattern of the sum begins with.
-    """
-
-    times: Callable[[Array], Array]
-    entries: Array
-    centre: Array
-
-    def value(self, x: Array) -> float:
-        away = x[: len(self.centre)] - self.centre
-        return 0.5 * float(self.times(away) @ away)
-
-    def gradient(self, x: Array, gradient: Array) -> float:
-        away = x[: len(self.centre)] - self.centre
-        pull = self.times(away)
-        gradient[: len(pull)] += pull
-        return 0.5 * float(pull @ away)
-
-    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
-        entries[: len(self.entries)] += self.entries
+        count = len(self.weight)
+        entries[pattern.diagonal[:count] if self.times is None else slice(count)] += self.weight
         return self.gradient(x, gradient)
 
 

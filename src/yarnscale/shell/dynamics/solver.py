@@ -25,7 +25,7 @@ from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.quasi_newton import KeepRule, minimise_keeping_factors
 from yarnscale.numerics.regularisation import ShiftRule
-from yarnscale.numerics.sums import Load, MatrixSprings, Springs, Term
+from yarnscale.numerics.sums import Load, Springs, Term
 from yarnscale.shell.contact.cloth_contact import ClothContact, ContactSettings
 from yarnscale.shell.contact.crossings import CLOTH, Crossing, start_that_crosses
 from yarnscale.shell.dynamics.air import drag_entries
@@ -250,12 +250,12 @@ class ClothSolver(Body[ClothState]):
             return []
         entries = np.zeros(pattern.entries)
         if cloth.stiffness_damping > 0:
-            linear = self.energy.linearise(state.positions)
-            entries += cloth.stiffness_damping * self.energy.rate_stiffness(linear)
+            stiffness, _ = self.energy.positive_hessian(self.energy.linearise(state.positions), geometric=False)
+            entries += cloth.stiffness_damping * stiffness
         if cloth.air_drag > 0:
             entries += drag_entries(cloth.mesh, pattern, state.positions, state.velocities, cloth.air_drag)
         entries *= rule.rate
-        return [MatrixSprings(partial(pattern.multiply, entries), entries, rule.positions.ravel())]
+        return [Springs(entries, rule.positions.ravel(), partial(pattern.multiply, entries))]
 
     def _attachments(self, time: float) -> list[Attachment]:
         """What holds handles and, last, the points of moving obstacles."""

@@ -72,9 +72,8 @@ class PatternGrowth:
     """
 
     def __init__(self, base: SymmetricPattern) -> None:
-        columns = np.repeat(np.arange(base.size), np.diff(base.starts))
-        self._entries, self._vertices = columns * base.size + base.rows, base.size // 3
-        self._base = np.unique(columns // 3 * self._vertices + base.rows // 3)
+        self._entries, self._vertices = base.columns * base.size + base.rows, base.size // 3
+        self._base = np.unique(base.columns // 3 * self._vertices + base.rows // 3)
         self._lay_out(self._base)
 
     @property
@@ -104,8 +103,7 @@ class PatternGrowth:
     def _lay_out(self, keys: Integers) -> None:
         self._blocks = BlockPattern.from_keys(np.full(self._vertices, 3), keys)
         self._keys, pattern = self._blocks.keys, self.pattern
-        columns = np.repeat(np.arange(pattern.size), np.diff(pattern.starts))
-        self._base_slots = np.searchsorted(columns * pattern.size + pattern.rows, self._entries)
+        self._base_slots = np.searchsorted(pattern.columns * pattern.size + pattern.rows, self._entries)
 
 
 @dataclass(eq=False)

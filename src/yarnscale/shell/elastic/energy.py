@@ -163,16 +163,12 @@ class ShellEnergy:
 
         return sum_of(run_parts(part, self._parts))[:-1]
 
-    def positive_hessian(self, linear: Linearisation) -> tuple[Array, int]:
-        """Entries of the positive model in ``pattern`` [N/m], and how many moduli were indefinite."""
-        return self._positive(linear, linear.stress)
+    def positive_hessian(self, linear: Linearisation, *, geometric: bool = True) -> tuple[Array, int]:
+        """Entries of the positive model in ``pattern`` [N/m], and how many moduli were indefinite.
 
-    def rate_stiffness(self, linear: Linearisation) -> Array:
-        """Entries of Σ area·Jᵀ|C|J in ``pattern`` [N/m] for viscous damping; zero for rigid motions."""
-        return self._positive(linear, np.zeros_like(linear.stress))[0]
-
-    def _positive(self, linear: Linearisation, stress: Array) -> tuple[Array, int]:
-        elements = self.elements
+        geometric: without, Σ area·Jᵀ|C|J, which viscous damping takes: zero for rigid motions.
+        """
+        elements, stress = self.elements, linear.stress if geometric else np.zeros_like(linear.stress)
 
         def part(blocks: slice) -> tuple[Array, int]:
             values = np.zeros(self.pattern.entries + 1)

@@ -46,14 +46,19 @@ def triangulated(coordinates: Array, starts: Integers) -> tuple[Integers, Intege
     return np.concatenate([p.reshape(-1, 3) for p in parts])[order], np.concatenate(faces)[order]
 
 
+def following_corners(starts: Integers) -> Integers:
+    """The next corner of the same polygon, (nc,); starts: as in ``triangulated``."""
+    following = np.arange(1, starts[-1] + 1)
+    following[starts[1:] - 1] = starts[:-1]
+    return following
+
+
 def in_own_plane(positions: Array, starts: Integers) -> Array:
     """Corners of polygons in space (nc, 3), each seen along the polygon's mean normal, (nc, 2)."""
-    following = np.arange(1, len(positions) + 1)
-    following[starts[1:] - 1] = starts[:-1]
     origin = np.repeat(positions[starts[:-1]], np.diff(starts), axis=0)
     local = positions - origin
     # Newell's normal: the sum of the cross products of neighbouring corners.
-    normals = np.add.reduceat(np.cross(local, local[following]), starts[:-1], axis=0)
+    normals = np.add.reduceat(np.cross(local, local[following_corners(starts)]), starts[:-1], axis=0)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(lengths > 0, normals / np.where(lengths > 0, lengths, 1.0), [0.0, 0.0, 1.0])
     least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
@@ -71,10 +76,8 @@ def areas_of(triangles: Array) -> Array:
 
 def polygon_areas(coordinates: Array, starts: Integers) -> Array:
     """Signed areas of polygons, (nf,); arguments as in ``triangulated``."""
-    following = np.arange(1, len(coordinates) + 1)
-    following[starts[1:] - 1] = starts[:-1]
     local = coordinates - np.repeat(coordinates[starts[:-1]], np.diff(starts), axis=0)
-    ahead = local[following]
+    ahead = local[following_corners(starts)]
     return 0.5 * np.add.reduceat(local[:, 0] * ahead[:, 1] - local[:, 1] * ahead[:, 0], starts[:-1])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.shell.garments.polygons import polygon_areas
+from yarnscale.shell.garments.polygons import following_corners, polygon_areas
 from yarnscale.shell.mesh_arrays import joined
 
 NEAR = 0.05
@@ -41,9 +41,7 @@ class Polygons:
     @property
     def following(self) -> Integers:
         """The next corner of the same polygon, (nc,)."""
-        following = np.arange(1, len(self.vertices) + 1)
-        following[self.starts[1:] - 1] = self.starts[:-1]
-        return following
+        return following_corners(self.starts)
 
     @property
     def faces(self) -> Integers:
