@@ -165,7 +165,7 @@ class FabricDynamics(Body[FabricMotion]):
         return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
 
     def take_up(self, motion: FabricMotion) -> None:
-        """Let the energy have the frames and passages of a state."""
+        """Set the frames and passages of the energy to those of a state."""
         self.energy.anchor(motion.x, motion.frames)
         if self.energy.passages is not None:
             self.energy.count_passages(motion.passages)

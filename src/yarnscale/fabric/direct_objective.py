@@ -22,11 +22,11 @@ class NodeForce(Protocol):
     """An energy of every vertex by itself, such as contact with an obstacle; lengths in radii, energies in E π r³."""
 
     def begin(self, positions: Array, start: float, end: float) -> None:
-        """Begin a step of motion from a time to another [s] at positions (n, 3): what rubs does so from there on."""
+        """Begin a step of motion from a time to another [s] at positions (n, 3), where slip begins."""
         ...
 
     def slowed(self, velocity: Array, yielding: Array, duration: float) -> Array:
-        """Velocities (n, 3) after the friction of an explicit step; yielding: (n,) one over masses, 0 if led."""
+        """Velocities (n, 3) after the friction of an explicit step; yielding: one over masses (n,), 0 if held."""
         ...
 
     def at(self, positions: Array) -> tuple[float, Array, Array]:

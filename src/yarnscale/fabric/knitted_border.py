@@ -77,7 +77,7 @@ def selvedge(start: Array, stop: Array, *, right: bool, out: float = 0.0, level:
 
 
 def tail(start: Array, *, right: bool) -> Strand:
-    """A yarn's end that lies outside a selvedge, from the fabric outwards."""
+    """The free end of a yarn outside a selvedge, from the fabric outwards."""
     end = start + np.array([TAIL if right else -TAIL, 0.0, -start[2]])
     return Strand.merged([smooth([start, end]), Strand.drawn(end)])
 

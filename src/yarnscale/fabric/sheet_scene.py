@@ -51,7 +51,7 @@ class SheetScene:
         return tuple(Pushes(energy, obstacle, friction=self.friction) for obstacle in self.obstacles)
 
     def force(self, energy: FabricEnergy, x: Array, time: float, *, led: bool = False) -> float:
-        """Mean force that pulls the handles apart [N]; NaN where none is pulled. led: in explicit steps."""
+        """Mean force that pulls the handles apart [N], else NaN. led: by no springs, in explicit steps."""
         if self.axis is None:
             return math.nan
         holds = self.holds(time)

@@ -68,13 +68,13 @@ class YarnMotion:
 
 
 class SplineMotion(Body[YarnMotion]):
-    """A fabric of spline yarns in motion; with a volume, the fabric moves as the volume lets it.
+    """A fabric of spline yarns in motion, by all control points of its yarns or by those of a volume.
 
     gravity: [m/s²]; held: points of yarns that stay where they are at rest; damping: rate [1/s] at which free motion
     decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. reduction: of a
     volume; a homogenized one is held by its mid-surface and takes implicit steps only. tolerance: of implicit steps,
     forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of steps; integrator:
-    of implicit ones. energy: of the fabric's yarns, where it is at hand.
+    of implicit ones. energy: of the fabric's yarns, if it is already known.
     """
 
     def __init__(

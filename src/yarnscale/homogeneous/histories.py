@@ -1,5 +1,5 @@
-"""Fabric with friction under strains or loads, step by step: a periodic cell of yarns, or a shell material that
-remembers."""
+"""Fabric with friction under strains or loads, step by step: a periodic cell of yarns, or a shell material with
+friction."""
 
 from __future__ import annotations
 

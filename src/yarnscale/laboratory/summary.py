@@ -55,7 +55,7 @@ class BendingSummary:
     """Of one direction. B: rigidity [N·m], mean of both sides between 50 and 150/m (KES), or as far as curvatures go.
 
     bending_length: ASTM D1388 and FAST C [m], mean of face up and face down; None where the fabric rolls up by itself.
-    hysteresis: 2HB [N], width of the loop at 100 /m, or half-way of a shorter one.
+    hysteresis: 2HB [N], width of the loop at 100 /m, or at half of a smaller largest curvature.
     """
 
     direction: float

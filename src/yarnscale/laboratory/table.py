@@ -35,7 +35,7 @@ class Measured:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Where a number stands in the tables of all fabrics."""
+        """What identifies a number in the tables of all fabrics."""
         return (*self.kind, self.direction, self.at)
 
 

@@ -1,4 +1,4 @@
-"""What moves: cloth, yarns or the volume around them, and the outcome of one of its steps."""
+"""Bodies that move (cloth, yarns, or a volume around yarns), and the outcome of one step."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Timed(Protocol):
 
 
 State = TypeVar("State", bound=Timed)
-"""All that a body goes on from: what it looks like, how fast it moves, what it remembers, and the time [s]."""
+"""All that the next step depends on: shape, velocity, history and the time [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,9 @@ class Step(Generic[State]):
 
 
 class Body(ABC, Generic[State]):
-    """What a run needs to know of something that moves: cloth, rods, spline yarns or a volume around yarns.
+    """Something that moves: cloth, rods, spline yarns or a volume around yarns, as a run uses it.
 
-    Energy, mass and bounds of motion are not here, since a run never asks for them: each body minimises its own
+    Energy, mass and bounds of motion are not part of it, since a run never needs them: each body minimises its own
     ``numerics.sums.SumOfEnergies``, which holds energy, inertia and springs, and its safe step lengths come from its
     contacts. A state carries its frames.
 
@@ -101,7 +101,7 @@ class Body(ABC, Generic[State]):
         """``step`` with all of its arguments settled."""
 
     def keeps(self, step: Step[State]) -> bool:
-        """Whether a step is good enough to go on from."""
+        """Whether a step is accepted."""
         return step.status is Status.CONVERGED
 
     @abstractmethod
@@ -124,9 +124,9 @@ class Body(ABC, Generic[State]):
         return {}
 
     def renewed(self, state: State, duration: float) -> State:
-        """The state to go on from after a frame, in steps up to ``duration`` [s], with nothing kept from before.
+        """The state with which a run continues after a frame, in steps up to ``duration`` [s].
 
-        A run goes on from a checkpoint there as from the state itself.
+        It depends on ``state`` alone, so that a run resumed there takes the same steps.
         """
         return state
 

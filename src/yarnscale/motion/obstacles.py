@@ -18,7 +18,7 @@ from yarnscale.motion.rigid import STILL, Motion
 
 
 class Obstacle(Protocol):
-    """Points with a prescribed motion, and what lies between them."""
+    """A body with a prescribed motion, given by points."""
 
     @property
     def moves(self) -> bool:

@@ -38,9 +38,9 @@ class RunProgress:
 
 @dataclass(frozen=True, eq=False)
 class Run(Generic[State]):
-    """A run at its end or between two steps: all that is needed to go on as if it had never stopped.
+    """A run at its end or between two steps: everything that is needed to continue it.
 
-    Equilibria (``statics``) go on with load steps of their first length, and so pass through other states.
+    Continued equilibria (``statics``) begin with load steps of their first length, and so pass through other states.
 
     state: reached. begin: time at which the schedule began [s]. status: how the run ended, None while it goes on.
     frames: made so far; next_frame: time from which the next is due [s]; shown: whether the state is the last frame.

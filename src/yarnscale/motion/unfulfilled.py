@@ -1,4 +1,4 @@
-"""Prescribed motions that were not carried out: of obstacles that gave way, of handles."""
+"""Prescribed motions of obstacles and handles that were not carried out."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Seven distances of the clamps per direction; the ratio of the loops is fitted by bounded Gauss–Newton steps with exact
 derivatives. Unknowns are logarithms of k_weft, k_warp and of what k_bias has beyond its least admissible value.
-Swatches along the weft and the warp bend into cylinders and feel one stiffness each.
+Swatches along the weft and the warp bend into cylinders: each determines one stiffness.
 """
 
 from __future__ import annotations

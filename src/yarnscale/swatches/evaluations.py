@@ -70,9 +70,9 @@ class Evaluations:
         return self.many([unknowns])[0].residuals
 
     def many(self, points: Sequence[Array], *, near: Array | None = None, keep: bool = False) -> list[Residuals]:
-        """Residuals at points, in their order; ``near``: a point that all of them almost are.
+        """Residuals at points, in their order; ``near``: a point close to all of them.
 
-        keep: remember the states too, which serve derivatives.
+        keep: keep the states too, from which derivatives are computed.
         """
         fresh = list({point.tobytes(): point for point in points if self._find(point, near) is None}.values())
         start = self.whole(near) if near is not None and fresh else None

@@ -68,7 +68,7 @@ def refitted(
 ) -> FabricEstimate:
     """The yarn fitted again, with the effect of the clamps that its own cloth has: Gauss–Newton from the first fit.
 
-    What a shell says of the clamps of short, wide swatches depends on constants that swatches do not determine.
+    The effect of the clamps of short, wide swatches on a shell depends on constants that swatches do not determine.
     Raises InputError without cloth.
     """
     if estimate.cloth is None:

@@ -37,7 +37,7 @@ def at_zero_force(force: Array, value: Array) -> float:
 
     The last reading at zero force is taken as it is: those before are slack. Without one, readings are averaged in
     steps of a hundredth of the largest force, and a parabola through the first five steps is extrapolated; a line where
-    the parabola bends the wrong way, since fabric stiffens and a length grows less and less with force.
+    the parabola is curved the wrong way: fabric stiffens, so that length grows ever less with force.
     """
     if (at_rest := np.flatnonzero(force == 0)).size:
         return float(value[at_rest[-1]])

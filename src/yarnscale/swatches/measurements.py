@@ -287,7 +287,7 @@ class SwatchMeasurements:
 
     area_density: mass of the fabric [kg/m²]; pear loops need it. pattern: its pattern, by name or file, for estimates
     that name no other. photographs: names, for the record. notes: sentences on how the numbers were read. known: what
-    was counted on the fabric. short: stretch tests of strips shorter than wide, which tell how the fabric resists
+    was counted on the fabric. short: stretch tests of strips shorter than wide, which show how the fabric resists
     contraction. rigidity: of bending, measured by other means than pear loops. biaxial: both directions pulled at once.
     """
 

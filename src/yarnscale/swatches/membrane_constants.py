@@ -85,8 +85,8 @@ class Scales:
 class Unknowns:
     """Unknowns of a shell, (n,), as many as its constants.
 
-    names: of the constants. low, high: ends of the unknowns. prior: what is taken for those of which the measurements
-    say nothing. draws: size of random changes of the start. constants: the constants in SI, and jacobian: their
+    names: of the constants. low, high: ends of the unknowns. prior: values of those that the measurements do
+    not determine. draws: size of random changes of the start. constants: the constants in SI, and jacobian: their
     derivatives by the unknowns (n, n), at unknowns. make: the material without bending, of its constants.
     """
 
@@ -136,7 +136,7 @@ def stiffening_unknowns(scales: Scales) -> Unknowns:
     the coupling, with which it sets the contraction.
     """
     along, both = ("stretch", "stiffening", "rate", "saturation"), (scales.weft, scales.warp)
-    # A strip feels the part of the coupling that its contraction leaves; half of its stiffness at most.
+    # The coupling acts on a strip as far as it does not contract: by half of its stiffness at most.
     at_rest = np.array([curve.stretch + curve.stiffening for curve in both])
     left = 1.0 - np.array([curve.contraction for curve in both])
     coupling = 0.5 * float((at_rest / left).min())

@@ -37,8 +37,8 @@ def sobol_starts(evaluations: Evaluations, count: int, keep: int, *, seed: int) 
 def race(evaluations: Evaluations, starts: Sequence[Array], *, iterations: int) -> Array:
     """The lowest point that Gauss–Newton reaches from several starts.
 
-    The objective at a start says little about the minimum it leads to, a few steps say more. So all starts take some,
-    the better ones some more, and only the last one runs to its end. iterations: of one start at most.
+    The objective at a start is a poor measure of the minimum reached from it, that after a few steps a better one. So
+    all starts take some steps, the better ones some more, and the best one all. iterations: of one start at most.
     """
     descents = [GaussNewton(evaluations, start) for start in starts]
     left = iterations

@@ -3,11 +3,11 @@
 Six stretches per direction, evenly spaced over the measured range, are applied to simulated swatches of the size
 and gauge of the measured ones. Differences of line load and of contraction, each relative to its
 measured average, are made small by bounded Gauss–Newton steps with exact derivatives. The start is the best of several
-fits of uniform strips, which cost little. Weak priors settle what the measured directions leave open, above all the
-shear stiffness without a bias test, and ``ShellFit.resolution`` says what that is.
+fits of uniform strips, which cost little. Weak priors determine what the measured directions do not, above all the
+shear stiffness without a bias test; ``ShellFit.resolution`` shows which constants these are.
 
-The material is one that stiffens, or the polynomial of EST22 eq. 1, which real fabric outruns: with EST22 we fit the
-whole range all the same and report the error.
+The material is one that stiffens, or the polynomial of EST22 eq. 1, which stiffens less than real fabric: as in EST22
+the whole range is fitted all the same and the error reported.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@ A flat strip of length L and width b, clamped at both ends, that becomes shorter
 
     P = 16 K(m)² B b / L²,    δ/L = 2 − 2 E(m)/K(m),
 
-K and E the complete elliptic integrals: 4π² B b/L² at first, and a quarter more at δ = 0.4 L. Fabric bent and bent back
-pushes harder on the way in than on the way out, by friction; the mean of both is elastic. The load cell is zero where
-the strip is flat, at the beginning of the way in and at the end of the way out.
+K and E the complete elliptic integrals: 4π² B b/L² at first, and a quarter more at δ = 0.4 L. By friction, fabric
+pushes harder while it is bent than while it is released; the mean of both is elastic. The load cell is set to zero
+where the strip is flat, at the beginning of bending and at the end of release.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def arch_push(shortening: Array) -> Array:
 
 
 def strip_rigidity(bent: Array, back: Array) -> float:
-    """B of one cycle [N m]: distance of the clamps [m] and force over width [N/m] of the ways in and out, (n, 2) each.
+    """B of one cycle [N m]: distance of the clamps [m] and force over width [N/m], bent and released, (n, 2) each.
 
-    Raises InputError for a cycle that bends too little to tell.
+    Raises InputError for a cycle that bends too little to determine it.
     """
     length = float(max(bent[:, 0].max(), back[:, 0].max()))
     nearest = max(float(bent[:, 0].min()), float(back[:, 0].min()))
@@ -53,7 +53,7 @@ def strip_rigidity(bent: Array, back: Array) -> float:
 
 def mean_rigidity(cycles: Sequence[tuple[Array, Array]]) -> tuple[float, float]:
     """Mean and standard deviation of ``strip_rigidity`` over cycles that bend far enough [N m]."""
-    found, fault = [], InputError("bending", expected="a way in and a way out", found="none")
+    found, fault = [], InputError("bending", expected="readings of bending and of release", found="none")
     for bent, back in cycles:
         try:
             found.append(strip_rigidity(bent, back))

@@ -1,4 +1,4 @@
-"""The estimated yarn of a fabric: its errors, what its parameters and the data leave open, and what to distrust."""
+"""The estimated yarn of a fabric: its errors, what the data do not determine, and what to distrust."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ class FabricEstimate:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """What the measurement says nothing of, in sentences."""
+        """Quantities that the measurement does not determine, in sentences."""
         fit, tests, found = self.fit, self.measurements.stretch, []
         free = [name for name, shift in zip(fit.spread.names, fit.spread.shift, strict=True) if shift > _FREE]
         if free:

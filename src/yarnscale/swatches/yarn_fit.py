@@ -68,11 +68,11 @@ class ParameterSpread:
 
     @classmethod
     def of(cls, names: tuple[str, ...], slopes: Array) -> ParameterSpread:
-        """From a Jacobian (m, n); where m < n, directions that no residual feels have singular values of zero."""
+        """From a Jacobian (m, n); where m < n, directions without effect on residuals have singular values 0."""
         _, felt, vectors = np.linalg.svd(slopes, full_matrices=True)
         singular = np.zeros(len(names))
         singular[: len(felt)] = felt
-        # Ranges hold as a residual of 0.01 would: an unknown that nothing feels moves by 1, and draws no other further.
+        # Ranges act as a residual of 0.01 would: an unknown without effect moves by 1, and moves no other further.
         inverse = vectors.T @ np.diag(1.0 / (singular**2 + _GROWN**2)) @ vectors
         return cls(names, singular, vectors, _GROWN * np.sqrt(np.diag(inverse)))
 

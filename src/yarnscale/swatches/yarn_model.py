@@ -50,7 +50,7 @@ MEASURED = 1.25
 LARGEST_ASPECT = 3.0
 LARGEST_SHORTENING = 0.15
 ITERATIONS, TOLERANCE = 150, 1e-8
-"""Of equilibria: loose yarns change their stress long after forces are small, which differences would feel."""
+"""Of equilibria: loose yarns change their stress long after forces are small, which would falsify differences."""
 TWIST_SHARE = 0.8
 """Twist stiffness over bending stiffness: a round rod with G = 0.4 E. EST22 §6 finds that twist does not matter."""
 

@@ -1,8 +1,7 @@
 """One step of cloth: an energy to minimise, made of the state, the integrator and what acts on the cloth.
 
 A step minimises the energy of ``step``. It starts from x + Δt v with the bars where they were: the first
-Newton step moves bars and cloth together. Where Newton fails the step is halved, and the last good state is
-never lost.
+Newton step moves bars and cloth together. Where Newton fails the step is halved.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class ShellElements:
         return len(self.areas)
 
     def follow(self, positions: Array) -> float:
-        """Let the reference angles follow the fold angles of positions (nv, 3); the largest |angle| [rad]."""
+        """Set the reference angles to the fold angles at positions (nv, 3); the largest |angle| [rad]."""
         return float(follow_angles(positions, self.stencils, self.geometry))
 
     @property

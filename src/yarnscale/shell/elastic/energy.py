@@ -74,7 +74,7 @@ class ShellEnergy:
         return self.mesh.vertex_areas * self.material.density
 
     def follow(self, positions: Array) -> float:
-        """Let the reference angles follow the motion; the largest |fold angle| [rad]."""
+        """Update the reference angles to positions (nv, 3); the largest |fold angle| [rad]."""
         elements = self.elements
 
         def part(blocks: slice) -> float:
@@ -83,14 +83,14 @@ class ShellEnergy:
         return max(run_parts(part, self._parts))
 
     def begin_step(self, positions: Array, memory: Array | None) -> None:
-        """Let the next step begin with what friction remembers; None: with slack springs at positions (nv, 3)."""
+        """Set the memory of friction with which the next step begins; None: slack springs at positions (nv, 3)."""
         if self.friction is not None:
             if memory is None:
                 memory = self.friction.slack(self.elements.forms(positions))
             self.memory = np.ascontiguousarray(memory)
 
     def remembered(self, positions: Array) -> Array | None:
-        """What friction remembers (blocks, M, BLOCK) after the step to positions (nv, 3); None without friction."""
+        """Memory of friction (blocks, M, BLOCK) after the step to positions (nv, 3); None without friction."""
         return None if self.friction is None else self.friction.after(self.elements.forms(positions), self.memory)[0]
 
     def value(self, positions: Array) -> float:
@@ -99,9 +99,9 @@ class ShellEnergy:
         return total if np.isfinite(total) else np.inf
 
     def stored(self, positions: Array) -> float:
-        """Energy [J] of ψ and of the springs of friction inside, as far as the step's beginning remembers them.
+        """Energy [J] of ψ and of the springs of friction, with the memory of the step's beginning.
 
-        ``value`` has already lost what springs beyond their new limits do not hold, and counts future sliding.
+        ``value`` is less by the energy of springs beyond their new limits, and includes that of sliding in the step.
         """
         if self.friction is None:
             return self.value(positions)

@@ -12,7 +12,7 @@ v up to (1 − δ) y, then a parabola, y from (1 + δ) y on, so that w has conti
     p_k ← g_k − S(u_k, y_k),    y_k ← rest_k + Σ_j growth_kj |∂ψ/∂x_j|
 
 since yarns press on each other in fabric at rest, and the harder the more it is loaded. Without the parabola w is the
-least, over the slid way q, of ½ c (u − q)² + c y |q| (a variational update, Ortiz and Stainier 1999). Friction takes
+least, over the slip q, of ½ c (u − q)² + c y |q| (a variational update, Ortiz and Stainier 1999). Friction takes
 w(u) − ½ c S(u)² ≥ 0 in a step, and ½ c e² − w(e) ≥ 0 at its beginning, of a spring of extension e that is now beyond
 its limit: never less than nothing, whatever the step. A spring of up to (1 − δ) y keeps its force however many steps go
 by. Limits are those of the beginning of a step, as in cells: errors are of first order.

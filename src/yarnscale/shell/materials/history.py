@@ -1,4 +1,4 @@
-"""A shell material with friction along a path: the energy of its next step, and what it remembers after that."""
+"""A shell material with friction along a path: the energy of its next step, and its memory after that."""
 
 from __future__ import annotations
 

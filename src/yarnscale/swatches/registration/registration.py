@@ -114,7 +114,7 @@ class Registration:
         )
 
     def pattern(self, drawing: YarnPattern) -> YarnPattern:
-        """The registered pattern, named and of the materials of its drawing, at rest as it lies.
+        """The registered pattern with the name and materials of its drawing; its shape is its rest shape.
 
         Raises InputError where yarns run through each other.
         """

@@ -1,4 +1,4 @@
-"""The first guess: what a chart and two photographs say of a fabric before any yarn is followed."""
+"""The first guess: size, radius and place of a fabric from its chart and two photographs, before any yarn is fitted."""
 
 from __future__ import annotations
 
