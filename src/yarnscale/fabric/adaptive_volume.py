@@ -71,26 +71,21 @@ class AdaptiveVolume(Body[YarnMotion]):
         return self.moving.step(state, duration, inertia=inertia, iterations=iterations, until=until)
 
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
-        """As the moving fabric."""
         self.take_up(state)
         return self.moving.distances_from_places(state)
 
     def stable_step(self, state: YarnMotion) -> float:
-        """As the moving fabric."""
         self.take_up(state)
         return self.moving.stable_step(state)
 
     def renewed(self, state: YarnMotion, duration: float) -> YarnMotion:
-        """The motion in a volume adapted to the next steps."""
         self.take_up(state)
         return self.adapt(state, duration)
 
     def counts(self) -> dict[str, int]:
-        """Sizes of the moving fabric, in the volume at present."""
         return self.moving.counts()
 
     def yarns(self, state: YarnMotion) -> YarnMotion:
-        """Control points of the yarns at a state."""
         self.take_up(state)
         return self.moving.yarns(state)
 

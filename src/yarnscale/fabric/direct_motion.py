@@ -147,11 +147,9 @@ class FabricDynamics(Body[FabricMotion]):
         return Step.of(self._moved(state, x, velocity, until, shift, before), solution, duration, unrest)
 
     def keeps(self, step: Step[FabricMotion]) -> bool:
-        """Whether the energy is a number."""
         return step.status is not Status.INVALID
 
     def distances_from_places(self, state: FabricMotion) -> dict[str, float]:
-        """How far each handle's farthest vertex is from its target [m]."""
         return self.holds(state.time).distances(self.energy, state.x)
 
     def renewed(self, state: FabricMotion, duration: float) -> FabricMotion:

@@ -114,5 +114,4 @@ class FabricObjective(SumOfEnergies):
 
     @property
     def residual_scale(self) -> float:
-        """Gradient norm that counts as 1, at the state evaluated last."""
         return self._pull_share * self._yarns.pull + self._scale

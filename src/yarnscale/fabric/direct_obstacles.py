@@ -63,7 +63,6 @@ class Pushes:
         return np.maximum(1.0 - gap / self.energy.radius, 0.0), normal
 
     def at(self, positions: Array) -> tuple[float, Array, Array]:
-        """Energy, gradient (n, 3) and Hessian (n, 3, 3) at positions (n, 3) [r]."""
         depth, normal = self._depth(positions)
         value = float((depth**3).sum()) * self.stiffness / 3.0
         gradient = -self.stiffness * depth[:, None] ** 2 * normal

@@ -58,17 +58,14 @@ class RodScene(FabricScene[FabricMotion]):
 
     @cached_property
     def start(self) -> FabricMotion:
-        """At rest in the sheet's own shape."""
         return self.body.start()
 
     @property
     def gravity(self) -> tuple[float, float, float]:
-        """Gravity [m/s²]."""
         return self.loads.gravity
 
     @property
     def obstacles(self) -> Sequence[Obstacle]:
-        """Obstacles that the fabric touches."""
         return self.loads.obstacles
 
     @property
@@ -80,15 +77,12 @@ class RodScene(FabricScene[FabricMotion]):
         return YarnLines(sheet.offsets, sheet.yarn_radii, sheet.closed, colours)
 
     def points(self, state: FabricMotion) -> Array:
-        """Vertices of all yarns (n, 3) [m]."""
         return self.energy.positions(state.x) * self.fabric.sheet.radius
 
     def centre_of_mass(self, state: FabricMotion) -> Array:
-        """Centre of mass (3,) [m]."""
         return np.average(self.points(state), axis=0, weights=self.energy.masses())
 
     def counts(self) -> dict[str, int]:
-        """Sizes of the model; ``reduced_unknowns`` in a volume."""
         return rod_counts(self.fabric.sheet, self.volume)
 
     def measures(self, state: FabricMotion) -> dict[str, float]:

@@ -73,17 +73,14 @@ class SplineFabric:
 
     @property
     def yarn_count(self) -> int:
-        """Number of yarns."""
         return self.control.shape[0]
 
     @property
     def points_per_yarn(self) -> int:
-        """Control points of each yarn."""
         return self.control.shape[1]
 
     @property
     def segments_per_yarn(self) -> int:
-        """Spline segments of each yarn."""
         return self.points_per_yarn - ORDER + 1
 
     def counts(self) -> dict[str, int]:

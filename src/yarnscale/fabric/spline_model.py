@@ -20,7 +20,7 @@ _NO_ROTATION = np.empty((0, 3, 3))
 
 
 class SplineEnergy:
-    """Elastic energy of the yarns about their shape at rest, gravity not included.
+    """Elastic energy [J] of the yarns about their shape at rest, gravity not included; gradients in N, Hessians in N/m.
 
     Full vectors are the control points one after another, 3 n. ``pattern`` is that of Hessian and mass matrix.
     """
@@ -41,16 +41,13 @@ class SplineEnergy:
         self.mass_entries = self._mass_entries()
 
     def value(self, x: Array) -> float:
-        """Energy [J]."""
         return self._stencils.value(x)
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy [J] and gradient (3n,) [N]."""
         gradient = np.zeros(self.size)
         return self._stencils.gradient(x, gradient), gradient
 
     def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
-        """Energy [J], gradient (3n,) [N] and Hessian in ``pattern`` [N/m]."""
         gradient, entries = np.zeros(self.size), np.zeros(self.pattern.entries)
         value = self._stencils.hessian(x, gradient, self._slots, _NO_ROTATION, entries)
         return value, gradient, ShiftedHessian(self.pattern, entries)

@@ -160,7 +160,6 @@ class SplineMotion(Body[YarnMotion]):
         return YarnMotion(positions, np.asarray(self.map.weights @ motion.velocities), motion.time)
 
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
-        """How far the farthest held point is from its place [m]."""
         away = self._held @ self._expanded(state).positions.ravel() - self._held_at
         return {"held row": float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))}
 
@@ -215,7 +214,6 @@ class SplineMotion(Body[YarnMotion]):
         return found, float(away)
 
     def stable_step(self, state: YarnMotion) -> float:
-        """A stable explicit step at a state [s]."""
         self._aim_constraints(state)
         solver = self._mass_solver()
         _, _, model = self.energy.quadratic(self.yarns(state).positions.ravel())

@@ -60,7 +60,6 @@ class SplineScene(FabricScene[YarnMotion]):
 
     @property
     def start(self) -> YarnMotion:
-        """At rest, flat."""
         return self._full.start
 
     @property
@@ -72,18 +71,15 @@ class SplineScene(FabricScene[YarnMotion]):
         return YarnLines(np.arange(count + 1) * length, radii, closed, np.arange(count))
 
     def points(self, state: YarnMotion) -> Array:
-        """Points of all yarns (n, 3) [m]."""
         return self.fabric.lines(self.body.yarns(state).positions, _POINTS_PER_SEGMENT).reshape(-1, 3)
 
     def centre_of_mass(self, state: YarnMotion) -> Array:
-        """Centre of mass (3,) [m]."""
         positions = self.body.yarns(state).positions
         mass = self._full.of_yarns.mass_matrix()
         weights = mass @ np.ones(len(positions))
         return weights @ positions / weights.sum()
 
     def counts(self) -> dict[str, int]:
-        """Sizes of the model; ``reduced_unknowns`` in a volume, ``cell_unknowns`` in a homogenized one."""
         return self.body.counts()
 
     def measures(self, state: YarnMotion) -> dict[str, float]:

@@ -86,7 +86,7 @@ class _Placed(NamedTuple):
 
 
 class VolumeCells:
-    """Energy and mass of a fabric of spline yarns in a volume, for ``SplineMotion``.
+    """Energy [J], its derivatives [N, N/m] and mass of a fabric of spline yarns in a volume, for ``SplineMotion``.
 
     Full vectors: control points of the mid-surface (c, 3), then the fluctuations of every cell (g·n, 3), all [m].
     Mass and weight are those of the yarns' control points on the mid-surface, as in LOD03 §5.
@@ -185,11 +185,9 @@ class VolumeCells:
         return self._segments.value(points.ravel()) + float(stitches.sum()) + self._anchored(x)[0]
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy [J] and gradient (size,) [N]."""
         return self._forces(x, self._placed(x))[:2]
 
     def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
-        """Energy [J], gradient (size,) [N] and Hessian in ``pattern`` [N/m]."""
         placed = self._placed(x)
         value, gradient, force, stress = self._forces(x, placed)
         cells, count = self._cells, self._period.count

@@ -53,7 +53,6 @@ class _RareModuli(CellFabric):
     known: list[Array]
 
     def moduli(self, response: Response) -> Array:
-        """Moduli (6, 6) there, or at one of the last responses."""
         fresh = len(self.known) % _KEPT == 0
         self.known.append(super().moduli(response) if fresh else self.known[-1])
         return self.known[-1]

@@ -143,7 +143,6 @@ class LoadedState:
 
     @property
     def strain(self) -> Array:
-        """Strain (6,)."""
         return self.response.strain
 
     @property
@@ -153,7 +152,6 @@ class LoadedState:
 
     @property
     def energy(self) -> float:
-        """Energy density [J/m²]."""
         return self.response.energy
 
     @property

@@ -292,7 +292,6 @@ class Problem:
         )
 
     def _loss(self, residuals: Array) -> float:
-        """Huber's."""
         size = np.abs(residuals)
         if not np.all(np.isfinite(size)):
             return np.inf

@@ -62,12 +62,10 @@ class DaskExecutor(Executor):
         self._seen = time.monotonic()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
-        """Run a function on a worker."""
         return self._inner.submit(fn, *args, **kwargs)
 
     @property
     def workers(self) -> int:
-        """Number of workers at present."""
         return len(self.client.scheduler_info()["workers"])
 
     def look(self) -> None:

@@ -197,7 +197,6 @@ class SampleStore:
 
     @property
     def count(self) -> int:
-        """Number of states."""
         return len(self.states)
 
     def _chunk(self, name: str, index: int, extra: int) -> Path:

@@ -152,7 +152,6 @@ class FabricTests:
 
     @property
     def sheared(self) -> ShearSummary:
-        """Shear numbers."""
         taut = [p for p in self.shear if p.tension > 0]
         return shear_summary(taut, self.pulled(45.0), self.first_cycle("shear", 0.0))
 
@@ -245,7 +244,6 @@ class _Recorded(MaterialFabric):
     passed: list[Array] = field(default_factory=list)
 
     def moduli(self, response: Response) -> Array:
-        """Second derivatives (6, 6)."""
         self.passed.append(response.strain)
         return super().moduli(response)
 

@@ -62,7 +62,6 @@ class Sphere(_Rigid):
         positive("sphere radius", self.radius, "a positive length [m]")
 
     def points(self, time: float) -> Array:
-        """The centre at a time, (1, 3)."""
         return self.motion.place(np.array([self.centre]), time)
 
 
@@ -88,7 +87,6 @@ class Plane(_Rigid):
             raise InputError("plane motion", expected="no rotation", found=self.motion.rotation)
 
     def points(self, time: float) -> Array:
-        """The point at a time, (1, 3)."""
         return np.array([self.point]) + self.motion.offset(time)
 
 
@@ -108,7 +106,6 @@ class MeshObstacle(_Rigid):
         object.__setattr__(self, "triangles", _triangles(self.triangles, len(vertices)))
 
     def points(self, time: float) -> Array:
-        """The vertices at a time, (n, 3)."""
         return self.motion.place(self.vertices, time) if self.moves else self.vertices
 
 
@@ -138,7 +135,6 @@ class AnimatedMesh:
         return len(self.times) > 1
 
     def points(self, time: float) -> Array:
-        """The vertices at a time, (n, 3)."""
         last = len(self.times) - 1
         if time >= self.times[last]:
             return self.poses[last]

@@ -35,15 +35,12 @@ class NodeMap:
     offset: Array
 
     def expand(self, free: Array) -> Array:
-        """Full degrees of freedom, (3m,)."""
         return (self.weights @ free.reshape(-1, 3)).ravel() + self.offset
 
     def pull_gradient(self, gradient: Array) -> Array:
-        """Gradient by the free degrees of freedom, (3n,)."""
         return (self.weights.T @ gradient.reshape(-1, 3)).ravel()
 
     def pulled(self, inner: SymmetricPattern) -> _NodePull:
-        """How matrices of this pattern are pulled back."""
         return _NodePull(self.weights, inner)
 
 
@@ -96,17 +93,14 @@ class FreeUnknowns:
     state: Array
 
     def expand(self, free: Array) -> Array:
-        """All degrees of freedom, (n,)."""
         full = self.state.copy()
         full[self.places] = free
         return full
 
     def pull_gradient(self, gradient: Array) -> Array:
-        """Gradient by the free ones, (k,)."""
         return gradient[self.places]
 
     def pulled(self, inner: SymmetricPattern) -> _PartPull:
-        """How matrices of this pattern are pulled back."""
         return _PartPull(self.places, inner)
 
 
@@ -171,20 +165,16 @@ class MappedObjective:
 
     @property
     def residual_scale(self) -> float:
-        """Gradient norm that counts as 1."""
         return self._objective.residual_scale
 
     def value(self, x: Array) -> float:
-        """Energy at the free degrees of freedom."""
         return self._objective.value(self._affine.expand(x))
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy and Bᵀ g."""
         value, gradient = self._objective.gradient(self._affine.expand(x))
         return value, self._pulled(gradient)
 
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
-        """Energy, Bᵀ g and the model Bᵀ H B."""
         value, gradient, model = self._objective.quadratic(self._affine.expand(x))
         return value, self._pulled(gradient), _PulledModel(model, self._pull.of(model.pattern))
 

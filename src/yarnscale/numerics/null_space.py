@@ -135,7 +135,6 @@ class ChainConstraints:
         self.few_reduced = np.ascontiguousarray((self.null.T @ self.few.T).T)
 
     def project(self, vector: Array) -> Array:
-        """Part of a gradient that the constraints leave free, (n,) or columns (n, k)."""
         return vector - self.matrix.T @ (self.matrix @ vector)
 
 

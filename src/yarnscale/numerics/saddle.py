@@ -33,7 +33,6 @@ class SparseConstraints:
         self.matrix.sort_indices()
 
     def project(self, vector: Array) -> Array:
-        """Part of a gradient that the constraints leave free, (n,)."""
         if self._normal is None:
             # A Cholesky factor of C Cᵀ; the constraints touch few unknowns each, so that it is sparse too.
             self._normal = _normal_factor(self.matrix)
@@ -72,7 +71,6 @@ class SaddleSolver:
     _values: Array | None = None
 
     def factorise(self, model: QuadraticModel, shift: float) -> bool:
-        """Factor the model's matrix with this shift; False where it is not positive definite on the constraints."""
         values = model.values(shift)
         if not np.isfinite(values).all():
             return False

@@ -28,7 +28,6 @@ class SecantPairs:
             self._pairs.append((step, change, 1.0 / curvature))
 
     def clear(self) -> None:
-        """Forget all."""
         self._pairs.clear()
 
     def direction(self, gradient: Array, solve: Callable[[Array], Array]) -> Array:

@@ -105,21 +105,17 @@ class SumOfEnergies:
 
     @property
     def residual_scale(self) -> float:
-        """Gradient norm that counts as 1."""
         return self._scale
 
     def value(self, x: Array) -> float:
-        """Energy; inf where the state is not admissible."""
         total = sum(term.value(x) for term in self.terms)
         return total + self.energy.value(x) if math.isfinite(total) else math.inf
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy and gradient (n,)."""
         value, gradient = self.energy.gradient(x)
         return value + sum(term.gradient(x, gradient) for term in self.terms), gradient
 
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
-        """Energy, gradient (n,) and second-order model."""
         value, gradient, model = self.energy.quadratic(x)
         value += sum(term.hessian(x, gradient, model.pattern, model.entries) for term in self.terms)
         return value, gradient, model

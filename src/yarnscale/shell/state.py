@@ -54,7 +54,7 @@ class ClothState:
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """Vertices held at targets by stiff springs.
+    """Vertices held at targets by stiff springs; a term of a sum of energies [J], see ``numerics.sums``.
 
     vertices: (n,); targets: (n, 3) [m]; stiffness: of each spring [N/m]. Springs instead of eliminated
     unknowns: Newton's method then moves the cloth together with its bars, and an obstacle can stop a bar.
@@ -85,17 +85,14 @@ class Attachment:
         return energy, stiffness[:, None] * gap, stiffness
 
     def value(self, x: Array) -> float:
-        """Energy [J] at the coordinates of all vertices; a term of a sum of energies, see ``numerics.sums``."""
         return self.forces(x.reshape(-1, 3))[0]
 
     def gradient(self, x: Array, gradient: Array) -> float:
-        """Energy [J]; adds the gradient [N]."""
         energy, pull, _ = self.forces(x.reshape(-1, 3))
         np.add.at(gradient.reshape(-1, 3), self.vertices, pull)
         return energy
 
     def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
-        """``gradient``; adds the stiffnesses [N/m] too."""
         stiffness = self.forces(x.reshape(-1, 3))[2]
         places = pattern.diagonal[: len(x)].reshape(-1, 3)[self.vertices]
         np.add.at(entries, places, stiffness[:, None])

@@ -87,7 +87,6 @@ class PairContact:
         return begun
 
     def slips(self, positions: Array) -> Slips:
-        """Elastic slips at the end of a step."""
         grip = self._grip
         if grip is None:
             return Slips(np.zeros((0, 5), np.int64), np.zeros((0, 3)))

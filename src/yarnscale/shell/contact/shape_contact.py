@@ -107,7 +107,6 @@ class ShapeContact(PairContact):
         return self.closest(positions) <= 0
 
     def crossings(self, positions: Array) -> list[Crossing]:
-        """Crossings of the cloth with the shape."""
         everything = self.everything(positions)
         close = self.search.close(everything)
         inside = close.distances <= 0

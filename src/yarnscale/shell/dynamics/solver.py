@@ -142,7 +142,6 @@ class ClothSolver(Body[ClothState]):
         return step.residual <= self.options.acceptable
 
     def check_start(self, state: ClothState) -> None:
-        """Raise InputError where surfaces cross."""
         if self.intersects(state):
             raise start_that_crosses(self.crossings(state), self.cloth.mesh.lines)
 

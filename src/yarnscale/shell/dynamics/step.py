@@ -30,7 +30,7 @@ ROUND_OFF = 1e-9
 
 
 class StepObjective(SumOfEnergies):
-    """The energy of a step for ``numerics.newton.minimise``, in the coordinates of the vertices.
+    """The energy of a step [J] for ``numerics.newton.minimise``, in the coordinates of the vertices [m].
 
     Unknowns: the nv vertices of the cloth and, after them, the points of moving obstacles, which have no other
     terms than contact and the attachment that places them. terms: inertia, load, attachments, damping; scale: gradient
@@ -44,16 +44,13 @@ class StepObjective(SumOfEnergies):
         self._contact, self._growth = contact, growth
 
     def value(self, x: Array) -> float:
-        """Energy [J]; inf where the state is not admissible."""
         touching = self._contact.value(x.reshape(-1, 3))
         return touching + super().value(x) if math.isfinite(touching) else math.inf
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy [J] and gradient (3nv,) [N]."""
         return self._with_contact(x, *super().gradient(x))
 
     def quadratic(self, x: Array) -> tuple[float, Array, StepModel]:
-        """Energy, gradient and the second-order model, which is valid until the next call."""
         value, gradient, model = super().quadratic(x)
         positions = x.reshape(-1, 3)
         keys, blocks = self._contact.hessian(positions)
@@ -78,7 +75,6 @@ class PatternGrowth:
 
     @property
     def pattern(self) -> SymmetricPattern:
-        """Pattern of the matrix."""
         return self._blocks.pattern
 
     def admit(self, keys: Integers, room: Callable[[], Integers]) -> Integers:
@@ -125,7 +121,6 @@ class StepModel:
         return self.growth.pattern
 
     def values(self, shift: float) -> Array:
-        """Entries in ``pattern`` [N/m]."""
         values = self.growth.spread(self.summed.values(shift), self.places, self.blocks)
         if shift >= 1.0:
             values[self.pattern.diagonal] *= max(shift, 1.0 + ROUND_OFF)

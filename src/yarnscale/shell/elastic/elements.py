@@ -40,7 +40,6 @@ class ShellElements:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
         return len(self.areas)
 
     def follow(self, positions: Array) -> float:

@@ -228,7 +228,8 @@ class Linearisation:
 
 
 class ShellObjective:
-    """An elastic energy as one of the coordinates of its vertices, for sums of energies.
+    """An elastic energy [J] as one of the coordinates of its vertices, for sums of energies; a model is valid until the
+    next one is made.
 
     guests: points after those of the cloth that have no elastic energy. softness: share of the largest diagonal entry
     that is added to all of them: flat cloth at rest has no stiffness across its plane.
@@ -243,17 +244,14 @@ class ShellObjective:
         self._trial: Linearisation | None = None
 
     def value(self, x: Array) -> float:
-        """Energy [J]."""
         return self._energy.value(x[: self._size].reshape(-1, 3))
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy [J] and gradient [N]."""
         # Its own memory: a model made by ``quadratic`` may still be in use.
         self._trial = self._energy.linearise(x[: self._size].reshape(-1, 3), self._trial, moduli=False)
         return self._trial.value, self._padded(self._trial.gradient)
 
     def quadratic(self, x: Array) -> tuple[float, Array, ShellModel]:
-        """Energy, gradient and second-order model, which is valid until the next call."""
         self._model = self._energy.linearise(x[: self._size].reshape(-1, 3), self._model)
         return self._model.value, self._padded(self._model.gradient), ShellModel(self, self._model)
 
@@ -271,7 +269,6 @@ class ShellModel:
         self._hessian = cache(linear.hessian)
 
     def values(self, shift: float) -> Array:
-        """Entries in ``pattern`` [N/m]."""
         share, values = min(max(shift, 0.0), 1.0), self.entries.copy()
         if share in (0.0, 1.0):
             elastic = self._hessian("positive" if share else "exact")

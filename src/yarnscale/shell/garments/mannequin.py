@@ -72,16 +72,13 @@ class MovingMannequin:
 
     @property
     def moves(self) -> bool:
-        """Whether there is more than one pose."""
         return len(self.poses) > 1
 
     @property
     def triangles(self) -> Integers:
-        """Corners (m, 3)."""
         return self.body.triangles
 
     def points(self, time: float) -> Array:
-        """Vertices at a time, (n, 3) [m]."""
         times = [pose.time for pose in self.poses]
         place = float(np.interp(time, times, np.arange(len(times))))
         before = min(int(place), len(times) - 1)

@@ -158,12 +158,10 @@ class MaterialHistory(ShellMaterial):
 
     @property
     def density(self) -> float:  # type: ignore[override]
-        """Mass per area [kg/m²]."""
         return self.material.density
 
     @property
     def strain_scale(self) -> Array:
-        """That of the material."""
         return self.material.strain_scale
 
     def parameters(self, forms: Array) -> Array:
