@@ -7,7 +7,7 @@ volume's own parameters are x, y [m] and the share of the thickness, because B-s
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -112,10 +112,7 @@ class BoundingVolume:
         finer, along = _insertion(knots, value)
         n1, n2, n3 = self.shape
         maps = (kron(along, np.eye(n2)), kron(np.eye(n1), along))[axis]
-        volume = (
-            BoundingVolume(finer, self.y_knots, self.bottom, self.top),
-            BoundingVolume(self.x_knots, finer, self.bottom, self.top),
-        )[axis]
+        volume = replace(self, **{("x_knots", "y_knots")[axis]: finer})
         return volume, csr_array(kron(maps, np.eye(n3)))
 
 

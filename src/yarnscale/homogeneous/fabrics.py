@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from yarnscale.arrays import Array
+from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.kinematics import ShellStrain, strain_units
 from yarnscale.shell.materials.material import ShellMaterial
@@ -29,6 +30,11 @@ class Response:
     usable: bool = True
     state: Any = None
 
+    @classmethod
+    def of(cls, state: Equilibrium) -> Response:
+        """A relaxed cell."""
+        return cls(state.strain.vector, state.energy_density, state.stress, state.usable, state)
+
 
 class HomogeneousFabric(Protocol):
     """Fabric that answers to a macroscopic strain: a periodic cell of yarns, or a shell material.
@@ -45,11 +51,13 @@ class HomogeneousFabric(Protocol):
 
 
 def moduli_or_nan(fabric: HomogeneousFabric, response: Response) -> Array:
-    """Second derivatives of the energy (6, 6), NaN on the verge of buckling."""
-    try:
-        return fabric.moduli(response)
-    except ArithmeticError:
-        return np.full((6, 6), np.nan)
+    """Second derivatives of the energy (6, 6), NaN where it is no equilibrium or on the verge of buckling."""
+    if response.usable:
+        try:
+            return fabric.moduli(response)
+        except ArithmeticError:
+            pass
+    return np.full((6, 6), np.nan)
 
 
 def fabric_of(subject: PeriodicCell | ShellMaterial) -> HomogeneousFabric:
@@ -74,8 +82,7 @@ class CellFabric:
         if np.abs(strain[3:]).max() * self.cell.pattern.radius > TIGHTEST:
             return Response(strain, np.nan, np.full(6, np.nan), usable=False)
         near = None if start is None else start.state
-        state = self.cell.relax(ShellStrain.from_vector(strain), start=near, nearby=True)
-        return Response(strain, state.energy_density, state.stress, state.usable, state)
+        return Response.of(self.cell.relax(ShellStrain.from_vector(strain), start=near, nearby=True))
 
     def moduli(self, response: Response) -> Array:
         """Moduli (6, 6) with the yarns following, as ``PeriodicCell.moduli``."""

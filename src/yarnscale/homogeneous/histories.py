@@ -66,8 +66,8 @@ def under_loads(loads: Loads, prescribed: Prescribed) -> Callable[[Any, Any], An
     known: list[Array] = []
 
     def of_cell(cell: PeriodicCell, near: Equilibrium) -> Equilibrium | None:
-        fabric, strain = _RareModuli(cell, known), near.strain.vector
-        start = fabric.response(strain, Response(strain, near.energy_density, near.stress, state=near))
+        fabric = _RareModuli(cell, known)
+        start = fabric.response(near.strain.vector, Response.of(near))
         found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start)
         if not found.converged:
             return None

@@ -140,7 +140,8 @@ def homogenize(
         samples, unseen, summary = found.samples, found.unseen, found.summary
         if rubbing is not None:
             largest = limit or largest_load(cell)
-            material = remembering(cell, material, rubbing, limit=largest, folder=folder / FRICTION, **run)
+            paths = friction_paths(cell, material, rubbing, limit=largest, folder=folder / FRICTION, **run)
+            material = with_friction(material, paths, rubbing.coefficient)
     else:
         if friction is not None:
             raise InputError("friction", expected="the form compact with it", found=form)
@@ -155,17 +156,6 @@ def homogenize(
     if errors.states:
         material = replace(material, provenance={**material.provenance, "unseen": errors._asdict()})
     return Homogenization(material, samples, unseen, errors, summary)
-
-
-def remembering(
-    cell: PeriodicCell, material: CompactMaterial, friction: YarnFriction, *, limit: float, folder: Path, **options: Any
-) -> CompactMaterial:
-    """The elastic material with friction fitted to paths of its cell up to loads of ``limit`` [N/m].
-
-    folder: keeps the paths, so that they are not walked again. options: workers, dask, progress, as of ``sample``.
-    """
-    paths = friction_paths(cell, material, friction, limit=limit, folder=folder, **options)
-    return with_friction(material, paths, friction.coefficient)
 
 
 def errors_at(material: ShellMaterial, states: FabricStates) -> StressErrors:

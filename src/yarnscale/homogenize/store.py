@@ -15,7 +15,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import zarr
@@ -137,7 +138,9 @@ class SampleStore:
         """A new store for a grid (five axes) or for scattered states (five columns of equal length)."""
         dims = ("state",) if scattered else STRAINS
         shape = (len(axes["s_x"]),) if scattered else tuple(len(axes[name]) for name in STRAINS)
-        return cls._created(path, axes, dims, shape, _fields(vertices, positions, moduli), vertices, provenance)
+        return cls._created(
+            path, _Layout(dims, shape, _fields(vertices, positions, moduli), vertices, provenance, axes)
+        )
 
     @classmethod
     def create_rays(
@@ -147,20 +150,16 @@ class SampleStore:
         """A new store for rays of loads (plain descriptions), with room for ``iterates`` states on each level."""
         shape = len(rays), max(len(ray["levels"]) for ray in rays), iterates  # type: ignore[arg-type]
         fields = _fields(vertices, positions=False, moduli=True, strains=True)
-        return cls._created(path, {}, RAY_DIMS, shape, fields, vertices, provenance, rays)
+        return cls._created(path, _Layout(RAY_DIMS, shape, fields, vertices, provenance, rays=rays))
 
     @classmethod
-    def _created(
-        cls, path: Path, axes: Mapping[str, Array], dims: tuple[str, ...], shape: tuple[int, ...],
-        fields: Mapping[str, tuple[_Field, tuple[int, ...]]], vertices: int, provenance: Mapping[str, object],
-        rays: Sequence[Mapping[str, object]] = (),
-    ) -> SampleStore:  # fmt: skip
+    def _created(cls, path: Path, layout: _Layout) -> SampleStore:
         with _building(path) as building:
             if path.exists() and (not path.is_dir() or any(path.iterdir())):
                 expected = "a new folder, --overwrite or --resume"
                 raise InputError("output exists", where=path, expected=expected, found="files in it")
             path.parent.mkdir(parents=True, exist_ok=True)
-            _write_empty(building, axes, dims, shape, fields, vertices, provenance, rays)
+            _write_empty(building, layout)
             if path.exists():
                 path.rmdir()
             os.replace(building, path)
@@ -178,7 +177,7 @@ class SampleStore:
         shape = (len(everything), *self.shape[1:])
         vertices, provenance = int(self.attributes["vertices"]), self.attributes["provenance"]
         with _building(self.path) as building:
-            _write_empty(building, {}, self.dims, shape, self._fields, vertices, provenance, everything)
+            _write_empty(building, _Layout(self.dims, shape, self._fields, vertices, provenance, rays=everything))
             for name in self._fields:
                 if (self.path / name / "c").is_dir():
                     _link_tree(self.path / name / "c", building / name / "c")
@@ -298,28 +297,25 @@ def states_of(dims: tuple[str, ...], axes: Mapping[str, Array]) -> Array:
     return np.stack(np.meshgrid(*columns, indexing="ij"), -1).reshape(-1, len(STRAINS))
 
 
-def _write_empty(
-    path: Path,
-    axes: Mapping[str, Array],
-    dims: tuple[str, ...],
-    shape: tuple[int, ...],
-    fields: Mapping[str, tuple[_Field, tuple[int, ...]]],
-    vertices: int,
-    provenance: Mapping[str, object],
-    rays: Sequence[Mapping[str, object]] = (),
-) -> None:
+class _Layout(NamedTuple):
+    """What a new store has: state dimensions and their sizes, fields with their shapes, and attributes."""
+
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    fields: Mapping[str, tuple[_Field, tuple[int, ...]]]
+    vertices: int
+    provenance: Mapping[str, object]
+    axes: Mapping[str, Array] = MappingProxyType({})
+    rays: Sequence[Mapping[str, object]] = ()
+
+
+def _write_empty(path: Path, layout: _Layout) -> None:
+    dims, shape, fields, vertices, provenance, axes, rays = layout
     group = zarr.create_group(str(path), overwrite=False)
-    group.attrs.update(
-        {
-            **_FORMAT,
-            "state_dimensions": list(dims),
-            "vertices": vertices,
-            "provenance": json.loads(json.dumps(provenance)),
-        }
-        | ({"rays": json.loads(json.dumps(rays))} if rays else {})
-    )
-    for name in axes:
-        values = np.asarray(axes[name], dtype=np.float64)
+    attributes = {**_FORMAT, "state_dimensions": list(dims), "vertices": vertices, "provenance": provenance}
+    group.attrs.update(json.loads(json.dumps(attributes | ({"rays": rays} if rays else {}))))
+    for name, column in axes.items():
+        values = np.asarray(column, dtype=np.float64)
         own = dims if dims == ("state",) else (name,)
         array = group.create_array(name, data=values, dimension_names=own)
         array.attrs["units"] = "1/m" if name.startswith("lambda") else "1"

@@ -15,7 +15,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.cell.equilibrium import Equilibrium, Start
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.homogeneous.fabrics import CellFabric, Response
+from yarnscale.homogeneous.fabrics import CellFabric, Response, moduli_or_nan
 from yarnscale.homogeneous.loads import LoadedState, Loads, Prescribed, equilibrium_under
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
@@ -39,16 +39,6 @@ CODE_OF = {name: code for code, name in STATUS_CODES.items()}
 def strain_of(state: Array) -> ShellStrain:
     """Macroscopic state of (s_x, s_a, s_y, λ_x, λ_y)."""
     return ShellStrain(state[0], state[1], state[2], state[3], 0.0, state[4])
-
-
-def moduli_of(cell: PeriodicCell, state: Equilibrium) -> Array:
-    """Moduli of an equilibrium (6, 6); NaN where it is none, or on the verge of buckling."""
-    if state.usable:
-        try:
-            return cell.moduli(state)
-        except ArithmeticError:
-            pass
-    return np.full((6, 6), np.nan)
 
 
 def record(state: Equilibrium) -> dict[str, object]:
@@ -97,7 +87,7 @@ def solve(
 ) -> tuple[dict[str, object], float]:
     """One solve, run by a worker: its record, with moduli if asked, and the worker's peak memory [MB]."""
     equilibrium = cell.relax(strain_of(state), start=start)
-    extra = {"moduli": moduli_of(cell, equilibrium)} if moduli else {}
+    extra = {"moduli": moduli_or_nan(CellFabric(cell), Response.of(equilibrium))} if moduli else {}
     return record(equilibrium) | extra, peak_megabytes()
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from functools import cache
 
 import casadi as ca
 import llvmlite.binding as llvm
@@ -22,7 +23,7 @@ BLOCK = 128
 
 
 class _Machine:
-    """The LLVM target of this machine, created on first use; keeps loaded code alive."""
+    """The LLVM target of this machine; keeps loaded code alive."""
 
     def __init__(self) -> None:
         llvm.initialize_native_target()
@@ -53,7 +54,9 @@ class _Machine:
         return engine.get_function_address("kernel")
 
 
-_machine: _Machine | None = None
+@cache
+def _machine() -> _Machine:
+    return _Machine()
 
 
 @dataclass(frozen=True)
@@ -89,11 +92,7 @@ def compile_kernel(function: ca.Function, name: str, *, shared: Collection[int] 
 
     shared: places of inputs of which all elements read the same numbers.
     """
-    global _machine
-    if _machine is None:
-        _machine = _Machine()
-    machine = _machine
-    text = vector_ir(function, shared)
+    machine, text = _machine(), vector_ir(function, shared)
     key = "\n".join([llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text])
     address = machine.load(object_cache.fetch(key, lambda: machine.object_code(text)))
     sizes = [function.numel_in(k) for k in range(function.n_in())]

@@ -61,6 +61,11 @@ class SpringNetwork(NamedTuple):
     wall_offsets: Array
     wall_stiffnesses: Array
 
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Numbers of steps, springs and walls."""
+        return len(self.step_offsets), len(self.spring_offsets), len(self.wall_offsets)
+
 
 def images_of(mirrored: bool) -> tuple[Array, ...]:
     """Signs (6,) of the strains of a state and, where its energy is the same, of its mirror image."""
@@ -100,7 +105,7 @@ class CompactMaterial(ShellMaterial):
     def __post_init__(self) -> None:
         given = SpringNetwork(*(np.array(array, dtype=np.float64) for array in self.springs))
         object.__setattr__(self, "springs", given)
-        counts = len(given.step_offsets), len(given.spring_offsets), len(given.wall_offsets)
+        counts = given.counts
         for name, array, shape in zip(SpringNetwork._fields, given, shapes_of(*counts), strict=True):
             if array.shape != tuple(shape) or not np.all(np.isfinite(array)):
                 raise InputError(name, expected=f"finite numbers of shape {tuple(shape)}", found=array.shape)
@@ -142,8 +147,7 @@ class CompactMaterial(ShellMaterial):
         return self.constants
 
     def kernels(self) -> MaterialKernels:
-        steps, springs, walls = (len(getattr(self.springs, n)) for n in ("steps", "springs", "walls"))
-        return _kernels(steps, springs, walls, bool(self.mirrored))
+        return _kernels(*self.springs.counts, bool(self.mirrored))
 
     def outside(self, strains: ArrayLike) -> Array:
         """How far states (..., 6) lie outside the sampled ones: 0 within, 1 another ``spacing`` away."""

@@ -64,8 +64,7 @@ class ElementFriction:
             return None
         sliders, mirrored = material.sliders, bool(material.mirrored)
         images = len(images_of(mirrored))
-        steps, springs, walls = (len(getattr(material.springs, n)) for n in ("steps", "springs", "walls"))
-        kernels = _kernels(steps, springs, walls, mirrored, sliders.count)
+        kernels = _kernels(*material.springs.counts, mirrored, sliders.count)
         parameters = np.concatenate([material.constants, sliders.numbers[:, None]])
         return cls(kernels, parameters, 2 * sliders.count * images, images)
 

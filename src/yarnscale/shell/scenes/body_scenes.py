@@ -59,7 +59,8 @@ def sweater(
 
     Measures: see ``measure_sheet``. Raises InputError.
     """
-    return _dressed("sweater", cut, material, spacing, duration, time_step, thickness, friction)
+    mesh = shirt("sweater", cut, spacing).mesh
+    return _scene("sweater", mesh, material, DANCE, duration, time_step, thickness, friction)
 
 
 @checked
@@ -74,7 +75,8 @@ def t_shirt(
     friction: float = 0.3,
 ) -> Scene:
     """A T-shirt on a body that moves; otherwise as ``sweater``."""
-    return _dressed("tshirt", cut, material, spacing, duration, time_step, thickness, friction)
+    mesh = shirt("tshirt", cut, spacing).mesh
+    return _scene("tshirt", mesh, material, DANCE, duration, time_step, thickness, friction)
 
 
 @checked
@@ -99,30 +101,16 @@ def scarf(
         raise InputError("width of the scarf", expected="up to 0.3 m", found=width)
     flat = rectangle(length, width, spacing, grain=-0.5 * math.pi)
     mesh = TriangleMesh(flat.material, flat.triangles, flat.grain, assembled=_round_the_neck(flat.panel))
-    body = MovingMannequin(mannequin(), _WAIT)
-    return _scene("scarf", mesh, material, body, duration, time_step, thickness, friction)
-
-
-def _dressed(
-    name: str, cut: ShirtCut, material: ShellMaterial, spacing: float, duration: float, time_step: float,
-    thickness: float, friction: float,
-) -> Scene:  # fmt: skip
-    mesh = shirt(name, cut, spacing).mesh
-    body = MovingMannequin(mannequin(), DANCE)
-    return _scene(name, mesh, material, body, duration, time_step, thickness, friction)
+    return _scene("scarf", mesh, material, _WAIT, duration, time_step, thickness, friction)
 
 
 def _scene(
-    name: str, mesh: TriangleMesh, material: ShellMaterial, body: MovingMannequin, duration: float,
+    name: str, mesh: TriangleMesh, material: ShellMaterial, poses: tuple[Pose, ...], duration: float,
     time_step: float, thickness: float, friction: float,
 ) -> Scene:  # fmt: skip
-    cloth = Cloth(
-        mesh,
-        material,
-        contact=ContactSettings(thickness=thickness, pressure=PRESSURE, friction=friction),
-        obstacles=(body,),
-        damping=1.0,
-    )
+    contact = ContactSettings(thickness=thickness, pressure=PRESSURE, friction=friction)
+    body = MovingMannequin(mannequin(), poses)
+    cloth = Cloth(mesh, material, contact=contact, obstacles=(body,), damping=1.0)
     schedule = Schedule(duration, time_step, to_rest=False, frame_interval=FRAME)
     options = SolverOptions(tolerance=2e-2)
     return Scene(name, cloth, ClothState.flat(mesh), schedule, options, measure_sheet)
