@@ -12,7 +12,7 @@ import pytest
 from yarnscale.cell import PeriodicCell, rest
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.rest import rest_stress_ratio
-from yarnscale.cli import main, yarns
+from yarnscale.cli import given_pattern, main
 from yarnscale.cli.console import ProgressLine
 from yarnscale.drawing import library
 from yarnscale.files.patterns import read_pattern, structure_of
@@ -39,7 +39,7 @@ def test_a_chart_is_written_at_rest(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_a_large_drawing_has_set_yarns_and_its_own_periods(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(yarns, "LARGE", 30)
+    monkeypatch.setattr(given_pattern, "LARGE", 30)
     energies = []
     for more in ([], ["--as-drawn"]):
         assert main(["relax", "plain", "--json", *more]) == 0
@@ -74,7 +74,7 @@ def test_an_unsettled_pattern_is_status_1(tmp_path: Path, monkeypatch: pytest.Mo
     def stalls(pattern, material, **options):  # type: ignore[no-untyped-def]
         return replace(rest.settled(pattern, material, **options), status=rest.RestStatus.STALLED)
 
-    monkeypatch.setattr(yarns, "settled", stalls)
+    monkeypatch.setattr(given_pattern, "settled", stalls)
     assert main(["pattern", "plain", "--out", str(tmp_path / "fabric.pyp")]) == 1
 
 

@@ -14,9 +14,9 @@ from yarnscale.cell.rest import settled
 from yarnscale.cli.cloth import MAKES, simulate_into
 from yarnscale.cli.console import report
 from yarnscale.cli.detail import curve_set
+from yarnscale.cli.given_pattern import draw_cell
 from yarnscale.cli.materials import PATTERN as REST
 from yarnscale.cli.materials import homogenize_into, results_of_homogenize
-from yarnscale.cli.yarns import draw_cell
 from yarnscale.detail.fluctuations import FluctuationTable
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.drawing import library

@@ -14,9 +14,9 @@ import numpy as np
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
 from yarnscale.cli.console import ProgressLine, print_status, report, writable_file
-from yarnscale.cli.materials import reach_dask, worker_count
+from yarnscale.cli.given_pattern import pattern_of
+from yarnscale.cli.workers import reach_dask, worker_count
 from yarnscale.cli.yarn_choice import YarnChoice, material_names, same_yarns, yarn_for
-from yarnscale.cli.yarns import pattern_of
 from yarnscale.detail.fluctuations import FluctuationTable, ScatteredFluctuations, detail_grid
 from yarnscale.detail.yarns import YarnDetail
 from yarnscale.errors import InputError

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from yarnscale.cli.console import ProgressLine, plain_json, print_notice, report
-from yarnscale.cli.materials import PATTERN, worker_count
+from yarnscale.cli.materials import PATTERN
+from yarnscale.cli.workers import worker_count
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.estimate_run import EVALUATING, EVALUATIONS, EstimateFolder, check_evaluations, fabric_model

@@ -11,9 +11,9 @@ from typing import Any
 from yarnscale.cli import convert
 from yarnscale.cli.console import ProgressLine, outcome_lines, print_status, report
 from yarnscale.cli.fabric_options import IN_SCENE_FILES, ONLY_RODS, SCENES, SHAPING
+from yarnscale.cli.given_pattern import pattern_of, settled_drawing
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
-from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.detail.yarn_sheet import rods_on_mesh
 from yarnscale.errors import InputError, misspelt
 from yarnscale.fabric.direct_motion import FabricMotion

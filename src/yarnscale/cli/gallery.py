@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, report
-from yarnscale.cli.materials import worker_count
+from yarnscale.cli.workers import worker_count
 from yarnscale.drawing import library
 from yarnscale.files.run_folder import RunFolder
 from yarnscale.homogenize.executors import local_workers

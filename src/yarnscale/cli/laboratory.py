@@ -8,9 +8,9 @@ from dataclasses import asdict, replace
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, plain_json, print_notice, print_status, report
+from yarnscale.cli.given_pattern import pattern_of, settled_drawing
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import pattern_of, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material

@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 
 from yarnscale.cli.console import ProgressLine, print_notice, report
-from yarnscale.cli.materials import worker_count
+from yarnscale.cli.workers import worker_count
 from yarnscale.cli.yarn_choice import same_yarns
 from yarnscale.drawing import library as built_in
 from yarnscale.errors import InputError

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 from contextlib import suppress
 from dataclasses import replace
@@ -13,16 +12,16 @@ from typing import Any
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, print_notice, report
+from yarnscale.cli.given_pattern import draw_cell, pattern_of, settled_drawing
 from yarnscale.cli.values import refuse
+from yarnscale.cli.workers import reach_dask, worker_count
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import draw_cell, pattern_of, settled_drawing
 from yarnscale.errors import InputError
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.patterns import is_drawing, read_pattern, read_yarns, write_pattern
 from yarnscale.files.run_folder import RunFolder, writable_folder
 from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.compact_problem import STRESS_FLOOR, stress_errors
-from yarnscale.homogenize.executors import reach_workers
 from yarnscale.homogenize.homogenize import FRICTION, Homogenization
 from yarnscale.homogenize.homogenize import homogenize as run_homogenize
 from yarnscale.homogenize.plan import StrainRange
@@ -38,19 +37,6 @@ from yarnscale.yarn.friction import YarnFriction
 
 PATTERN = "pattern.json"
 """In the folder of a homogenized pattern: what was sampled, a drawing as fabric at rest, with its yarn."""
-
-
-def worker_count(options: argparse.Namespace) -> int:
-    """Processes to use: ``--workers``, else one per core that this process may use."""
-    if options.workers is not None:
-        return options.workers
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def reach_dask(options: argparse.Namespace) -> None:
-    """Wait for the workers of ``--dask``, if it is given; InputError where they cannot be reached."""
-    if options.dask is not None:
-        reach_workers(options.dask, on_notice=print_notice)
 
 
 def evaluate(options: argparse.Namespace) -> int:

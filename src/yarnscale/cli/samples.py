@@ -10,10 +10,11 @@ from typing import Any
 from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import check_size, supercell
 from yarnscale.cli.console import ProgressLine, report, writable_file
-from yarnscale.cli.materials import PATTERN, reach_dask, worker_count
+from yarnscale.cli.given_pattern import at_rest, pattern_of
+from yarnscale.cli.materials import PATTERN
 from yarnscale.cli.values import refuse
+from yarnscale.cli.workers import reach_dask, worker_count
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import at_rest, pattern_of
 from yarnscale.errors import InputError
 from yarnscale.files.grid_toml import read_grid
 from yarnscale.files.patterns import read_pattern, read_yarns, write_pattern

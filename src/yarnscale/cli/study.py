@@ -8,8 +8,8 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cell.supercell import SizeResult, check_size
 from yarnscale.cell.supercell import study as run_study
 from yarnscale.cli.console import report
+from yarnscale.cli.given_pattern import at_rest, pattern_of
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import at_rest, pattern_of
 from yarnscale.kinematics import ShellStrain
 
 

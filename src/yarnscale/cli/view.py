@@ -10,8 +10,8 @@ from pathlib import Path
 
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.cli.console import ProgressLine, print_status, report, writable_file
+from yarnscale.cli.given_pattern import LARGE, at_rest
 from yarnscale.cli.yarn_choice import yarn_for
-from yarnscale.cli.yarns import LARGE, at_rest
 from yarnscale.drawing import library
 from yarnscale.errors import InputError, misspelt
 from yarnscale.files.animation import read_animation
