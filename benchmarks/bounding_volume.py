@@ -1,6 +1,6 @@
-"""Bounding volumes, published and homogenized, against all spline yarns: time, motion, and imposed deformations.
+"""Bounding volumes, published and homogenized, against all spline yarns: time and motion.
 
-python benchmarks/bounding_volume.py [--quick] [--part time|hang|imposed]
+python benchmarks/bounding_volume.py [--quick] [--part time|hang]
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import math
 import time
 
 import numpy as np
-from imposed import imposed
 
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.spline_knit import SplineFabric, jersey
@@ -108,28 +107,11 @@ def show_hang(quick: bool) -> None:
         )
 
 
-def show_imposed() -> None:
-    """Penetration and extension of yarns in imposed deformations (LOD03 Figures 2–8)."""
-    fabric = jersey(15, 30, WOOL)
-    print("deformation     volume    penetration/diameter  largest extension  mean")
-    for kind, amount in (("flexion", 1.5), ("traction", 0.2), ("shear", 0.3), ("torsion", 1.5)):
-        for shape in ((5, 5), (9, 9), (17, 17)):
-            volume = BoundingVolume.around(fabric.control, shape)
-            points = volume.weights(fabric.control.reshape(-1, 3)) @ imposed(volume, kind, amount)  # type: ignore[arg-type]
-            largest, mean = fibre_extension(fabric, points)
-            print(
-                f"{kind:9s} {amount:4.1f}  ({shape[0]},{shape[1]},2)  {penetration(fabric, points):14.3f} "
-                f"{largest:19.3f} {mean:9.3f}"
-            )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--part", choices=("time", "hang", "imposed"))
+    parser.add_argument("--part", choices=("time", "hang"))
     options = parser.parse_args()
-    if options.part in (None, "imposed"):
-        show_imposed()
     if options.part in (None, "hang"):
         show_hang(options.quick)
     if options.part in (None, "time"):

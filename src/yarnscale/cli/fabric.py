@@ -24,6 +24,7 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import PlannedScene, SheetScene, drape, hang, stretch
 from yarnscale.fabric.spline_knit import JERSEYS, SplineFabric, jersey, spline_fabric
 from yarnscale.fabric.spline_motion import YarnMotion, spline_counts
+from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.fabric.spline_scene import SplineScene, reduction_for
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.animation import read_animation
@@ -95,13 +96,22 @@ def _method(options: argparse.Namespace) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _timed(method: dict[str, Any], plan: PlannedScene | None) -> dict[str, Any]:
+    """Arguments of a scene, as its file has them if there is one."""
+    if plan is None:
+        return method
+    allowed = plan.may_give_way or method["may_give_way"]
+    return method | {"schedule": plan.schedule, "damping": plan.damping, "may_give_way": allowed}
+
+
 # --- splines ------------------------------------------------------------------------------------------
 
 
 def _splines(options: argparse.Namespace) -> int:
-    if options.scene != "hang":
-        raise InputError("--scene", expected="hang, or --method direct or volume", found=options.scene)
     refuse(options, ONLY_RODS, "--method direct")
+    plan = _planned(options)
+    if options.scene != "hang":
+        refuse(options, ("explicit",), "--scene hang")
     knitted, yarn = _spline_yarns(options)
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
     method = _method(options)
@@ -110,9 +120,19 @@ def _splines(options: argparse.Namespace) -> int:
         return _counted(options, spline_counts(knitted, volume, reduction))
 
     def scene() -> SplineScene:
-        return SplineScene(knitted, volume=volume, reduction=reduction, adaptive=options.adaptive, **method)
+        sheet, loads, position = SplinePoints(knitted).sheet, None, (0.0, 0.0, 0.0)
+        if plan is not None:
+            laid = plan.laid(sheet)
+            x, y, z = (laid.vertices[0] - sheet.vertices[0]).tolist()
+            loads, position = plan.of(laid), (x, y, z)
+        elif options.scene != "hang":
+            loads = _loads(options, sheet)
+        return SplineScene(
+            knitted, loads, position=position, volume=volume, reduction=reduction, adaptive=options.adaptive,
+            **_timed(method, plan),
+        )  # fmt: skip
 
-    return _simulated(options, YarnMotion, scene, pattern=knitted.control, yarn=yarn)
+    return _simulated(options, YarnMotion, scene, pattern=knitted.control, yarn=yarn, file=plan)
 
 
 def _spline_yarns(options: argparse.Namespace) -> tuple[SplineFabric, YarnMaterial]:
@@ -146,11 +166,9 @@ def _rods(options: argparse.Namespace) -> int:
         return _counted(options, rod_counts(sheet, _volume(options, sheet)))
 
     def scene() -> RodScene:
-        fabric, method = _laid(options, pattern, yarn), _method(options)
+        fabric, method = _laid(options, pattern, yarn), _timed(_method(options), plan)
         if plan is not None:
             fabric = replace(fabric, sheet=plan.laid(fabric.sheet))
-            allowed = plan.may_give_way or options.may_give_way
-            method |= {"schedule": plan.schedule, "damping": plan.damping, "may_give_way": allowed}
         loads = _loads(options, fabric.sheet) if plan is None else plan.of(fabric.sheet)
         friction = USUAL_FRICTION if options.friction is None else options.friction
         return RodScene(fabric, loads, friction=friction, volume=_volume(options, fabric.sheet), **method)

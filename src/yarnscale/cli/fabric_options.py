@@ -11,7 +11,7 @@ from yarnscale.cli.values import not_negative, number, positive, whole
 SCENES = ("hang", "stretch", "drape")
 IN_SCENE_FILES = ("amount", "direction", "ball_friction", "duration", "time_step", "damping")
 """Options that a scene file replaces."""
-ONLY_RODS = ("border", "on", "tube", "as_drawn", "friction", "ball_friction")
+ONLY_RODS = ("border", "on", "tube", "as_drawn", "friction")
 """Options that spline yarns do not have."""
 SHAPING = (
     "rows", "columns", "method", "model", "volume", "reduction", "adaptive", "scene", "unit", "weld", "tube", "border",
@@ -73,8 +73,8 @@ def add_fabric_options(add: Add) -> None:
     option("--adaptive", action="store_true", help=adaptive)
     option(
         "--scene", default="hang", metavar="hang|stretch|drape|FILE.toml",
-        help="hang: held along the last row; not for splines: stretch between two grips, drape over a ball, or a scene "
-        "file with handles and obstacles that may move (yarnscale help scene) (hang)",
+        help="hang: held along the last row; stretch between two grips; drape over a ball; or a scene file with"
+        " handles and obstacles that may move (yarnscale help scene) (hang)",
     )  # fmt: skip
     mesh = "direct only: lay the pattern on a mesh with texture coordinates instead of --rows and --columns"
     option("--on", type=Path, metavar="MESH.obj", help=mesh)

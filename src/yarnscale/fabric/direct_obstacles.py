@@ -12,7 +12,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import not_negative
-from yarnscale.fabric.direct_energy import FabricEnergy
+from yarnscale.fabric.direct_static import YarnPoints
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.surfaces import surface_of
 
@@ -29,7 +29,7 @@ class Pushes:
     too short for such a slip, use ``slowed`` instead.
     """
 
-    energy: FabricEnergy
+    energy: YarnPoints
     obstacle: Obstacle
     stiffness: float = 1.0
     friction: float = 0.0

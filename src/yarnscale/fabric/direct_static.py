@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -16,11 +17,26 @@ from yarnscale.numerics.kkt import ConstrainedSolver
 from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
+from yarnscale.yarn.stiffness import PatternStiffness
 
 _MOST_PIECES = 400
 """Pieces into which a safe path is cut."""
 HOLD = 1000.0
 """Stiffness of what holds a vertex, over that of its yarn in tension."""
+
+
+class YarnPoints(Protocol):
+    """Points of yarns as a function of a state: lengths in ``radius`` [m], forces in ``force_unit`` [N]."""
+
+    @property
+    def radius(self) -> float: ...
+    @property
+    def force_unit(self) -> float: ...
+    @property
+    def count(self) -> int: ...
+    @property
+    def stiffness(self) -> PatternStiffness: ...
+    def positions(self, x: Array) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +59,10 @@ class Holds:
         """Nothing is held."""
         return cls(np.empty(0, np.int64), np.empty((0, 3)))
 
-    def _weight(self, energy: FabricEnergy) -> Array:
+    def _weight(self, energy: YarnPoints) -> Array:
         return HOLD * energy.stiffness.position_scale()[self.nodes, None] * np.array(self.axes, np.float64)
 
-    def springs(self, energy: FabricEnergy) -> Springs:
+    def springs(self, energy: YarnPoints) -> Springs:
         """Stiff springs to the targets."""
         weight, centre = np.zeros((energy.count, 3)), np.zeros((energy.count, 3))
         weight[self.nodes] = self._weight(energy)
@@ -55,7 +71,7 @@ class Holds:
         spin[self.spun], angle[self.spun] = HOLD * energy.stiffness.twist_scale()[self.spun], self.angles
         return Springs(np.concatenate([weight.ravel(), spin]), np.concatenate([centre.ravel(), angle]))
 
-    def forces(self, energy: FabricEnergy, x: Array) -> Array:
+    def forces(self, energy: YarnPoints, x: Array) -> Array:
         """Force with which each held vertex is held (k, 3) [N]."""
         return (
             self._weight(energy) * (self.targets / energy.radius - energy.positions(x)[self.nodes]) * energy.force_unit
@@ -69,7 +85,7 @@ class Holds:
         gradient = energy.positions(energy.gradient(x)[1].sum(axis=0))[self.nodes]
         return gradient * np.array(self.axes, np.float64) * energy.force_unit
 
-    def distances(self, energy: FabricEnergy, x: Array) -> dict[str, float]:
+    def distances(self, energy: YarnPoints, x: Array) -> dict[str, float]:
         """How far each handle's farthest vertex is from its target [m]."""
         away = energy.positions(x)[self.nodes] * energy.radius - self.targets
         away = np.linalg.norm(away * np.array(self.axes, np.float64), axis=1)

@@ -11,7 +11,7 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError, not_negative
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds
+from yarnscale.fabric.direct_static import Holds, YarnPoints
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.handles import Handle
@@ -46,16 +46,19 @@ class SheetScene:
         owner = np.repeat(np.arange(len(self.handles)), [len(handle.vertices) for handle in self.handles])
         return Holds(nodes, places, handles={h.name: owner == k for k, h in enumerate(self.handles)})
 
-    def pushes(self, energy: FabricEnergy) -> tuple[Pushes, ...]:
+    def pushes(self, energy: YarnPoints) -> tuple[Pushes, ...]:
         """The obstacles as contacts of the simulation."""
         return tuple(Pushes(energy, obstacle, friction=self.friction) for obstacle in self.obstacles)
 
-    def force(self, energy: FabricEnergy, x: Array, time: float, *, led: bool = False) -> float:
+    def force(self, energy: YarnPoints, x: Array, time: float, *, led: bool = False) -> float:
         """Mean force that pulls the handles apart [N], else NaN. led: by no springs, in explicit steps."""
         if self.axis is None:
             return math.nan
         holds = self.holds(time)
-        forces = (holds.reactions(energy, x) if led else holds.forces(energy, x))[:, self.axis]
+        if led and isinstance(energy, FabricEnergy):
+            forces = holds.reactions(energy, x)[:, self.axis]
+        else:
+            forces = holds.forces(energy, x)[:, self.axis]
         second = holds.handles[SECOND]
         return 0.5 * float(forces[second].sum() - forces[~second].sum())
 

@@ -93,5 +93,7 @@ def _measured(fabric: SplineFabric, control: Array) -> tuple[Array, Array]:
 
 def kept_values(gap: Array, first: Array, second: Array) -> tuple[Array, Array]:
     """What contacts keep (k, 3) [m], of vectors between both points and tangents there (k, 3); by these (k, 3, 9)."""
+    if not len(gap):
+        return np.empty((0, 3)), np.empty((0, 3, 9))
     values, slopes = run_columns(_kernel(), gap, first, second)
     return values, slopes.reshape(-1, 3, 9)

@@ -8,7 +8,7 @@ row has nothing to be drawn through; its loops are closed by contacts of the yar
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -94,6 +94,12 @@ class SplineFabric:
             "constraints": constraints,
             "unknowns": 3 * points + constraints,
         }
+
+    def unclosed(self) -> SplineFabric:
+        """Without the contacts that close the first row's loops with itself, a chain that cannot be extended."""
+        kept = self.first.yarn != self.second.yarn
+        first, second = (CurvePoints(p.yarn[kept], p.place[kept]) for p in (self.first, self.second))
+        return replace(self, first=first, second=second)
 
     def rows(self, points: CurvePoints, derivative: int = 0) -> tuple[Integers, Array]:
         """Control points (k, 4) that determine points of the yarns, and their weights (k, 4)."""

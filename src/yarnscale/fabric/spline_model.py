@@ -50,7 +50,7 @@ class SplineEnergy:
     def quadratic(self, x: Array) -> tuple[float, Array, ShiftedHessian]:
         gradient, entries = np.zeros(self.size), np.zeros(self.pattern.entries)
         value = self._stencils.hessian(x, gradient, self._slots, _NO_ROTATION, entries)
-        return value, gradient, ShiftedHessian(self.pattern, entries)
+        return value, gradient, evenly_shifted(self.pattern, entries)
 
     def weight(self, acceleration: Array) -> Array:
         """Generalised force of a uniform acceleration (3,) [m/s²] on the control points, (3n,) [N]."""
@@ -70,6 +70,11 @@ class SplineEnergy:
         rows, columns = self.pattern.rows, self.pattern.columns
         of_points = np.asarray(self.mass_matrix()[rows // 3, columns // 3]).ravel()
         return np.where(rows % 3 == columns % 3, of_points, 0.0)
+
+
+def evenly_shifted(pattern: SymmetricPattern, entries: Array) -> ShiftedHessian:
+    """A Hessian shifted by its mean diagonal, whatever springs much stiffer than yarn are added to it."""
+    return ShiftedHessian(pattern, entries, np.full(pattern.size, np.abs(entries[pattern.diagonal]).mean()))
 
 
 def spline_parameters(fabric: SplineFabric, control: Array, segments: Integers) -> Array:

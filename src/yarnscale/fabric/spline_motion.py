@@ -15,9 +15,12 @@ from scipy.sparse import csr_array, vstack
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError, not_negative
+from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.spline_contacts import SplineContacts
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, point_rows
+from yarnscale.fabric.spline_points import PointForces, SplinePoints
+from yarnscale.fabric.spline_touch import SplineTouch, TouchingObjective
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.fabric.volume_cells import VolumeCells, reduced_counts
 from yarnscale.kinematics import GRAVITY
@@ -43,6 +46,9 @@ STANDARD_GRAVITY = (0.0, -GRAVITY, 0.0)
 """Down the wales [m/s²]: fabric hangs by its last row."""
 _STABLE_SHARE = 0.7
 """Explicit steps over the longest stable one."""
+_ENOUGH, _MOST_ITERATIONS = 0.05, 12
+"""Steps with handles or obstacles end where an iteration gains less than this share of m (g Δt)², as those of rods, and
+after so many iterations."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 
 
@@ -57,7 +63,7 @@ class YarnMotion:
     Of a homogenized volume: control points of the mid-surface, then the fluctuations of its cells.
 
     knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2). before: the state one step earlier,
-    where the integrator needs it.
+    where the integrator needs it. passages: rows of ``Passages`` of the yarns in implicit steps up to now.
     """
 
     positions: Array
@@ -65,16 +71,19 @@ class YarnMotion:
     time: float = 0.0
     knots: Array = field(default_factory=lambda: np.empty((0, 2)))
     before: Earlier | None = None
+    passages: Array = field(default_factory=lambda: np.empty((0, 6)))
 
 
 class SplineMotion(Body[YarnMotion]):
     """A fabric of spline yarns in motion, by all control points of its yarns or by those of a volume.
 
-    gravity: [m/s²]; held: points of yarns that stay where they are at rest; damping: rate [1/s] at which free motion
-    decays. Contacts constrain the yarns themselves; in a volume they have no place and need none. reduction: of a
-    volume; a homogenized one is held by its mid-surface and takes implicit steps only. tolerance: of implicit steps,
-    forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of steps; integrator:
-    of implicit ones. energy: of the fabric's yarns, if it is already known.
+    gravity: [m/s²]; held: points of yarns that stay where they are at rest; loads: handles, by stiff springs, and
+    obstacles, both in implicit steps only; position: of the fabric's middle at the start [m]; damping: rate [1/s] at
+    which free motion decays. Contacts constrain the yarns themselves, and where they touch elsewhere they press on each
+    other (``SplineTouch``); in a volume they have no place and need none. reduction: of a volume; a homogenized one is
+    held by its mid-surface and takes implicit steps only. tolerance: of implicit steps, forces left over per weight of
+    the fabric; iterations: of Newton, the most in a step. method: of steps; integrator: of implicit ones. energy: of
+    the fabric's yarns, if it is already known.
     """
 
     def __init__(
@@ -85,6 +94,8 @@ class SplineMotion(Body[YarnMotion]):
         reduction: Reduction = "published",
         gravity: tuple[float, float, float] = STANDARD_GRAVITY,
         held: CurvePoints | None = None,
+        loads: SheetScene | None = None,
+        position: tuple[float, float, float] = (0.0, 0.0, 0.0),
         damping: float = 0.0,
         tolerance: float = 1e-2,
         iterations: int = 50,
@@ -94,6 +105,7 @@ class SplineMotion(Body[YarnMotion]):
     ) -> None:
         if reduction not in get_args(Reduction):
             raise InputError("reduction", expected=" or ".join(get_args(Reduction)), found=reduction)
+        fabric = fabric if loads is None else fabric.unclosed()
         self.fabric, self.volume = fabric, volume
         self.reduction: Reduction = reduction
         self.damping = not_negative("damping", damping, "zero or more [1/s]")
@@ -125,7 +137,19 @@ class SplineMotion(Body[YarnMotion]):
         if volume is not None and cells is None:
             self.map = NodeMap(volume.fast_weights(rest), np.zeros(rest.size))
             control = volume.control_at_rest
-        self.start = YarnMotion(control, np.zeros_like(control))
+        self.position, start = position, control.copy()
+        start[: len(self.load) // 3 if cells is not None else None] += position
+        self.start = YarnMotion(start, np.zeros_like(start))
+        points = SplinePoints(fabric)
+        self.touch, self.loads, self.forces = SplineTouch(points), loads, None
+        if loads is not None:
+            if method == "explicit":
+                raise InputError("steps of splines with handles or obstacles", expected="implicit", found=method)
+            if cells is not None:
+                heights = points.sheet.vertices * [0.0, 0.0, 1.0]
+                flat = (replace(handle, rest=handle.rest - heights[handle.vertices]) for handle in loads.handles)
+                loads, points = replace(loads, handles=tuple(flat)), points.on_surface(cells.rows(points.rows))
+            self.forces = PointForces(points, loads, self.energy.pattern)
         self._constraints: SparseConstraints | LinearConstraints | None = (
             self._contacts_at(rest) if volume is None else self._held_volume(control)
         )
@@ -142,25 +166,38 @@ class SplineMotion(Body[YarnMotion]):
         """The same fabric under the same conditions in another volume."""
         return SplineMotion(
             self.fabric, volume=volume, reduction=self.reduction, gravity=tuple(self.gravity), held=self.held,
-            damping=self.damping, tolerance=self.tolerance, iterations=self.iterations, method=self.method,
-            integrator=self.integrator, energy=self.of_yarns,
+            loads=self.loads, position=self.position, damping=self.damping, tolerance=self.tolerance,
+            iterations=self.iterations, method=self.method, integrator=self.integrator, energy=self.of_yarns,
         )  # fmt: skip
 
     def yarns(self, motion: YarnMotion) -> YarnMotion:
         """Control points of the yarns: the motion itself, or what the volume makes of them."""
         if self.cells is not None:
             return YarnMotion(*self.cells.yarns(motion.positions, motion.velocities), motion.time)
-        return self._expanded(motion)
+        return self.expanded(motion)
 
-    def _expanded(self, motion: YarnMotion) -> YarnMotion:
+    def expanded(self, motion: YarnMotion) -> YarnMotion:
         """The points that the energy is a function of."""
         if self.map is None:
             return motion
         positions = self.map.expand(motion.positions.ravel()).reshape(-1, 3)
         return YarnMotion(positions, np.asarray(self.map.weights @ motion.velocities), motion.time)
 
+    def keeps(self, step: Step[YarnMotion]) -> bool:
+        """Whether a step converged; with handles or obstacles, whether its positions are numbers, as of rods."""
+        return super().keeps(step) if self.loads is None else step.status is not Status.INVALID
+
+    def renewed(self, state: YarnMotion, duration: float) -> YarnMotion:
+        """The same, with contacts listed anew, so that sums are taken in an order that the state alone decides."""
+        self.touch.forget()
+        return state
+
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
-        away = self._held @ self._expanded(state).positions.ravel() - self._held_at
+        """How far the farthest point of what is held is from its place [m]."""
+        x = self.expanded(state).positions.ravel()
+        if self.forces is not None:
+            return self.forces.loads.holds(state.time).distances(self.forces.points, x)
+        away = self._held @ x - self._held_at
         return {"held row": float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))}
 
     def times_mass(self, vector: Array) -> Array:
@@ -168,11 +205,12 @@ class SplineMotion(Body[YarnMotion]):
         return (self._mass @ vector[: len(self.load)].reshape(-1, 3)).ravel()
 
     def energies(self, motion: YarnMotion) -> dict[str, float]:
-        """Elastic, gravity (from the rest state on) and kinetic energy [J]."""
-        points = self._expanded(motion)
-        moved, velocity = (v.ravel()[: len(self.load)] for v in (points.positions - self._rest, points.velocities))
+        """Elastic, gravity (from the start on) and kinetic energy [J]."""
+        points, x = self.expanded(motion), self.expanded(motion).positions.ravel()
+        moved = (x - self.expanded(self.start).positions.ravel())[: len(self.load)]
+        velocity = points.velocities.ravel()[: len(self.load)]
         return {
-            "elastic": self.energy.value(points.positions.ravel()),
+            "elastic": self.energy.value(x) + (self.touch.value(x) if self.volume is None else 0.0),
             "gravity": -float(self.load @ moved),
             "kinetic": 0.5 * float(velocity @ self.times_mass(velocity)),
         }
@@ -188,9 +226,12 @@ class SplineMotion(Body[YarnMotion]):
             raise InputError("steps without inertia", expected="spline yarns in a volume", found="all of them")
         still = replace(state, velocities=np.zeros_like(state.velocities), before=None)
         limit = self.iterations if iterations is None else iterations
+        if self.forces is not None:
+            self.forces.begin(self.expanded(state).positions.ravel(), state.time, until)
         step = self._implicit(state if inertia else still, duration, limit)
-        moved = replace(step.state, time=until)
-        return replace(step, state=moved if inertia else replace(still, positions=moved.positions, time=until))
+        before, after = (self.yarns(motion).positions.ravel() for motion in (state, step.state))
+        moved = replace(step.state, time=until, passages=self.touch.passages(before, after, state.passages))
+        return replace(step, state=moved if inertia else replace(moved, velocities=still.velocities, before=None))
 
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
@@ -230,6 +271,8 @@ class SplineMotion(Body[YarnMotion]):
         solver = self._mass_solver()
         yarns = self.yarns(motion)
         _, gradient = self.energy.gradient(yarns.positions.ravel())
+        if self.volume is None:
+            gradient += self.touch.gradient(yarns.positions.ravel())[1]
         velocity = motion.velocities.ravel()
         force = self._pulled(self.load - gradient)
         gap = None
@@ -247,13 +290,17 @@ class SplineMotion(Body[YarnMotion]):
         # Yarns extrapolated along their velocities would stretch where they turn, in their stiffest direction by far.
         rule = self._rule(motion, duration)
         weight, centre = self._balance(rule)
-        options = NewtonOptions(self.tolerance, max_iterations=iterations, shift=_SHIFT, check_minimum=False)
+        moving = self.loads is not None and rule.rate > 0.0
+        enough = _ENOUGH * float(self.of_yarns.masses.sum()) * (GRAVITY * duration) ** 2 if moving else 0.0
+        most = min(iterations, _MOST_ITERATIONS) if moving else iterations
+        options = NewtonOptions(self.tolerance, enough, most, _SHIFT, check_minimum=False)
         start, objective = motion.positions.ravel(), self._objective(weight, centre)
-        solution = minimise(objective, start, options, linear=self._linear)
+        bound = self.touch.bound if self.volume is None else None
+        solution = minimise(objective, start, options, linear=self._linear, bound=bound)
         positions = solution.x.reshape(-1, 3)
         before = remembered(self.integrator, motion.positions, motion.velocities, duration)
         new = replace(motion, positions=positions, velocities=rule.velocity(positions), before=before)
-        away = self._expanded(new).positions.ravel()[: len(centre)] - centre
+        away = self.expanded(new).positions.ravel()[: len(centre)] - centre
         unrest = float(np.linalg.norm(self._pulled(weight * self.times_mass(away)))) / self.force_scale
         return Step.of(new, solution, duration, unrest)
 
@@ -268,7 +315,10 @@ class SplineMotion(Body[YarnMotion]):
 
     def _objective(self, weight: float, centre: Array) -> Objective:
         inertia = Springs(weight * self.energy.mass_entries, centre, lambda away: weight * self.times_mass(away))
-        objective = SumOfEnergies(self.energy, [Load(self.load), inertia], self.force_scale)
+        terms = [Load(self.load), inertia, *([] if self.forces is None else [self.forces])]
+        objective = SumOfEnergies(self.energy, terms, self.force_scale)
+        if self.volume is None:
+            return TouchingObjective(objective, self.touch)
         return objective if self.map is None else MappedObjective(objective, self.map, pull=self._pull)
 
     def _pulled(self, force: Array) -> Array:

@@ -1,7 +1,8 @@
-"""A finite fabric of spline yarns that hangs by its last row; all control points, or in a bounding volume."""
+"""A finite fabric of spline yarns under loads and grips; all control points, or in a bounding volume."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
@@ -13,9 +14,11 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveVolume
 from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.measures import fibre_extension, penetration
+from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, Reduction, SplineMotion, YarnMotion
 from yarnscale.motion.body import Method
+from yarnscale.motion.obstacles import Obstacle
 
 _POINTS_PER_SEGMENT = 3
 
@@ -28,18 +31,21 @@ def reduction_for(chosen: Reduction | None, method: Method, adaptive: bool) -> R
 @checked
 @dataclass(frozen=True, eq=False)
 class SplineScene(FabricScene[YarnMotion]):
-    """A fabric of spline yarns to simulate, held along its last row.
+    """A fabric of spline yarns to simulate.
 
-    volume: around ``fabric.control``; reduction: its elasticity, "homogenized" or "published" (LOD03), None for
-    homogenized where that is possible: in implicit steps, without adaptive. adaptive: whether the volume inserts and
-    removes knots. gravity: [m/s²]. Other arguments: see ``FabricScene``.
+    loads: gravity, grips and obstacles, such as ``sheet_scenes.drape(SplinePoints(fabric).sheet)``; None: it hangs by
+    one point of every loop of its last row, as in LOD03. position: of its middle at the start [m]. volume: around
+    ``fabric.control``; reduction: its elasticity, "homogenized" or "published" (LOD03), None for homogenized where that
+    is possible: in implicit steps, without adaptive. adaptive: whether the volume inserts and removes knots. Other
+    arguments: see ``FabricScene``.
     """
 
     fabric: SplineFabric
+    loads: SheetScene | None = None
     _: KW_ONLY
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     adaptive: bool = False
     reduction: Reduction | None = None
-    gravity: tuple[float, float, float] = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
         if self.adaptive and self.volume is None:
@@ -49,9 +55,19 @@ class SplineScene(FabricScene[YarnMotion]):
     def _full(self) -> SplineMotion:
         return SplineMotion(
             self.fabric, volume=self.volume, reduction=reduction_for(self.reduction, self.method, self.adaptive),
-            gravity=self.gravity, held=self.fabric.top, damping=self.damping, method=self.method,
-            integrator=self.integrator,
+            gravity=self.gravity, held=self.fabric.top if self.loads is None else None, loads=self.loads,
+            position=self.position, damping=self.damping, method=self.method, integrator=self.integrator,
         )  # fmt: skip
+
+    @property
+    def gravity(self) -> tuple[float, float, float]:
+        """Gravity [m/s²]."""
+        return STANDARD_GRAVITY if self.loads is None else self.loads.gravity
+
+    @property
+    def obstacles(self) -> Sequence[Obstacle]:
+        """Obstacles that the fabric touches."""
+        return () if self.loads is None else self.loads.obstacles
 
     @cached_property
     def body(self) -> SplineMotion | AdaptiveVolume:
@@ -83,7 +99,14 @@ class SplineScene(FabricScene[YarnMotion]):
         return self.body.counts()
 
     def measures(self, state: YarnMotion) -> dict[str, float]:
-        """``penetration`` and ``extension``."""
+        """``penetration``, ``extension``, in implicit steps ``passages``, and ``force`` [N] where grips pull."""
         control = self.body.yarns(state).positions
         extension = fibre_extension(self.fabric, control)[0]
-        return {"penetration": penetration(self.fabric, control), "extension": extension}
+        found: dict[str, float] = {"penetration": penetration(self.fabric, control), "extension": extension}
+        if self.method == "implicit":
+            found["passages"] = self._full.touch.lasting(state.passages)
+        forces = self._full.forces
+        if self.loads is not None and self.loads.axis is not None and forces is not None:
+            x = self._full.expanded(state).positions.ravel()
+            found["force"] = forces.loads.force(forces.points, x, state.time)
+        return found

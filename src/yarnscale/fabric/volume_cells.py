@@ -26,7 +26,7 @@ from yarnscale.cell.midsurface import midsurface_point
 from yarnscale.errors import InputError
 from yarnscale.fabric.spline_contacts import STITCH_SPRING, kept_values
 from yarnscale.fabric.spline_knit import SplineFabric
-from yarnscale.fabric.spline_model import SplineEnergy, spline_parameters
+from yarnscale.fabric.spline_model import SplineEnergy, evenly_shifted, spline_parameters
 from yarnscale.fabric.spline_period import SplinePeriod
 from yarnscale.fabric.spline_yarn import SPLINE_SEGMENT
 from yarnscale.fabric.volume import DEGREE, BoundingVolume
@@ -214,7 +214,7 @@ class VolumeCells:
         whole[:, inner:, inner:] += surface.transpose(0, 2, 1) @ bend @ surface
         lower = whole[:, self._lower[0], self._lower[1]].ravel()
         entries = np.bincount(self._slots, weights=lower, minlength=self.pattern.entries)
-        return value, gradient, ShiftedHessian(self.pattern, entries.astype(np.float64, copy=False))
+        return value, gradient, evenly_shifted(self.pattern, entries.astype(np.float64, copy=False))
 
     def _placed(self, x: Array) -> _Placed:
         first = 3 * self._controls

@@ -1,0 +1,126 @@
+"""Points along spline yarns, close together: what handles, obstacles and other yarns act on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array, tril
+
+from yarnscale.arrays import Array
+from yarnscale.fabric.direct_objective import NodeForce
+from yarnscale.fabric.sheet import YarnSheet
+from yarnscale.fabric.sheet_scene import SheetScene
+from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
+from yarnscale.fabric.spline_model import point_rows
+from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.sums import Springs
+from yarnscale.yarn.stiffness import PatternStiffness
+
+_SPACING = 1.2
+"""Length of yarn between two points [radii]."""
+
+
+class SplinePoints:
+    """Points of a fabric's yarns as a linear function of a body's unknowns; lengths in radii, energies in ``unit`` [J].
+
+    sheet: the points as vertices at rest. rows: (3k, n) from unknowns [m] to points [m]. radius: distance from the
+    points at which obstacles touch [m], which is the unit of length.
+    """
+
+    def __init__(self, fabric: SplineFabric) -> None:
+        length = np.linalg.norm(np.diff(fabric.lines(fabric.control, 8), axis=1), axis=2).sum(axis=1).max()
+        self.per_segment = int(np.ceil(length / fabric.segments_per_yarn / (_SPACING * fabric.radius)))
+        lines = fabric.lines(fabric.control, self.per_segment)
+        self.sheet = YarnSheet.from_lines([*lines], fabric.radius, name="spline yarns")
+        place, yarns = np.arange(lines.shape[1]) / self.per_segment, fabric.yarn_count
+        self.rows = point_rows(fabric, CurvePoints(np.repeat(np.arange(yarns), len(place)), np.tile(place, yarns)))
+        self.stiffness = PatternStiffness.of(self.sheet, fabric.material)
+        self.fabric, self.radius, self.count = fabric, fabric.radius, len(self.sheet.vertices)
+
+    def on_surface(self, rows: csr_array) -> SplinePoints:
+        """The same points, taken as on the mid-surface of a volume, and obstacles half its thickness away."""
+        points = SplinePoints.__new__(SplinePoints)
+        vars(points).update(vars(self))
+        points.rows = rows
+        points.radius = float(np.abs(self.sheet.vertices[:, 2]).max()) + self.radius
+        return points
+
+    @property
+    def unit(self) -> float:
+        """Of energy: E π r³ [J]."""
+        return self.stiffness.unit * (self.radius / self.sheet.radius) ** 3
+
+    @property
+    def force_unit(self) -> float:
+        """Of force [N]."""
+        return self.unit / self.radius
+
+    def positions(self, x: Array) -> Array:
+        """Points (k, 3) at unknowns (n,) [m]."""
+        return (self.rows @ x.ravel()).reshape(-1, 3) / self.radius
+
+
+class _Held:
+    """Springs as a force on every point."""
+
+    def __init__(self, springs: Springs) -> None:
+        self._weight, self._centre = (v[: 3 * len(v) // 4].reshape(-1, 3) for v in (springs.weight, springs.centre))
+
+    def at(self, positions: Array) -> tuple[float, Array, Array]:
+        pull = self._weight * (positions - self._centre)
+        return 0.5 * float((pull * (positions - self._centre)).sum()), pull, self._weight[:, :, None] * np.eye(3)
+
+
+class PointForces:
+    """Handles and obstacles, as a term of a sum of energies with a pattern; ``begin`` says for which step."""
+
+    def __init__(self, points: SplinePoints, loads: SheetScene, pattern: SymmetricPattern) -> None:
+        self.points, self.loads = points, loads
+        columns = np.repeat(np.arange(pattern.size), np.diff(pattern.starts))
+        self._size, self._keys = pattern.size, columns * pattern.size + pattern.rows
+        self._pushes = loads.pushes(points)
+        self._forces: tuple[NodeForce | _Held, ...] = ()
+
+    def begin(self, x: Array, start: float, end: float) -> None:
+        """Begin a step from a time to another [s]."""
+        for push in self._pushes:
+            push.begin(self.points.positions(x), start, end)
+        self._forces = (*self._pushes, _Held(self.loads.holds(end).springs(self.points)))
+
+    def _at(self, x: Array) -> tuple[float, Array, Array]:
+        value, pull, blocks = (sum(parts) for parts in zip(*self._all_at(x), strict=True))
+        return float(value) * self.points.unit, np.asarray(pull) * self.points.force_unit, np.asarray(blocks)
+
+    def _all_at(self, x: Array) -> list[tuple[float, Array, Array]]:
+        positions = self.points.positions(x)
+        return [force.at(positions) for force in self._forces]
+
+    def value(self, x: Array) -> float:
+        """Energy [J]."""
+        return self._at(x)[0]
+
+    def gradient(self, x: Array, gradient: Array) -> float:
+        """Energy [J]; adds the gradient [N]."""
+        value, pull, _ = self._at(x)
+        gradient += self.points.rows.T @ pull.ravel()
+        return value
+
+    def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
+        """Energy [J]; adds gradient [N] and Hessian [N/m]."""
+        value, pull, blocks = self._at(x)
+        gradient += self.points.rows.T @ pull.ravel()
+        pressed = np.flatnonzero(blocks.any(axis=(1, 2)))
+        if len(pressed):
+            rows = csr_array(self.points.rows[(3 * pressed[:, None] + np.arange(3)).ravel()])
+            middle = bsr_array((blocks[pressed], np.arange(len(pressed)), np.arange(len(pressed) + 1)))
+            lower = tril(rows.T @ (middle @ rows)).tocoo()
+            places = np.searchsorted(self._keys, lower.col.astype(np.int64) * self._size + lower.row)
+            np.add.at(entries, places, self.points.force_unit / self.points.radius * lower.data)
+        return value
+
+
+def core_of(points: SplinePoints, share: float) -> PatternStiffness:
+    """Stiffness of yarns of a share of the radius, which touch later."""
+    sheet = points.sheet
+    return PatternStiffness.of(replace(sheet, radius=share * sheet.radius), points.fabric.material)

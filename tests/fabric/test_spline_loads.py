@@ -1,0 +1,108 @@
+"""Spline yarns that touch, and under handles and obstacles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yarnscale.errors import InputError
+from yarnscale.fabric.measures import penetration
+from yarnscale.fabric.sheet_scene import drape, stretch
+from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric, jersey
+from yarnscale.fabric.spline_motion import SplineMotion
+from yarnscale.fabric.spline_points import SplinePoints
+from yarnscale.fabric.spline_scene import SplineScene
+from yarnscale.fabric.spline_touch import SplineTouch
+from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.motion.scene import run_scene
+from yarnscale.motion.schedule import Schedule
+from yarnscale.numerics.regularisation import ShiftedHessian
+from yarnscale.yarn.material import YarnMaterial
+
+WOOL = YarnMaterial.preset("wool")
+
+
+@pytest.fixture(scope="module")
+def knit() -> SplineFabric:
+    return jersey(3, 3, WOOL)
+
+
+def _cross(gap: float) -> SplineFabric:
+    """A straight yarn along x and one along y, so many radii above it."""
+    along, zero = np.linspace(-12e-3, 12e-3, 9), np.zeros(9)
+    none = CurvePoints(np.empty(0, np.int64), np.empty(0))
+    lines = [np.stack([along, zero, zero], 1), np.stack([zero, along, zero + gap * 1e-3], 1)]
+    return SplineFabric(np.array(lines), 1e-3, WOOL, none, none, none)
+
+
+def test_contact_has_its_derivatives_and_none_at_rest(knit: SplineFabric) -> None:
+    touch, rng = SplineTouch(SplinePoints(knit)), np.random.default_rng(0)
+    assert touch.value(knit.control.ravel()) == 0.0
+    x = (knit.control * [1.0, 1.0, 0.6]).ravel() + 1e-5 * rng.standard_normal(knit.control.size)
+    direction, h = rng.standard_normal(x.size), 1e-9
+    value, gradient = touch.gradient(x)
+    assert value > 0.0
+    slope = (touch.value(x + h * direction) - touch.value(x - h * direction)) / (2 * h)
+    assert gradient @ direction == pytest.approx(slope, rel=1e-6)
+    inner = SplineMotion(knit).energy.pattern
+    model = touch.added(ShiftedHessian(inner, np.zeros(inner.entries)), x)
+    change = (touch.gradient(x + h * direction)[1] - touch.gradient(x - h * direction)[1]) / (2 * h)
+    found = model.pattern.multiply(model.entries, direction)
+    np.testing.assert_allclose(found, change, atol=1e-6 * np.abs(change).max())
+
+
+def test_a_yarn_that_falls_on_another_stays_above_it() -> None:
+    """The lower one is held; without contact the upper one would be 20 mm below it."""
+    fabric = _cross(2.5)
+    ends = CurvePoints(np.zeros(7, np.int64), np.arange(7.0))
+    moving = SplineMotion(fabric, held=ends, gravity=(0.0, 0.0, -9.81))
+    state = moving.start
+    for _ in range(16):
+        state = moving.step(state, 1 / 240).state
+    middle = fabric.at(state.positions, CurvePoints(np.array([1]), np.array([3.0])))[0]
+    assert 1.4e-3 < middle[2] < 1.8e-3
+    assert moving.touch.lasting(state.passages) == 0
+
+
+def test_passages_of_a_step_are_counted() -> None:
+    fabric = _cross(2.5)
+    touch, x = SplineTouch(SplinePoints(fabric)), fabric.control
+    below = x.copy()
+    below[1, :, 2] -= 5e-3
+    rows = touch.passages(x.ravel(), below.ravel(), np.empty((0, 6)))
+    assert touch.lasting(rows) == 1
+    assert touch.lasting(touch.passages(below.ravel(), x.ravel(), rows)) == 0
+
+
+def test_splines_drape_over_a_ball(knit: SplineFabric) -> None:
+    loads = drape(SplinePoints(knit).sheet)
+    scene = SplineScene(knit, loads, schedule=Schedule(0.05, 1 / 240, to_rest=False, frame_interval=0.05))
+    result = run_scene(scene)
+    assert result.succeeded and result.measures["passages"] == 0
+    assert 0.0 < result.measures["centre_drop"] < 0.5 * 9.81 * 0.05**2  # type: ignore[operator]
+    (ball,) = loads.obstacles
+    away = np.linalg.norm(scene.points(result.state) - np.array(ball.centre), axis=1) - ball.radius  # type: ignore[attr-defined]
+    assert away.min() > 0.5 * knit.radius
+    assert result.measures["penetration"] < 0.3  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("shape", [None, (6, 6)])
+def test_grips_pull_splines_apart(shape: tuple[int, int] | None) -> None:
+    knit = jersey(3, 5, WOOL)
+    volume = None if shape is None else BoundingVolume.around(knit.control, shape)
+    loads = stretch(SplinePoints(knit).sheet, amount=0.05, duration=0.05)
+    schedule = Schedule(0.05, 1 / 240, to_rest=False, frame_interval=0.05)
+    scene = SplineScene(knit, loads, schedule=schedule, volume=volume, damping=20.0)
+    result = run_scene(scene)
+    assert result.succeeded, result.summary()
+    assert result.measures["force"] > 0.0  # type: ignore[operator]
+    width = np.ptp(scene.points(result.state)[:, 0]) - np.ptp(scene.points(scene.start)[:, 0])
+    grips = loads.holds(1.0).targets[:, 0]
+    assert width == pytest.approx(np.ptp(grips) - np.ptp(scene.points(scene.start)[:, 0]), abs=knit.radius)
+    assert penetration(knit, scene.body.yarns(result.state).positions) < (0.3 if shape is None else 0.6)
+
+
+def test_handles_take_implicit_steps(knit: SplineFabric) -> None:
+    loads = stretch(SplinePoints(knit).sheet)
+    with pytest.raises(InputError, match="implicit"):
+        SplineMotion(knit, loads=loads, method="explicit")
