@@ -27,6 +27,8 @@ LOOPED, CROSSING = 1e-4, 1e-3
 """Stiffness of glue over that of one radius of yarn: of yarns looped through each other, and that cross once."""
 SEWN_WIDTH, SEWN = 6.0, 1.0
 """Width [radii] and stiffness of a sewn border."""
+_REACH = 2.4
+"""Distance of yarns that are glued [radii]."""
 _ONE_CROSSING = 25.0
 """Length of yarn along which it touches one that it crosses, at most [radii]: 1–7 in weaves; in knits 90 and more."""
 
@@ -80,7 +82,6 @@ def glue(
     material: YarnMaterial,
     *,
     width: float | None = None,
-    reach: float = 2.4,
     pull: float = 0.9,
     stiffness: float | None = None,
     distance: Array | None = None,
@@ -88,19 +89,19 @@ def glue(
 ) -> BorderSprings:
     """Springs between the yarns of a border where they touch, shortened through the thickness.
 
-    width: of the border [m], by default ``WIDTH`` radii. reach: distance of yarns that are glued [r]. pull: rest length
+    width: of the border [m], by default ``WIDTH`` radii. pull: rest length
     of a spring over its length through the thickness now. stiffness: of a spring, over that of one radius of yarn, by
     default ``LOOPED`` or ``CROSSING``, whatever its two yarns are. distance: (n,) of vertices from the border [m], by
     default ``border_distance``. normals: (n, 3) of the surface that the sheet lies on, by default along z.
     Raises InputError.
     """
     width = WIDTH * sheet.radius if width is None else width
-    for name, value in (("reach", reach), ("pull", pull), ("stiffness", stiffness), ("width", width)):
+    for name, value in (("pull", pull), ("stiffness", stiffness), ("width", width)):
         if value is not None:
             positive(f"{name} of glue", value)
     inside = (border_distance(sheet) if distance is None else distance) >= width
     neighbours = PatternStiffness.of(sheet, material).neighbours(sheet.strands)
-    first, second = close_pairs(sheet.strands, sheet.vertices / sheet.radius, reach, neighbours=neighbours)
+    first, second = close_pairs(sheet.strands, sheet.vertices / sheet.radius, _REACH, neighbours=neighbours)
     ends = sheet.following
     strengths = np.where(looped(sheet, first, second), LOOPED, CROSSING)
     if stiffness is not None:

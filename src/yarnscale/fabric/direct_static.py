@@ -14,7 +14,7 @@ from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.kkt import ConstrainedSolver
-from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
+from yarnscale.numerics.newton import NewtonOptions, Status, minimise
 from yarnscale.numerics.sums import Springs
 from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.stiffness import PatternStiffness
@@ -132,12 +132,10 @@ def rod_equilibrium(
     objective = FabricObjective(
         energy, [holds.springs(energy)], load, obstacles, force_floor=1e-6 + float(np.linalg.norm(load))
     )
-    solver = ConstrainedSolver() if linear is None else linear
     energy.anchor(start)
-
-    solution: Solution = minimise(
+    solution = minimise(
         objective, start, NewtonOptions(tolerance, max_iterations=max_iterations, check_minimum=False),
-        bound=energy.bound, after_step=energy.anchor, linear=solver,
+        bound=energy.bound, after_step=energy.anchor, linear=linear,
     )  # fmt: skip
     return Rest(solution.x, solution.status, solution.residual, solution.iterations, time.perf_counter() - began)
 

@@ -168,14 +168,14 @@ class YarnSheet:
         )  # fmt: skip
 
     @classmethod
-    def filling(cls, pattern: YarnPattern, width: float, height: float, *, tube: bool = False) -> YarnSheet:
+    def filling(cls, pattern: YarnPattern, width: float, height: float) -> YarnSheet:
         """The sheet of whole periods nearest to width × height [m]; InputError for sizes below a period."""
         counts = []
         for name, size, period in zip(("width", "height"), (width, height), pattern.period, strict=True):
             if not (math.isfinite(size) and size >= period):
                 raise InputError(f"{name} of a sheet", expected=f"at least one period of {period:g} m", found=size)
             counts.append(round(min(size / float(period), 1e7)))
-        return cls.of(pattern, counts[0], counts[1], tube=tube)
+        return cls.of(pattern, counts[0], counts[1])
 
     @classmethod
     def from_lines(

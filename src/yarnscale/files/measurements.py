@@ -40,7 +40,7 @@ def read_measurements(
 ) -> SwatchMeasurements:  # fmt: skip
     """Measurements of one fabric: a TOML file that names tables, or a table of stretch readings alone.
 
-    sample: beginning of the fabric's name where a table has several. single_run: make no remark on directions
+    sample: beginning of the fabric's name where a table has several. single_run: no notice of directions
     measured once. settings: what logs of testing machines leave out, where the file does not say it.
     Raises InputError with file, row and column.
     """

@@ -42,8 +42,8 @@ def run(
     """Simulate a scene: a ``Scene`` of cloth, or a finite fabric as ``RodScene`` or ``SplineScene``.
 
     folder: for frames (of cloth in ``frames``) and a checkpoint; those of an earlier run are replaced. resume: continue
-    from the checkpoint in the folder instead. settings: all that shapes the run, by name, for which a checkpoint is
-    refused if they differ; by default those of the scene. Callbacks: as of ``simulate``. Raises InputError.
+    from the checkpoint in the folder instead. settings: everything that the run depends on, by name: a checkpoint
+    of others is refused; by default those of the scene. Callbacks: as of ``simulate``. Raises InputError.
     """
     settings = scene.settings if settings is None else settings
     place = None if folder is None else checkpoint(Path(folder), type(scene.start), settings)

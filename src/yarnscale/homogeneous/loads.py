@@ -186,14 +186,13 @@ def equilibrium_under(
     return method.run(start, max_iterations)
 
 
-def path_under(
-    fabric: HomogeneousFabric, loads: Iterable[Loads], *, start: LoadedState | None = None, **options: Any
-) -> Sequence[LoadedState]:
+def path_under(fabric: HomogeneousFabric, loads: Iterable[Loads], **options: Any) -> Sequence[LoadedState]:
     """Equilibria under one load after the other, each from the one before; options as ``equilibrium_under``.
 
     The first step under a new load is the prediction by the moduli. No state starts from one that is no equilibrium.
     """
     found: list[LoadedState] = []
+    start: LoadedState | None = None
     for load in loads:
         state = equilibrium_under(fabric, load, start=start, **options)
         found.append(state)

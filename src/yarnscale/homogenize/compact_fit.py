@@ -30,6 +30,9 @@ from yarnscale.shell.materials.compact import MIRROR, CompactMaterial, SpringNet
 
 __all__ = ["CompactOptions", "StressErrors", "fit_compact_material"]
 
+_COVERING = 200
+"""States, at most, that stand for all samples."""
+
 
 @on_one_thread
 def fit_compact_material(
@@ -103,14 +106,14 @@ def _is_symmetric(data: Samples) -> bool:
     return bool(np.median(left / (np.linalg.norm(stresses, axis=1) + STRESS_FLOOR)) < 0.05)
 
 
-def _representative(x: Array, mirrored: bool, *, count: int = 200) -> tuple[Array, float]:
+def _representative(x: Array, mirrored: bool) -> tuple[Array, float]:
     """States that cover all samples, and how far from the nearest one a state may lie.
 
     Each next one is the sample farthest from those before.
     """
     images = [x, x * MIRROR] if mirrored else [x]
     chosen, distance = [0], np.full(len(x), np.inf)
-    while len(chosen) < min(count, len(x)):
+    while len(chosen) < min(_COVERING, len(x)):
         for image in images:
             distance = np.minimum(distance, np.linalg.norm(x - image[chosen[-1]], axis=1))
         chosen.append(int(np.argmax(distance)))

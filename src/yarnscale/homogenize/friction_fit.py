@@ -59,9 +59,7 @@ class _Trace:
     works: Array
 
 
-def with_friction(
-    material: CompactMaterial, paths: Sequence[FrictionPath], friction: float, seed: int = 0
-) -> CompactMaterial:
+def with_friction(material: CompactMaterial, paths: Sequence[FrictionPath], friction: float) -> CompactMaterial:
     """The elastic material with sliders fitted to paths of its cell; friction: of the yarns, for the record.
 
     Raises InputError where the cell could follow hardly any path.
@@ -73,7 +71,7 @@ def with_friction(
         raise InputError(
             "paths with friction", expected=f"at least {FEWEST} states that the cell reaches", found=states
         )
-    problem, rng = _Problem(traces), np.random.default_rng(seed)
+    problem, rng = _Problem(traces), np.random.default_rng(0)
     width = traces[0].features.shape[2]
     best = min((problem.search(_start(rng, width), FIRST) for _ in range(STARTS)), key=problem.error)
     best = problem.search(best, LAST)
@@ -84,9 +82,7 @@ def with_friction(
         "errors": {p.name: _Problem([t]).error(best) for p, t in zip(walked, traces, strict=True)},
         "unfinished": [path.name for path in paths if not path.complete],
     }
-    return replace(
-        material, sliders=sliders_of(best), provenance={**material.provenance, "friction": record}
-    )  # fmt: skip
+    return replace(material, sliders=sliders_of(best), provenance={**material.provenance, "friction": record})
 
 
 def _trace(material: CompactMaterial, path: FrictionPath) -> _Trace:

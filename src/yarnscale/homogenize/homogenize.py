@@ -188,9 +188,9 @@ def _strain_stores(
     return stores, summaries[0].joined(summaries[1])
 
 
-def published_form(material: ShellMaterial, box: Array, *, states: int = 800) -> SplineMaterial:
+def published_form(material: ShellMaterial, box: Array) -> SplineMaterial:
     """The published splines (HYLC20 §6) of another material, from its values on axes and planes of a box (5, 2)."""
-    places = axes_and_planes(box, states)
+    places = axes_and_planes(box, 800)
     six = strains_of(places)
     return fit_spline_material(
         places, material.energy_density(six), material.stress(six)[:, IN_STRESS], density=material.density

@@ -50,7 +50,7 @@ _POINTS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Programme:
-    """Which tests: ``directions`` [degrees from the course] and ``loads`` [N/m] of the tension tests.
+    """Tests to be run; ``directions`` [degrees from the course] and ``loads`` [N/m] are of the tension tests.
 
     curvature: "flat" or "free" under tension, see ``tension``. curvatures: [1/m] of bending and twist; None:
     ``default_curvatures`` of the fabric. cycles: of tension, shear under tension and bending, instead of all other
@@ -209,8 +209,8 @@ def run_tests(
 ) -> FabricTests:
     """Run a programme on a cell of yarns, on a shell material or on another cloth, by the same tests.
 
-    name: of the subject, for tables; ``progress`` gets the tests done and in all. A point without equilibrium says so
-    in its ``status`` and has NaN for numbers.
+    name: of the subject, for tables; ``progress`` gets the tests done and in all. A point without equilibrium has
+    another ``status`` than "converged", and NaN for numbers.
     """
     kind: Kind = "shell"
     if isinstance(subject, PeriodicCell):

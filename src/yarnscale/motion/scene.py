@@ -30,7 +30,7 @@ class SimulatedScene(ABC, Generic[State, Result]):
     @property
     @abstractmethod
     def settings(self) -> dict[str, object]:
-        """All that shapes a run, by name."""
+        """Everything that a run depends on, by name."""
 
     @property
     @abstractmethod

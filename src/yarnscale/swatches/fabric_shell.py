@@ -29,7 +29,7 @@ class FabricShell:
         return self.membrane.material if self.bending is None else self.bending.material
 
     def uniform_data(self, *, follow: Literal["shell", "measured"] = "shell") -> UniformData:
-        """What a yarn model is to reproduce.
+        """The curves that a yarn model is fitted to.
 
         follow: stress of the shell itself (EST22 eq. 3), or the measured curves, from which the shell only takes out
         the effect of the clamps.

@@ -67,7 +67,7 @@ class FabricEstimate:
 
     @cached_property
     def cell(self) -> PeriodicCell:
-        """The fabric at rest with the estimated yarn, as heavy as it was measured."""
+        """The fabric at rest with the estimated yarn, whose density follows from the measured mass."""
         measured = self.measurements
         return weighed(
             sized(self.fit.evaluation.rested.cell, self.scale),
@@ -99,7 +99,7 @@ class FabricEstimate:
 
     @property
     def scale(self) -> float:
-        """Size of the fabric over that of the fit: where the stitch density is known, it decides in the end."""
+        """Size of the fabric over that of the fit, by the stitch density where that is known."""
         model, period = self.fit.model, self.fit.evaluation.rested.cell.pattern.period
         if model.stitch_area is None or model.stitches is None:
             return 1.0
@@ -205,7 +205,7 @@ class FabricEstimate:
 
     @property
     def clamp_difference(self) -> float:
-        """Largest difference of the stress without clamps between what they were taken from and the cloth, relative.
+        """Largest relative difference of the stress without clamps, as the shell and as the cloth of the yarn has them.
 
         Zero without cloth.
         """
