@@ -10,7 +10,6 @@ import pytest
 
 from yarnscale.cell import Equilibrium, PeriodicCell
 from yarnscale.cell.friction import CellHistory
-from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.supercell import supercell, tiled
 from yarnscale.drawing import library
 from yarnscale.drawing.curves import PeriodicCurve, pattern_from_curves
@@ -19,6 +18,7 @@ from yarnscale.homogeneous.histories import path_with_friction
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn.friction import YarnFriction
+from yarnscale.yarn.friction_pairs import FrictionPairs
 from yarnscale.yarn.material import ContactRule, YarnMaterial
 
 FRICTION = 0.3

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings, rigid_motion
+from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_obstacles import Pushes
 from yarnscale.fabric.direct_static import HOLD, Holds, gravity_load, rod_equilibrium, safe_path
+from yarnscale.fabric.patches import Patches
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.integrator import Integrator
 from yarnscale.motion.obstacles import Plane
 from yarnscale.numerics.newton import Status
 from yarnscale.yarn.frames import unit_edges
-from yarnscale.yarn.friction import FRICTION, YarnFriction
 from yarnscale.yarn.material import YarnMaterial
 
 SOLID = YarnMaterial(5e5, 2e5, 1.0, 60.0, 120.0)
@@ -180,13 +180,12 @@ def test_explicit_steps_keep_momentum_and_energy_and_damping_only_what_is_not_ri
     scale = np.abs(before).max()
     np.testing.assert_allclose(momenta(motion)[:3], before[:3], atol=1e-10 * scale)
     np.testing.assert_allclose(momenta(motion)[3:], before[3:], atol=1e-2 * scale)
-    patch = np.zeros(count, np.int64)
+    whole = Patches.squares(dynamics.energy.sheet, 1e6)
     moves = dynamics.energy.positions(motion.velocity).copy()
-    rigid = rigid_motion(dynamics.energy.positions(motion.x), moves, dynamics.mass[: 3 * count : 3], patch)
-    again = rigid_motion(dynamics.energy.positions(motion.x), rigid, dynamics.mass[: 3 * count : 3], patch)
+    rigid = whole.rigid(dynamics.energy.positions(motion.x), moves, dynamics.mass[: 3 * count : 3])
+    again = whole.rigid(dynamics.energy.positions(motion.x), rigid, dynamics.mass[: 3 * count : 3])
     np.testing.assert_allclose(again, rigid, atol=1e-9 * np.abs(rigid).max())
-    whole = np.concatenate([rigid.ravel(), motion.velocity[3 * count :]])
-    kept = FabricMotion(motion.x, whole)
+    kept = FabricMotion(motion.x, np.concatenate([rigid.ravel(), motion.velocity[3 * count :]]))
     np.testing.assert_allclose(momenta(kept), momenta(motion), atol=1e-10 * scale)
 
 
@@ -272,54 +271,6 @@ def test_steps_stop_yarns_that_fly_at_each_other(crossing: Crossing) -> None:
     assert energy.passage_count == 0
     middle = energy.positions(motion.x)
     assert middle[31, 2] > middle[10, 2]
-
-
-def test_friction_resists_sliding_with_the_share_of_the_pressure(crossing: Crossing) -> None:
-    energy = crossing(1.6)
-    start = energy.start()
-    pressed = energy.contacts(start).stencils
-    push = pressed.elements(start)[1].reshape(-1, 4, 3)[:, :2].sum(axis=1)
-    pressure = np.linalg.norm(push, axis=1).sum()
-    stencils = YarnFriction(0.3, slip=0.01).stencils(energy.positions(start), pressed, start)
-    assert stencils.count > 0 and stencils.energy is FRICTION
-    slid = start.copy()
-    energy.positions(slid)[21:, 0] += 0.5
-    drag = np.zeros(len(start))
-    stencils.gradient(slid, drag)
-    held = drag[: 3 * energy.count].reshape(-1, 3)[21:, 0].sum()
-    # Some of the pressures lean along the way: their sum is an upper bound, their resultant a lower one.
-    assert 0.3 * np.linalg.norm(push.sum(axis=0)) <= held <= 0.3 * pressure
-    assert pressure < 1.1 * np.linalg.norm(push.sum(axis=0))
-    assert np.abs(drag.reshape(-1)[: 3 * energy.count].reshape(-1, 3).sum(axis=0)).max() < 1e-12 * held
-
-
-def test_a_yarn_pulled_over_another_has_the_tensions_of_a_capstan() -> None:
-    """Half around a held yarn: the tensions of both ends differ by exp(μ π)."""
-    friction, radius, leg = 0.3, 1e-3, 8
-    yarn = YarnMaterial(5e5, 2e5, 1e-3, 60.0, 120.0)
-    turn, down = np.linspace(0.5 * math.pi, -0.5 * math.pi, 21), 0.3 * np.arange(leg, 0, -1)
-    x = 1.95 * np.concatenate([np.full(leg, -1.0), -np.sin(turn), np.full(leg, 1.0)])
-    z = np.concatenate([-down, 1.95 * np.cos(turn), -down[::-1]])
-    over = radius * np.column_stack([x, np.zeros(len(x)), z])
-    post = radius * np.column_stack([np.zeros(21), np.linspace(-4.0, 4.0, 21), np.zeros(21)])
-    sheet = YarnSheet.from_lines([post, over], radius)
-    nodes, ends = np.concatenate([np.arange(21), [21, 20 + len(over)]]), np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.6]])
-
-    def holds(time: float) -> Holds:
-        targets = sheet.vertices[nodes].copy()
-        targets[-2:] += time * radius * ends
-        return Holds(nodes, targets)
-
-    energy = FabricEnergy(sheet, yarn)
-    settings = MotionSettings(
-        (0.0, 0.0, 0.0), friction=YarnFriction(friction), damping=50.0, iterations=100, enough=1e-6
-    )
-    dynamics, motion = FabricDynamics(energy, settings, holds), energy.start()
-    motion = FabricMotion(motion, 0.0 * motion)
-    for _ in range(10):  # every step slides by more than the slip within which yarns stick
-        motion = dynamics.step(motion, 0.1).state
-    followed, pulled = np.abs(holds(motion.time).forces(energy, motion.x)[-2:, 2])
-    assert pulled / followed == pytest.approx(math.exp(friction * math.pi), rel=0.05)
 
 
 def test_a_yarn_that_falls_on_the_floor_stays_on_it() -> None:

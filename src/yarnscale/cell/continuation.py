@@ -12,12 +12,12 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium, EquilibriumOptions, Start
-from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.passages import has_passages, jump_is_safe, linked_differently, safe_move
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.linear_solver import linear_solver
 from yarnscale.numerics.newton import NewtonOptions, Solution, Status, minimise
 from yarnscale.numerics.regularisation import ShiftRule
+from yarnscale.yarn.friction_pairs import FrictionPairs
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials
 

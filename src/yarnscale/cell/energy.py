@@ -15,7 +15,6 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.cell.constraints import constraint_chains, constraint_rows, independent
-from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.midsurface import Midsurface
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.kinematics import ShellStrain
@@ -27,6 +26,7 @@ from yarnscale.numerics.regularisation import ShiftedHessian
 from yarnscale.yarn.contact import contact_reach
 from yarnscale.yarn.energy import PATTERN_MARGIN, RodEnergy
 from yarnscale.yarn.frames import unit, upright
+from yarnscale.yarn.friction_pairs import FrictionPairs
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.rod import ANCHORS, carried_frames
 from yarnscale.yarn.stiffness import Materials, PatternStiffness

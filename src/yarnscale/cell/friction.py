@@ -15,10 +15,10 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium
-from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.yarn.friction import Rubbing, YarnFriction
+from yarnscale.yarn.friction import YarnFriction
+from yarnscale.yarn.friction_pairs import FrictionPairs
 
 Solve = Callable[[PeriodicCell, Equilibrium], Equilibrium | None]
 
@@ -58,9 +58,8 @@ class CellHistory:
         if state is None or not state.usable:
             return None
         energy, positions = self._places(state)
-        springs, slid = pairs.springs(energy.strands, positions, energy.frames)
-        new, unit = replace(pairs, spring=springs), energy.unit / self.cell.pattern.area
-        lost = slid + self.friction_pairs.stored - pairs.stored
+        new, lost = pairs.after(energy.strands, positions, energy.frames, self.friction_pairs)
+        unit = energy.unit / self.cell.pattern.area
         stored = sum(state.energy_parts.values()) + new.stored * unit
         return replace(self, state=state, friction_pairs=new, stored=stored, dissipated=lost * unit)
 
@@ -73,11 +72,6 @@ class CellHistory:
     def _pairs(self) -> FrictionPairs:
         """What resists slip since this state."""
         energy, positions = self._places(self.state)
-        full = np.concatenate([positions.ravel(), self.state.twist])
-        pairs = Rubbing.of(energy.rods.contacts(full).stencils, full)
-        first, second = pairs.nodes[:, 0], pairs.nodes[:, 2]
-        keys = np.column_stack([first, second % energy.count, energy.strands.tiles[second // energy.count]])
-        normal = np.einsum("kji,kj->ki", energy.frames[first], pairs.normal)
-        limit, slack = self.friction.coefficient * pairs.pressure, np.zeros_like(normal)
-        fresh = FrictionPairs(keys, pairs.place, slack, normal, limit, pairs.stiffness, slack)
-        return fresh.since(energy.strands, positions, energy.frames, self.friction_pairs)
+        contacts = energy.rods.contacts(np.concatenate([positions.ravel(), self.state.twist])).stencils
+        parts = energy.strands, positions, energy.frames, contacts
+        return FrictionPairs.since(*parts, self.friction, self.friction_pairs)

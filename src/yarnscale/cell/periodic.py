@@ -12,12 +12,12 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.cell.continuation import Continuation
 from yarnscale.cell.energy import CellEnergy
 from yarnscale.cell.equilibrium import Equilibrium, EquilibriumOptions, Start
-from yarnscale.cell.friction_pairs import FrictionPairs
 from yarnscale.cell.poisson import cell_midsurface
 from yarnscale.cell.sensitivity import Sensitivities, response, sensitivities
 from yarnscale.checked import checked
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.threads import on_one_thread
+from yarnscale.yarn.friction_pairs import FrictionPairs
 from yarnscale.yarn.material import YarnMaterial
 from yarnscale.yarn.pattern import YarnPattern
 from yarnscale.yarn.stiffness import Materials, PatternStiffness, materials_of

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.fabric.boundary import BorderSprings
+from yarnscale.fabric.patches import Patches
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.yarn.contact_list import PlacedPairs
 from yarnscale.yarn.energy import NOT_TURNED, RodEnergy
 from yarnscale.yarn.frames import carried, reference_twist, unit_edges
-from yarnscale.yarn.friction import YarnFriction, no_friction
 from yarnscale.yarn.passages import Passages
 from yarnscale.yarn.rod import STRETCH
 from yarnscale.yarn.stiffness import Materials, PatternStiffness
@@ -32,6 +33,8 @@ EDGE_LIMIT = 0.5
 """Largest change of an edge in one Newton step, over the mean length of edges."""
 TWIST_LIMIT = 1.0
 """Largest change of a twist in one Newton step [rad]."""
+STITCH = 8.0
+"""About the size of a stitch [r]."""
 
 
 def _tied_pair(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
@@ -75,8 +78,8 @@ class FabricEnergy(RodEnergy):
             ]
         )
         self.glue = StencilSet(STRETCH, position_variables(self.springs.pairs[:, [0, 1, 1, 0]]), ties, 4)
-        self._friction = no_friction()
-        self.set_others(self.glue, self._friction)
+        self._rubs = False
+        self.set_others(self.glue)
         self._ties: tuple[PlacedPairs, Array] | None = None
         self.passages: Passages | None = None
         self._places = sheet.vertices / self.radius
@@ -143,12 +146,18 @@ class FabricEnergy(RodEnergy):
             self._ties = pairs, entries
         return self._ties[1]
 
-    def rub(self, x: Array, friction: YarnFriction | None) -> None:
-        """Begin a step of friction at a state: what presses there resists to slip from there on. None: no friction."""
-        before, contacts = self._friction, self.contacts(x).stencils
-        self._friction = no_friction() if friction is None else friction.stencils(self.positions(x), contacts, x)
-        if before.count or self._friction.count:
-            self.set_others(self.glue, self._friction)
+    def rub(self, friction: StencilSet | None) -> None:
+        """Set what resists slip from a state on (``FabricHistory``); None: no friction."""
+        if friction is not None:
+            self.set_others(self.glue, friction)
+        elif self._rubs:
+            self.set_others(self.glue)
+        self._rubs = friction is not None
+
+    @cached_property
+    def surroundings(self) -> Patches:
+        """Pieces of fabric with which contacts turn: squares of about a stitch, and the eight around each."""
+        return Patches.squares(self.sheet, STITCH, adjacent=True)
 
     def bound(self, x: Array, step: Array) -> float:
         """Fraction of a step that moves no vertex, edge, twist or pair too far."""

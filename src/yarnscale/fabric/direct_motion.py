@@ -12,11 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yarnscale.arrays import Array, Flags, Integers
+from yarnscale.arrays import Array, Flags
 from yarnscale.errors import not_negative
-from yarnscale.fabric.direct_energy import EdgeFrames, FabricEnergy
+from yarnscale.fabric.direct_energy import STITCH, EdgeFrames, FabricEnergy
+from yarnscale.fabric.direct_friction import FabricHistory, FrictionStep
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
+from yarnscale.fabric.patches import Patches
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
@@ -35,7 +37,7 @@ from yarnscale.numerics.threads import on_one_thread
 from yarnscale.yarn.friction import YarnFriction
 
 _PATCH = 5.0
-"""Side of the patches whose motion is taken for rigid, in stitches of about eight radii."""
+"""Side of the patches whose motion is taken for rigid, in stitches."""
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-5, 1e-2
 """A step starts with the regularisation of the one before, within these bounds."""
 _SHIFT = ShiftRule(start=_LEAST_SHIFT, growth=10.0, lowest=1e-9, lowest_is_zero=True, least=1e-6)
@@ -48,8 +50,8 @@ class FabricMotion:
     """State x and velocity, both (4n,) [r, rad; per s], at a time [s].
 
     shift: regularisation that the last implicit step ended with; the next begins with it. frames: of the edges (None:
-    those of the energy). passages: rows of ``Passages`` up to now. before: the state one
-    step earlier, where the integrator needs it.
+    those of the energy). passages: rows of ``Passages`` up to now. before: the state one step earlier, where the
+    integrator needs it. friction: what contacts remember (None: nothing yet, and in explicit steps).
     """
 
     x: Array
@@ -59,6 +61,7 @@ class FabricMotion:
     frames: EdgeFrames | None = None
     passages: Array = field(default_factory=lambda: np.empty((0, 6)))
     before: Earlier | None = None
+    friction: FabricHistory | None = None
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ class FabricDynamics(Body[FabricMotion]):
         # Tolerances are counted in the weight on earth, whatever the gravity of the scene.
         self.force_scale = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, GRAVITY]))))
         self._linear = ConstrainedSolver()
-        self._patches = _patches(energy)
+        self._patches = Patches.squares(energy.sheet, _PATCH * STITCH)
 
     def start(self) -> FabricMotion:
         """At rest in the sheet's own shape."""
@@ -127,7 +130,7 @@ class FabricDynamics(Body[FabricMotion]):
         if self.method == "explicit":
             return self._explicit(state, duration)
         energy, settings = self.energy, self.settings
-        self._begin(state, settings.friction, until)
+        rubbing = self._begin(state, until, state.velocity * duration if inertia else None, rubs=True)
         rule = step_rule(settings.integrator, state.x, state.velocity, state.before, duration, inertia=inertia)
         weight, ahead = rule.inertia()
         mass = Springs(weight * self.mass, ahead)
@@ -144,7 +147,9 @@ class FabricDynamics(Body[FabricMotion]):
         velocity = self._damped(x, rule.velocity(x), duration) if inertia else np.zeros_like(x)
         before = remembered(settings.integrator, state.x, state.velocity, duration) if inertia else None
         unrest = float(np.linalg.norm(mass.weight * (x - ahead))) / self.force_scale
-        return Step.of(self._moved(state, x, velocity, until, shift, before), solution, duration, unrest)
+        history = None if rubbing is None else rubbing.end(energy, x)
+        moved = replace(self._moved(state, x, velocity, until, shift), before=before, friction=history)
+        return Step.of(moved, solution, duration, unrest)
 
     def keeps(self, step: Step[FabricMotion]) -> bool:
         return step.status is not Status.INVALID
@@ -168,26 +173,29 @@ class FabricDynamics(Body[FabricMotion]):
         if self.energy.passages is not None:
             self.energy.count_passages(motion.passages)
 
-    def _begin(self, motion: FabricMotion, friction: YarnFriction | None, end: float) -> None:
-        """Begin a step: frames, and all that resists to slip from here on; friction: as a potential."""
-        self.take_up(motion)
-        self.energy.rub(motion.x, friction)
-        for obstacle in self.obstacles:
-            obstacle.begin(self.energy.positions(motion.x), motion.time, end)
+    def _begin(
+        self, motion: FabricMotion, end: float, ahead: Array | None = None, *, rubs: bool = False
+    ) -> FrictionStep | None:
+        """Begin a step: frames, and all that resists to slip from here on; rubs: yarns on each other, as a potential.
 
-    def _moved(
-        self,
-        motion: FabricMotion,
-        x: Array,
-        velocity: Array,
-        time: float,
-        shift: float,
-        before: Earlier | None = None,
-    ) -> FabricMotion:
+        ahead: the move that velocities foretell (4n,).
+        """
+        energy, friction = self.energy, self.settings.friction if rubs else None
+        self.take_up(motion)
+        rubbing = None
+        if friction is None or friction.coefficient == 0.0:
+            energy.rub(None)
+        else:
+            rubbing = (motion.friction or FabricHistory.slack(energy)).begin(energy, friction, motion.x, ahead=ahead)
+        for obstacle in self.obstacles:
+            obstacle.begin(energy.positions(motion.x), motion.time, end)
+        return rubbing
+
+    def _moved(self, motion: FabricMotion, x: Array, velocity: Array, time: float, shift: float) -> FabricMotion:
         """The state at the end of a step, where the frames of the energy are."""
         found = self.energy.passages
         passages = motion.passages if found is None else found.rows
-        return FabricMotion(x, velocity, time, shift, self.energy.frames, passages, before)
+        return FabricMotion(x, velocity, time, shift, self.energy.frames, passages)
 
     def _minimised(self, objective: FabricObjective, motion: FabricMotion, options: NewtonOptions) -> Solution:
         """The least of a step's energy, from where the fabric is."""
@@ -199,7 +207,7 @@ class FabricDynamics(Body[FabricMotion]):
     def _explicit(self, motion: FabricMotion, duration: float) -> Step[FabricMotion]:
         """One step of symplectic Euler [s]."""
         energy = self.energy
-        self._begin(motion, None, motion.time)
+        self._begin(motion, motion.time)
         objective = FabricObjective(energy, [], self.load, self.obstacles)
         value, gradient = objective.gradient(motion.x)
         if not (math.isfinite(value) and np.isfinite(gradient).all()):
@@ -237,7 +245,7 @@ class FabricDynamics(Body[FabricMotion]):
         Friction, which only takes velocities away, makes it no shorter.
         """
         self.energy.anchor(state.x, state.frames)
-        self.energy.rub(state.x, None)
+        self.energy.rub(None)
         _, _, block, entries = self.energy.hessian(state.x)
 
         def times(vector: Array) -> Array:
@@ -254,7 +262,7 @@ class FabricDynamics(Body[FabricMotion]):
         kept = math.exp(-rate * duration)
         velocity = velocity.copy()
         moves = velocity[: 3 * n].reshape(-1, 3)
-        rigid = rigid_motion(self.energy.positions(x), moves, self.mass[: 3 * n : 3], self._patches)
+        rigid = self._patches.rigid(self.energy.positions(x), moves, self.mass[: 3 * n : 3])
         velocity[: 3 * n] = (rigid + kept * (moves - rigid)).ravel()
         velocity[3 * n :] *= kept
         return velocity
@@ -262,41 +270,13 @@ class FabricDynamics(Body[FabricMotion]):
     # --- read-outs ------------------------------------------------------------------------------------
 
     def energies(self, motion: FabricMotion) -> dict[str, float]:
-        """Elastic, gravity (zero at the origin) and kinetic energy [J]."""
+        """Elastic, gravity (zero at the origin), kinetic energy, and that of the springs of friction [J]."""
         self.take_up(motion)
-        self.energy.rub(motion.x, None)
+        self.energy.rub(None)
         unit = self.energy.unit
         return {
+            "friction": 0.0 if motion.friction is None else motion.friction.stored(self.energy),
             "elastic": self.energy.value(motion.x) * unit,
             "gravity": -float(self.load @ motion.x) * unit,
             "kinetic": 0.5 * float((self.mass * motion.velocity) @ motion.velocity) * unit,
         }
-
-
-def _patches(energy: FabricEnergy) -> Integers:
-    """Number of the patch of each vertex (n,): squares of the fabric as it lies, or pieces of lines."""
-    reach = _PATCH * 8.0
-    place = np.floor((energy.sheet.vertices - energy.sheet.vertices.min(axis=0)) / energy.radius / reach)
-    _, patch = np.unique(place.astype(np.int64), axis=0, return_inverse=True)
-    return patch.reshape(-1).astype(np.int64)
-
-
-def rigid_motion(positions: Array, velocities: Array, mass: Array, patch: Integers) -> Array:
-    """Velocity of the rigid motion of each patch with its momentum and angular momentum; all (n, 3), mass (n,)."""
-    patches = int(patch.max()) + 1
-
-    def summed(values: Array) -> Array:
-        total = np.zeros((patches, values[:1].size))
-        for column, entries in enumerate(values.reshape(len(values), -1).T):
-            total[:, column] = np.bincount(patch, entries, patches)
-        return total.reshape(patches, *values.shape[1:])
-
-    weight = summed(mass)
-    centre = summed(mass[:, None] * positions) / weight[:, None]
-    mean = summed(mass[:, None] * velocities) / weight[:, None]
-    away, own = positions - centre[patch], velocities - mean[patch]
-    spin = summed(mass[:, None] * np.cross(away, own))
-    square = np.einsum("ni,ni->n", away, away)
-    tensor = summed(mass[:, None, None] * (square[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]))
-    rate = np.einsum("pij,pj->pi", np.linalg.pinv(tensor, rcond=1e-9, hermitian=True), spin)
-    return mean[patch] + np.cross(rate[patch], away)

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.errors import not_negative, positive
+from yarnscale.errors import not_negative
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import run_columns
@@ -93,28 +93,16 @@ class Rubbing:
 
 @dataclass(frozen=True)
 class YarnFriction:
-    """Coefficient of friction μ [-], and the slip h [radii] within which a yarn sticks without sliding.
+    """Coefficient of friction μ [-].
 
-    Implicit steps use h; in explicit ones contacts do not slip at all below the force μ N.
+    Contacts of cells and in implicit steps stick by springs as stiff as contact (``FrictionPairs``); in explicit steps
+    they do not slip at all below the force μ N.
     """
 
     coefficient: float
-    slip: float = 0.02
 
     def __post_init__(self) -> None:
         not_negative("friction of yarns", self.coefficient, "zero or more")
-        positive("slip within which yarns stick [radii]", self.slip)
-
-    def stencils(self, positions: Array, contacts: StencilSet, x: Array) -> StencilSet:
-        """Friction of the pairs that press on each other at a state; positions (n, 3), contact stencils."""
-        if contacts.count == 0 or self.coefficient == 0.0:
-            return no_friction()
-        pairs = Rubbing.of(contacts, x)
-        offset = np.einsum("kj,kji->ki", pairs.weights, positions[pairs.nodes])
-        smooth = np.full(len(pairs.pressure), self.slip)
-        force = self.coefficient * pairs.pressure
-        parameters = np.column_stack([pairs.place, offset, pairs.normal, force, smooth])
-        return StencilSet(FRICTION, pairs.variables, parameters, 4)
 
     def slowed(self, velocity: Array, yielding: Array, contacts: StencilSet, x: Array, duration: float) -> Array:
         """Velocities (n, 3) after the friction of an explicit step [s] whose pressures are those at a state.
@@ -156,8 +144,3 @@ def _stop_slip(velocity, yielding, nodes, weights, normal, most, sweeps):
             for j in range(4):
                 for c in range(3):
                     velocity[nodes[p, j], c] += weights[p, j] * yielding[nodes[p, j]] * change[c]
-
-
-def no_friction() -> StencilSet:
-    """Stencils of nothing."""
-    return StencilSet(FRICTION, np.empty((0, 12), np.int64), np.empty((0, FRICTION.parameter_count)), 4)

@@ -1,14 +1,19 @@
-"""Pairs of yarn segments that resist slip in a periodic cell: springs that slide, in co-rotated frames."""
+"""Pairs of yarn segments that resist slip: springs that slide, in frames that turn with the fabric.
+
+From one state to the next, a cell or a finite fabric minimises its energy plus the potential of these springs and
+sliders, with the pressures of the last state. What a step loses is exact: sliding forces times slid distances, and what
+springs lose.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.assembly import StencilSet, position_variables
-from yarnscale.yarn.friction import FRICTION
+from yarnscale.yarn.friction import FRICTION, Rubbing, YarnFriction
 from yarnscale.yarn.strands import Strands
 
 
@@ -36,22 +41,46 @@ class FrictionPairs:
         vectors, numbers = np.empty((0, 3)), np.empty(0)
         return cls(np.empty((0, 4), np.int64), np.empty((0, 2)), vectors, vectors, numbers, numbers, vectors)
 
+    @classmethod
+    def since(
+        cls,
+        strands: Strands,
+        positions: Array,
+        frames: Array,
+        contacts: StencilSet,
+        friction: YarnFriction,
+        before: FrictionPairs,
+    ) -> FrictionPairs:
+        """What resists slip from a state on: positions (T·n, 3) of all nodes, contact stencils and springs there.
+
+        frames: (n, 3, 3) rotations at the primary vertices. Springs are as far stretched as they can be: across the
+        normal, and by no more force than ``limit``. Pairs that do not press have none.
+        """
+        found = Rubbing.of(contacts, positions.ravel())
+        first, second = found.nodes[:, 0], found.nodes[:, 2]
+        keys = np.column_stack([first, second % strands.count, strands.tiles[second // strands.count]])
+        normal = np.einsum("kji,kj->ki", frames[first], found.normal)
+        limit, slack = friction.coefficient * found.pressure, np.zeros_like(normal)
+        fresh = cls(keys, found.place, slack, normal, limit, found.stiffness, slack)
+        kept, apart = fresh._apart(strands, positions, frames)
+        spring = _held(_across(before._found(keys), normal), limit / found.stiffness)
+        limit, stiffness = limit[kept], found.stiffness[kept]
+        return cls(keys[kept], found.place[kept], apart, normal[kept], limit, stiffness, spring[kept])
+
     @property
     def stored(self) -> float:
         """Energy of all springs."""
         return float(0.5 * (self.stiffness @ (self.spring * self.spring).sum(axis=1)))
 
-    def since(self, strands: Strands, positions: Array, frames: Array, before: FrictionPairs) -> FrictionPairs:
-        """The same pairs that resist slip since a state: positions (T·n, 3) of all nodes, and springs there.
+    def after(
+        self, strands: Strands, positions: Array, frames: Array, before: FrictionPairs
+    ) -> tuple[FrictionPairs, float]:
+        """The pairs with their springs at the end of a step, and the energy lost in it, never negative.
 
-        Springs are as far stretched as they can be: across the normal, and by no more force than ``limit``.
+        positions: (T·n, 3) of all nodes there. before: the pairs at the end of the step before.
         """
-        kept, apart = self._apart(strands, positions, frames)
-        spring = _held(_across(before._found(self.pairs), self.normal), self.limit / self.stiffness)
-        limit, stiffness = self.limit[kept], self.stiffness[kept]
-        return FrictionPairs(
-            self.pairs[kept], self.place[kept], apart, self.normal[kept], limit, stiffness, spring[kept]
-        )
+        springs, slid = self._springs(strands, positions, frames)
+        return replace(self, spring=springs), slid + before.stored - self.stored
 
     def stencils(self, strands: Strands, frames: Array) -> StencilSet:
         """Friction since the state, on nodes of copies; frames: (n, 3, 3) rotations at the primary vertices.
@@ -70,7 +99,7 @@ class FrictionPairs:
         kept, _ = self._nodes(strands)
         return self.pairs[kept, 0], np.stack([self.apart - self.spring, self.normal], 1)[kept]
 
-    def springs(self, strands: Strands, positions: Array, frames: Array) -> tuple[Array, float]:
+    def _springs(self, strands: Strands, positions: Array, frames: Array) -> tuple[Array, float]:
         """How far springs (k, 3) are stretched at positions (T·n, 3) of all nodes, and the energy lost by sliding."""
         kept, apart = self._apart(strands, positions, frames)
         slip = _across(apart - self.apart[kept] + self.spring[kept], self.normal[kept])
