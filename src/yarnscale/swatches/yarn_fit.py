@@ -29,6 +29,8 @@ SEARCHED = 7
 STARTS, REFINED = 64, 8
 """Scattered points, and from how many of the best Gauss–Newton begins."""
 
+_NOTHING = 1e-9
+"""Change of unknowns, relative, that should change nothing."""
 _GROWN = 0.01
 """Growth of the root of the objective up to which unknowns count as undetermined."""
 
@@ -81,8 +83,9 @@ class ParameterSpread:
 class YarnFit:
     """Estimated parameters: ``values`` by the names of the model, and what the yarn does with them.
 
-    evaluation: at all samples of ``data``. spread: how well the values are fixed. evaluations, solves: of the search.
-    cpu_seconds: of all processes; seconds: of the clock.
+    evaluation: at all samples of ``data``. spread: how well the values are fixed. unsettled: largest change of the
+    stress, over the largest of the comfort range, when the unknowns change by a billionth; infinite where there is no
+    rest any more. evaluations, solves: of the search. cpu_seconds: of all processes; seconds: of the clock.
     """
 
     model: YarnModel
@@ -90,6 +93,7 @@ class YarnFit:
     values: Array
     evaluation: Evaluation
     spread: ParameterSpread
+    unsettled: float
     options: FitOptions
     objective: float
     evaluations: int
@@ -136,12 +140,22 @@ def fit_yarn(
         unknowns = searched(searches[0], options)
     slopes = jacobian(searches[-1], unknowns)
     value = searches[-1].many([unknowns])[0].objective
-    final = evaluate(replace(objective, data=data), unknowns, None)
+    final, again = (evaluate(replace(objective, data=data), u, None) for u in (unknowns, unknowns * (1.0 - _NOTHING)))
     return YarnFit(
-        model, data, model.values(unknowns), final, ParameterSpread.of(model.names, slopes), options, value,
-        sum(s.count for s in searches) + 1, sum(s.solves for s in searches) + final.solves,
-        sum(s.seconds for s in searches) + final.seconds, time.perf_counter() - began,
+        model, data, model.values(unknowns), final, ParameterSpread.of(model.names, slopes),
+        _difference(final, again, data), options, value, sum(s.count for s in searches) + 2,
+        sum(s.solves for s in (*searches, final, again)),
+        sum(s.seconds for s in (*searches, final, again)), time.perf_counter() - began,
     )  # fmt: skip
+
+
+def _difference(one: Evaluation, other: Evaluation, data: UniformData) -> float:
+    """Largest difference of the stress of two evaluations, over the largest of the comfort range."""
+    differences = [
+        np.where(a.converged == b.converged, np.where(a.converged, np.abs(a.stress - b.stress), 0.0), np.inf)
+        for a, b in zip(one.curves, other.curves, strict=True)
+    ]
+    return float(np.concatenate(differences).max()) / data.stress_scale
 
 
 def searched(evaluations: Evaluations, options: FitOptions) -> Array:
