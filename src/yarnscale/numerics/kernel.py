@@ -21,6 +21,9 @@ from yarnscale.numerics.vector_ir import LANES, vector_ir
 BLOCK = 128
 """Elements that callers usually hand over at once, so that all arrays of a block stay in cache."""
 
+_EFFORT = 1
+"""Of code generation. Graphs come without repeated parts: LLVM's passes take half the time and gain nothing."""
+
 
 class _Machine:
     """The LLVM target of this machine; keeps loaded code alive."""
@@ -35,15 +38,12 @@ class _Machine:
 
     def target(self) -> llvm.TargetMachine:
         target = llvm.Target.from_triple(self.triple)
-        return target.create_target_machine(cpu=self.cpu, features=self.features, opt=2)
+        return target.create_target_machine(cpu=self.cpu, features=self.features, opt=_EFFORT)
 
     def object_code(self, text: str) -> bytes:
-        target = self.target()
         module = llvm.parse_assembly(text)
         module.verify()
-        passes = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(speed_level=2))
-        passes.getModulePassManager().run(module, passes)
-        return target.emit_object(module)
+        return self.target().emit_object(module)
 
     def load(self, code: bytes) -> int:
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self.target())
@@ -93,7 +93,9 @@ def compile_kernel(function: ca.Function, name: str, *, shared: Collection[int] 
     shared: places of inputs of which all elements read the same numbers.
     """
     machine, text = _machine(), vector_ir(function, shared)
-    key = "\n".join([llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, text])
+    key = "\n".join(
+        [llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, str(_EFFORT), text]
+    )
     address = machine.load(object_cache.fetch(key, lambda: machine.object_code(text)))
     sizes = [function.numel_in(k) for k in range(function.n_in())]
     sizes += [function.numel_out(k) for k in range(function.n_out())]
