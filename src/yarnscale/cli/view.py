@@ -130,10 +130,10 @@ def _pattern(options: argparse.Namespace, source: str) -> View:
 def _cell(cell: PeriodicCell) -> Pane:
     """Relaxed here, at several states or, where that would take long, at one."""
     name = cell.pattern.name
+    line = ProgressLine(f"relaxing {name}")
     if len(cell.pattern.edges) > LARGE:
         print_status(f"{name}: {len(cell.pattern.edges)} vertices, shown at rest only; 'homogenize' samples it")
-        return cell_pane(cell, States.of([cell.relax()]), name)
-    line = ProgressLine(f"relaxing {name}")
+        return cell_pane(cell, States.of([cell.with_options(watch=line.note_solve).relax()]), name)
     return cell_pane(cell, States.loaded(cell, line.show), name)
 
 
