@@ -92,6 +92,16 @@ def test_a_shell_that_is_the_culprit_is_warned_of():
     assert "hangs on round-off" in warning and "differ by 8 %" in warning
 
 
+def test_clamps_have_no_effect_where_no_state_is_in_the_comfort_range():
+    found = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured", clamps=1.25)
+    beyond = tuple(replace(curve, comfort_stretch=0.01) for curve in found.measured.curves)
+    assert found.clamp_effect == pytest.approx(0.2)
+    assert replace(
+        found, measured=UniformData("fabric", (replace(beyond[0], comfort_stretch=0.3), beyond[1]))
+    ).clamp_effect == pytest.approx(0.2)
+    assert replace(found, measured=UniformData("fabric", beyond)).clamp_effect == 0.0
+
+
 def test_states_that_are_not_at_rest_are_left_out_of_errors():
     curves = (yarn(Direction.WEFT, 1.2, resting=4), yarn(Direction.WARP, 1.0, resting=0))
     errors = errors_of(curves, data(1.0))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
+from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.kinematics import ShellStrain
 from yarnscale.laboratory.programme import FabricTests
@@ -199,11 +200,10 @@ class FabricEstimate:
     def clamp_effect(self) -> float:
         """Largest effect of the clamps, as a share of the measured force of the comfort range."""
         tests = {test.direction: test.curve for test in self.measurements.stretch}
-        shares = [
-            np.abs(curve.stress / tests[curve.direction].load_at(curve.stretch) - 1.0)[curve.comfort].max()
+        return _largest(
+            (curve.stress / tests[curve.direction].load_at(curve.stretch) - 1.0)[curve.comfort]
             for curve in self.measured.curves
-        ]
-        return float(max(shares))
+        )
 
     @property
     def clamp_difference(self) -> float:
@@ -213,10 +213,8 @@ class FabricEstimate:
         """
         if self.cloth is None:
             return 0.0
-        own = {curve.direction: curve for curve in without_own_clamps(self.cloth).curves}
-        return max(
-            float(np.abs(own[c.direction].stress / c.stress - 1.0)[c.comfort].max()) for c in self.measured.curves
-        )
+        own = {curve.direction: curve.stress for curve in without_own_clamps(self.cloth).curves}
+        return _largest((own[c.direction] / c.stress - 1.0)[c.comfort] for c in self.measured.curves)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -329,3 +327,8 @@ class FabricEstimate:
         if (ahead := self.held_out_error) is not None:
             found["held_out"] = ahead.summary()
         return found
+
+
+def _largest(changes: Iterable[Array]) -> float:
+    """Largest size among all entries, zero where there are none."""
+    return float(np.max(np.abs(np.concatenate([np.zeros(1), *changes]))))
