@@ -45,10 +45,18 @@ def test_contact_has_its_derivatives_and_none_at_rest(knit: SplineFabric) -> Non
     slope = (touch.value(x + h * direction) - touch.value(x - h * direction)) / (2 * h)
     assert gradient @ direction == pytest.approx(slope, rel=1e-6)
     inner = SplineMotion(knit).energy.pattern
-    model = touch.added(ShiftedHessian(inner, np.zeros(inner.entries)), x)
+    again, push, model = touch.quadratic(x, ShiftedHessian(inner, np.zeros(inner.entries)))
+    assert again == pytest.approx(value)
+    np.testing.assert_allclose(push, gradient, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
     change = (touch.gradient(x + h * direction)[1] - touch.gradient(x - h * direction)[1]) / (2 * h)
     found = model.pattern.multiply(model.entries, direction)
     np.testing.assert_allclose(found, change, atol=1e-6 * np.abs(change).max())
+    # Apart again, with the pattern of before: nothing is added.
+    stiff = ShiftedHessian(inner, rng.standard_normal(inner.entries))
+    again, push, model = touch.quadratic(knit.control.ravel(), stiff)
+    assert again == 0.0 and not push.any()
+    product = inner.multiply(stiff.entries, direction)
+    np.testing.assert_allclose(model.pattern.multiply(model.entries, direction), product, atol=1e-12)
 
 
 def test_a_yarn_that_falls_on_another_stays_above_it() -> None:

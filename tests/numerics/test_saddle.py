@@ -83,3 +83,15 @@ def test_projection_is_along_the_rows(rows: np.ndarray) -> None:
     vector = np.random.default_rng(4).standard_normal(SIZE)
     projected = SparseConstraints(csr_array(rows), np.zeros(ROWS)).project(vector)
     np.testing.assert_allclose(projected, LinearConstraints(rows, np.zeros(ROWS)).project(vector), atol=1e-12)
+
+
+@pytest.mark.parametrize("fewer", [False, True])
+def test_renewed_constraints_project_along_their_own_rows(rows: np.ndarray, fewer: bool) -> None:
+    """With the sparsity of the earlier ones, whose analysis they use, or with another."""
+    earlier, vector = SparseConstraints(csr_array(rows), np.zeros(ROWS)), np.random.default_rng(4).standard_normal(SIZE)
+    before, other = earlier.project(vector), 2.0 + rows**2
+    if fewer:
+        other[:4, :15] = other[4:, 15:] = 0.0
+    projected = earlier.renewed(csr_array(other), np.zeros(ROWS)).project(vector)
+    np.testing.assert_allclose(projected, LinearConstraints(other, np.zeros(ROWS)).project(vector), atol=1e-11)
+    np.testing.assert_allclose(earlier.project(vector), before, atol=1e-14)

@@ -151,7 +151,7 @@ class SplineMotion(Body[YarnMotion]):
                 loads, points = replace(loads, handles=tuple(flat)), points.on_surface(cells.rows(points.rows))
             self.forces = PointForces(points, loads, self.energy.pattern)
         self._constraints: SparseConstraints | LinearConstraints | None = (
-            self._contacts_at(rest) if volume is None else self._held_volume(control)
+            SparseConstraints(*self._contacts_at(rest)) if volume is None else self._held_volume(control)
         )
         self._pull = None if self.map is None else KeptPull(self.map)
         self._linear = linear_solver(self._constraints)
@@ -327,14 +327,14 @@ class SplineMotion(Body[YarnMotion]):
     def _aim_constraints(self, motion: YarnMotion) -> None:
         """Linearise the contacts at the start of a step."""
         if isinstance(self._constraints, SparseConstraints):
-            self._constraints = self._contacts_at(motion.positions)
+            self._constraints = self._constraints.renewed(*self._contacts_at(motion.positions))
             self._linear.constraints = self._constraints  # type: ignore[assignment]
 
-    def _contacts_at(self, positions: Array) -> SparseConstraints:
-        """Contacts of the yarns, linearised, and held points."""
+    def _contacts_at(self, positions: Array) -> tuple[csr_array, Array]:
+        """Rows and right sides of constraints: contacts of the yarns, linearised, and held points."""
         rows, missed = self._contacts.linearised(positions)
         right = np.concatenate([rows @ positions.ravel() - missed, self._held_at])
-        return SparseConstraints(csr_array(vstack([rows, self._held])), right)
+        return csr_array(vstack([rows, self._held])), right
 
     def _held_volume(self, control: Array) -> LinearConstraints | None:
         """Held points as constraints on the volume, without linearly dependent ones."""

@@ -7,26 +7,35 @@ two chords meet, and no step brings a pair closer than a fifth of its distance: 
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from yarnscale.arrays import Array
+import numpy as np
+from scipy.sparse import csr_array
+
+from yarnscale.arrays import Array, Integers
 from yarnscale.fabric.bspline import ORDER, blending
 from yarnscale.fabric.spline_points import SplinePoints, core_of
-from yarnscale.numerics.assembly import position_variables
+from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.factor import SymmetricPattern
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.newton import Objective
 from yarnscale.numerics.regularisation import ShiftedHessian
-from yarnscale.yarn.contact_list import ContactList, Contacts
+from yarnscale.yarn.contact_list import ContactList
 from yarnscale.yarn.passages import Passages
 
 CORE = 0.85
 """Diameter within which yarns press on each other, as a share of the whole."""
+_MARGIN = 0.1
+"""How much farther than pairs press they have places in the Hessian [r]."""
 
 
 class SplineTouch:
-    """Contact energy of all yarns of a fabric as a function of their control points (3n,) [m]."""
+    """Contact energy of all yarns of a fabric as a function of their control points (3n,) [m].
+
+    Of the pairs that ``ContactList`` keeps over many steps only those within reach are evaluated; the Hessian has
+    places for them, and for those nearly within reach, so that its pattern lasts.
+    """
 
     def __init__(self, points: SplinePoints) -> None:
         self.points, fabric = points, points.fabric
@@ -39,25 +48,92 @@ class SplineTouch:
         first = (number - segment * per) / per
         self._shares = np.stack([blending(first), blending(first + 1.0 / per)], axis=1)
         self._segments = position_variables(fabric.segments)
-        self._listed: Contacts | None = None
+        self._rows = csr_array(points.rows[::3, ::3])
+        self._columns = csr_array(self._rows.T)
+        self._blocks: BlockPattern | None = None
 
     def _positions(self, x: Array) -> Array:
-        return (self.points.rows @ x).reshape(-1, 3) / self._radius
+        return (self._rows @ x.reshape(-1, 3)) / self._radius
+
+    def _pressed(self, positions: Array, margin: float = 0.0) -> tuple[Integers, Integers, StencilSet]:
+        """Pairs within reach [r], and their stencils."""
+        listed = self._list.at(positions)
+        near = np.flatnonzero(self._list.distances(listed, positions) < self._list.reach + margin)
+        every = listed.stencils
+        some = replace(every, variables=every.variables[near], parameters=every.parameters[near])
+        return listed.first[near], listed.second[near], some
 
     def forget(self) -> None:
         """List contacts anew."""
         self._list.forget()
+        self._blocks = None
 
     def value(self, x: Array) -> float:
         """Energy [J]."""
         positions = self._positions(x)
-        return self._unit * self._list.at(positions).stencils.value(positions.ravel())
+        return self._unit * self._pressed(positions)[2].value(positions.ravel())
 
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (3n,) [N]."""
-        positions, force = self._positions(x), np.zeros(self.points.rows.shape[0])  # type: ignore[index]
-        value = self._list.at(positions).stencils.gradient(positions.ravel(), force)
-        return self._unit * value, self._unit / self._radius * (self.points.rows.T @ force)
+        positions = self._positions(x)
+        force = np.zeros_like(positions)
+        value = self._pressed(positions)[2].gradient(positions.ravel(), force.ravel())
+        return self._unit * value, self._unit / self._radius * (self._columns @ force).ravel()
+
+    def quadratic(self, x: Array, inner: ShiftedHessian) -> tuple[float, Array, ShiftedHessian]:
+        """Energy [J] and gradient (3n,) [N], and a model with the Hessian of contact, in a pattern that has both."""
+        positions = self._positions(x)
+        first, second, stencils = self._pressed(positions)
+        value, gradient, keys, blocks = 0.0, np.zeros_like(x), np.empty(0, np.int64), np.empty((0, 9))
+        if len(first):
+            energies, pulls, hessians = stencils.elements(positions.ravel())
+            value = self._unit * float(energies.sum())
+            force = np.bincount(stencils.variables.ravel(), pulls.ravel(), minlength=positions.size).reshape(-1, 3)
+            gradient = self._unit / self._radius * (self._columns @ force).ravel()
+            keys, blocks = self._by_nodes(first, second, hessians)
+        elif self._blocks is None:
+            return value, gradient, inner
+        places = self._places(keys)
+        if self._blocks is None or places is None:
+            self._lay_out(positions, inner.pattern)
+            places = self._places(keys)
+        assert self._blocks is not None and places is not None
+        entries = np.zeros(self._blocks.pattern.entries)
+        entries[self._inner] = inner.entries
+        self._blocks.add_blocks(places, blocks, entries)
+        return value, gradient, ShiftedHessian(self._blocks.pattern, entries, inner.diagonal)
+
+    def _by_nodes(self, first: Integers, second: Integers, hessians: Array) -> tuple[Integers, Array]:
+        """Keys of pairs of control points below the diagonal, (m,), and their blocks (m, 9) [N/m].
+
+        hessians: of pairs of chords by their ends, (p, 4, 3, 4, 3).
+        """
+        shares = np.zeros((len(first), 4, 2 * ORDER))
+        shares[:, :2, :ORDER], shares[:, 2:, ORDER:] = self._shares[first], self._shares[second]
+        half = hessians.reshape(-1, 12, 4, 3).swapaxes(2, 3) @ shares[:, None]
+        whole = shares.swapaxes(1, 2) @ half.reshape(-1, 4, 3 * 3 * 2 * ORDER)
+        blocks = whole.reshape(-1, 2 * ORDER, 3, 3, 2 * ORDER).transpose(0, 1, 4, 2, 3)
+        nodes = np.concatenate([self._nodes[first], self._nodes[second]], axis=1)
+        row, column = np.broadcast_arrays(nodes[:, :, None], nodes[:, None, :])
+        below = row >= column
+        keys = column[below] * (self._rows.shape[1]) + row[below]  # type: ignore[index]
+        return keys, self._unit / self._radius**2 * blocks[below].reshape(-1, 9)
+
+    def _places(self, keys: Integers) -> Integers | None:
+        """Where blocks stand in the pattern; None where it does not have them all."""
+        if self._blocks is None:
+            return None
+        places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        return places if np.array_equal(self._keys[places], keys) else None
+
+    def _lay_out(self, positions: Array, inner: SymmetricPattern) -> None:
+        """The pattern for pairs that are within reach, or nearly."""
+        first, second, _ = self._pressed(positions, _MARGIN)
+        unknowns = position_variables(np.concatenate([self._nodes[first], self._nodes[second]], axis=1))
+        self._blocks = BlockPattern.of(np.full(inner.size // 3, 3), [self._segments, unknowns])
+        self._keys, size = self._blocks.keys, inner.size
+        whole, part = (p.columns * size + p.rows for p in (self._blocks.pattern, inner))
+        self._inner = np.searchsorted(whole, part)
 
     def bound(self, x: Array, step: Array) -> float:
         """Fraction of a step (3n,) [m] in which no yarns meet."""
@@ -71,44 +147,6 @@ class SplineTouch:
     def lasting(self, rows: Array) -> int:
         """Passages that no opposite one undid."""
         return len(Passages(self._strands, self._stiffness, rows).lasting().rows)
-
-    def added(self, model: ShiftedHessian, x: Array) -> ShiftedHessian:
-        """The model with the Hessian of contact, in a pattern that has both."""
-        contacts = self._list.at(self._positions(x))
-        if not contacts.stencils.count:
-            return model
-        if contacts is not self._listed:
-            self._lay_out(contacts, model.pattern)
-        entries = np.zeros(self._pattern.entries)
-        entries[self._places] = model.entries
-        energies, _, blocks = contacts.stencils.elements(self._positions(x).ravel())
-        pressed = np.flatnonzero(energies)
-        shares, corners = self._pair_shares[pressed], blocks[pressed].reshape(-1, 4, 3, 4, 3)
-        whole = np.einsum("nva,nvcwd,nwb->nacbd", shares, corners, shares, optimize=True)
-        whole = self._unit / self._radius**2 * whole.reshape(-1, 6 * ORDER, 6 * ORDER)
-        lower = whole[:, self._lower[0], self._lower[1]]
-        slots = self._slots[pressed]
-        # Below −1: an entry of the diagonal that two unknowns of the pair share, see ``BlockPattern.slots``.
-        twice = slots < 0
-        slots, lower = np.where(twice, -slots - 2, slots), np.where(twice, 2.0 * lower, lower)
-        entries += np.bincount(slots.ravel(), weights=lower.ravel(), minlength=len(entries))
-        return ShiftedHessian(self._pattern, entries, model.diagonal)
-
-    def _lay_out(self, contacts: Contacts, inner: SymmetricPattern) -> None:
-        first, second = contacts.first, contacts.second
-        nodes = np.concatenate([self._nodes[first], self._nodes[second]], axis=1)
-        unknowns = position_variables(nodes)
-        blocks = BlockPattern.of(np.full(inner.size // 3, 3), [self._segments, unknowns])
-        self._pattern, size = blocks.pattern, inner.size
-        whole, part = (np.repeat(np.arange(size), np.diff(p.starts)) * size + p.rows for p in (blocks.pattern, inner))
-        self._places = np.searchsorted(whole, part)
-        self._lower = np.tril_indices(unknowns.shape[1])
-        slots = blocks.slots(unknowns).transpose(0, 2, 1).reshape(-1, len(self._lower[0]))
-        self._slots = slots[: len(first)]
-        self._pair_shares = np.zeros((len(first), 4, 2 * ORDER))
-        self._pair_shares[:, :2, :ORDER] = self._shares[first]
-        self._pair_shares[:, 2:, ORDER:] = self._shares[second]
-        self._listed = contacts
 
 
 class TouchingObjective:
@@ -133,6 +171,7 @@ class TouchingObjective:
 
     def quadratic(self, x: Array) -> tuple[float, Array, QuadraticModel]:
         """Energy, gradient and second-order model."""
-        (value, gradient, model), (more, push) = self._inner.quadratic(x), self._touch.gradient(x)
+        value, gradient, model = self._inner.quadratic(x)
         assert isinstance(model, ShiftedHessian)
-        return value + more, gradient + push, self._touch.added(model, x)
+        more, push, whole = self._touch.quadratic(x, model)
+        return value + more, gradient + push, whole

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numba
@@ -45,6 +46,10 @@ class SymmetricPattern:
         columns, rows = number[self.columns], number[self.rows]
         chosen = np.flatnonzero((columns >= 0) & (rows >= 0))
         return SymmetricPattern.from_keys(len(kept), columns[chosen] * len(kept) + rows[chosen]), chosen
+
+    def alike(self, other: SymmetricPattern) -> bool:
+        """Whether both have the same places."""
+        return np.array_equal(self.starts, other.starts) and np.array_equal(self.rows, other.rows)
 
     @property
     def entries(self) -> int:
@@ -94,6 +99,12 @@ class Factorisation:
         by_parent = np.argsort(fronts.parent, kind="stable")
         children = np.searchsorted(fronts.parent[by_parent], np.arange(len(fronts.parent) + 1))
         self._tree = fronts.first, fronts.starts, fronts.places, fronts.factor, by_parent, children
+
+    def another(self) -> Factorisation:
+        """Of other matrices of the pattern, by the same symbolic analysis."""
+        new = copy(self)
+        new._factor, new._updates = np.empty_like(self._factor), np.empty_like(self._updates)
+        return new
 
     def factor(self, values: Array) -> bool:
         """Factor the matrix with these entries; False where it is not positive definite."""

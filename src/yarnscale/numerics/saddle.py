@@ -27,31 +27,47 @@ class SparseConstraints:
 
     matrix: csr_array
     right: Array
-    _normal: Factorisation | None = field(init=False, default=None, repr=False)
+    _normal: _NormalFactor | None = field(init=False, default=None, repr=False)
+    _earlier: _NormalFactor | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.matrix.sort_indices()
+        self.transposed = self.matrix.T
+
+    def renewed(self, matrix: csr_array, right: Array) -> SparseConstraints:
+        """Others, which use the symbolic analysis of these where their rows have the same sparsity."""
+        new = SparseConstraints(matrix, right)
+        new._earlier = self._normal or self._earlier
+        return new
 
     def project(self, vector: Array) -> Array:
         if self._normal is None:
             # A Cholesky factor of C Cᵀ; the constraints touch few unknowns each, so that it is sparse too.
-            self._normal = _normal_factor(self.matrix)
-        return vector - self.matrix.T @ self._normal.solve(self.matrix @ vector)
+            self._normal, self._earlier = _NormalFactor.of(self.matrix, self._earlier), None
+        return vector - self.transposed @ self._normal.factor.solve(self.matrix @ vector)
 
 
-def _normal_factor(matrix: csr_array) -> Factorisation:
-    product = csc_array(matrix @ matrix.T)
-    lower = csc_array(tril(product))  # the diagonal is present
-    lower.sort_indices()
-    starts, rows = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
-    pattern, entries = SymmetricPattern(len(starts) - 1, starts, rows), np.asarray(lower.data, np.float64)
-    factor = Factorisation(pattern)
-    values = entries.copy()
-    while not factor.factor(values):  # dependent rows
-        values[pattern.diagonal] += 1e-12 * float(np.abs(entries).max())
-        if values[pattern.diagonal].max() > 2.0 * float(np.abs(entries).max()):
-            raise ArithmeticError("constraints that cannot be told apart")
-    return factor
+@dataclass(frozen=True, eq=False)
+class _NormalFactor:
+    """C Cᵀ factored."""
+
+    pattern: SymmetricPattern
+    factor: Factorisation
+
+    @classmethod
+    def of(cls, matrix: csr_array, earlier: _NormalFactor | None) -> _NormalFactor:
+        lower = csc_array(tril(csc_array(matrix @ matrix.T)))  # the diagonal is present
+        lower.sort_indices()
+        starts, rows = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
+        pattern, entries = SymmetricPattern(len(starts) - 1, starts, rows), np.asarray(lower.data, np.float64)
+        alike = earlier is not None and earlier.pattern.alike(pattern)
+        factor = earlier.factor.another() if earlier is not None and alike else Factorisation(pattern)
+        values = entries.copy()
+        while not factor.factor(values):  # dependent rows
+            values[pattern.diagonal] += 1e-12 * float(np.abs(entries).max())
+            if values[pattern.diagonal].max() > 2.0 * float(np.abs(entries).max()):
+                raise ArithmeticError("constraints that cannot be told apart")
+        return cls(pattern, factor)
 
 
 @dataclass
@@ -117,7 +133,7 @@ class SaddleSolver:
         solution = np.zeros(n + len(wanted))
         for _ in range(_REFINEMENTS):
             p, force = solution[:n], solution[n:]
-            free = right - self._pattern.multiply(self._values, p) - scale * (rows.T @ force)
+            free = right - self._pattern.multiply(self._values, p) - scale * (self.constraints.transposed @ force)
             residual = np.concatenate([free, scale * (wanted - rows @ p)])
             solution = solution + self._solver.solve(residual)  # type: ignore[attr-defined]
         return solution[:n]
