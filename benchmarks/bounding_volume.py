@@ -1,6 +1,8 @@
-"""Bounding volumes, published and homogenized, against all spline yarns: time and motion.
+"""Bounding volumes, published and homogenized, against all spline yarns: time of a step.
 
-python benchmarks/bounding_volume.py [--quick] [--part time|hang]
+python benchmarks/bounding_volume.py [--quick]
+
+Motion and quality of fit: ``yarnscale fabric --method compare``.
 """
 
 from __future__ import annotations
@@ -11,12 +13,9 @@ import time
 
 import numpy as np
 
-from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.spline_knit import SplineFabric, jersey
-from yarnscale.fabric.spline_motion import Reduction, SplineMotion, YarnMotion
+from yarnscale.fabric.spline_motion import Reduction, SplineMotion
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.motion.run import simulate
-from yarnscale.motion.schedule import Schedule
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")
@@ -73,49 +72,10 @@ def show_times(quick: bool) -> None:
             )
 
 
-def show_hang(quick: bool) -> None:
-    """The hanging 7×7 jersey of LOD03 Figures 10–13."""
-    fabric, goal = jersey(7, 7, WOOL), 0.4 if quick else 3.0
-    print("model               t [s]  centre y, z [mm]  lower edge  elastic, gravity, kinetic, lost [µJ]  away [mm]")
-    frames: dict[str, dict[float, np.ndarray]] = {}
-    for name in MODELS:
-        kept: list[YarnMotion] = []
-        moving, began = _moving(fabric, name, damping=1.0), time.process_time()
-        schedule = Schedule(goal, STEP, to_rest=False, frame_interval=0.1)
-        run = simulate(moving, moving.start, schedule, on_frame=lambda _, motion, kept=kept: kept.append(motion))
-        seconds = time.process_time() - began
-        frames[name] = {}
-        for motion in kept:
-            at = round(motion.time, 3)
-            if at not in (0.4, 1.0, 2.0, 3.0):
-                continue
-            points, energies = moving.yarns(motion).positions, moving.energies(motion)
-            frames[name][at] = points
-            mean = points.mean(axis=0) - fabric.control.reshape(-1, 3).mean(axis=0)
-            lower = points.reshape(7, -1, 3)[0, :, 1].min() - fabric.control[0, :, 1].min()
-            parts = [1e6 * energies[k] for k in ("elastic", "gravity", "kinetic")]
-            away = np.sqrt(((points - frames["full"][at]) ** 2).sum(axis=1).mean())
-            print(
-                f"{name:19s} {at:5.1f}  {1e3 * mean[1]:7.2f} {1e3 * mean[2]:7.2f} {1e3 * lower:12.2f}     "
-                f"{parts[0]:8.3f} {parts[1]:8.2f} {parts[2]:8.3f} {-sum(parts):9.3f} {1e3 * away:12.2f}"
-            )
-        extension, _ = fibre_extension(fabric, points)
-        print(
-            f"{name:19s} {run.outcome}, {run.steps} steps, {run.newton_iterations} iterations, {seconds:.1f} s; "
-            f"penetration {penetration(fabric, points):.2f}, extension {extension:.3f}",
-            flush=True,
-        )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--part", choices=("time", "hang"))
-    options = parser.parse_args()
-    if options.part in (None, "hang"):
-        show_hang(options.quick)
-    if options.part in (None, "time"):
-        show_times(options.quick)
+    show_times(parser.parse_args().quick)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from yarnscale.cli import main
+from yarnscale.cli import fabric_models, main
 from yarnscale.files.curve_frames import read_curve_frames
 
 
@@ -94,3 +95,59 @@ def test_refuses_what_it_has_no_splines_for(tmp_path: Path, capsys: pytest.Captu
         size = ["--rows", "3", "--columns", "3", "--method", method, "--count"]
         assert main(["fabric", "rib-1x1", *size, "--adaptive"]) == 2
         assert "--adaptive" in capsys.readouterr().err
+
+
+COMPARED = ["fabric", "jersey", "--rows", "3", "--columns", "3", "--volume", "4,4,2", "--method", "compare"]
+
+
+def test_three_models_hang_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hung = [*COMPARED, "--duration", "0.06", "--damping", "20", "--out", str(tmp_path)]
+    assert main([*hung, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    models, over_time = found["models"], found["over_time"]
+    assert list(models) == ["splines", "published", "homogenized"] and found["scene"] == "hang"
+    assert over_time["time"] == pytest.approx([0.0, 1 / 30, 0.06])
+    fall = {model: np.array(over_time[model]["centre_drop"]) for model in models}
+    for model, of in models.items():
+        assert of["status"] == "converged" and fall[model][-1] == of["centre_drop"]
+        energy = over_time[model]["energy"]
+        assert energy[-1] < energy[0] and of["passages"] == 0
+        error = np.abs(fall[model] - fall["splines"]).max() / fall["splines"].max()
+        assert of["centre_error"] == pytest.approx(error)
+    assert fall["published"][-1] < 0.3 * fall["splines"][-1] < fall["homogenized"][-1]
+    assert {path.name for path in tmp_path.iterdir()} == {".yarnscale.json", "drops.png", "hanging.png", "index.html"}
+    page = (tmp_path / "index.html").read_text()
+    assert "all yarns" in page and "centre drop [mm]" in page and page.count("data:image/") == 2
+    assert main(hung) == 2 and "--overwrite" in capsys.readouterr().err
+
+
+def test_imposed_deformations_side_by_side(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fabric_models, "AMOUNTS", {"shear": 0.3})
+    monkeypatch.setattr(fabric_models, "AXES", ("rows",))
+    assert main([*COMPARED, "--scene", "imposed", "--out", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (shear,) = found["deformations"]
+    assert (shear["kind"], shear["axis"], shear["amount"]) == ("shear", "rows", 0.3)
+    extensions = {model: of["extension"] for model, of in shear["models"].items()}
+    assert extensions["published"] > 10.0 * max(extensions["splines"], extensions["homogenized"])
+    assert {"shear-rows.png", "index.html"} <= {path.name for path in tmp_path.iterdir()}
+    assert "shear along the rows" in (tmp_path / "index.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("--scene stretch", "hang or imposed"), ("--scene hong", "did you mean hang"), ("--explicit", "--explicit"),
+        ("--count", "--count"), ("--format png", "--format"), ("--amount 0.3", "--amount"), ("--tube", "--tube"),
+        ("--scene imposed --duration 1", "--duration"), ("--scene imposed --damping 2", "--damping"),
+        ("--reduction published", "--reduction"), ("--volume 3,4,2", "control points"),
+        ("--method splines --scene imposed", "--method compare"),
+    ],
+)  # fmt: skip
+def test_comparisons_refuse_what_they_do_not_take(
+    options: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*COMPARED, "--out", str(tmp_path / "out"), *options.split()]) == 2
+    assert said in capsys.readouterr().err and not (tmp_path / "out").exists()

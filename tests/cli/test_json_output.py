@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from yarnscale.cli import convert, detail, materials, register
+from yarnscale.cli import convert, detail, fabric_models, materials, register
+from yarnscale.fabric.imposed import ImposedShape
 from yarnscale.files.material_json import write_material
 from yarnscale.laboratory.programme import FabricTests
 from yarnscale.motion.run import Run
@@ -44,7 +45,7 @@ def documented() -> set[str]:
     "summary",
     [
         FabricEstimate.summary, FabricTests.plain, Run.summary, SceneResult.summary, convert.convert, detail.detail,
-        materials.homogenize, register._report,
+        materials.homogenize, register._report, fabric_models._imposed, ImposedShape.measures,
     ],
     ids=lambda function: function.__qualname__,
 )  # fmt: skip
@@ -60,6 +61,7 @@ def test_what_long_runs_print_is_on_the_page(summary: Callable[..., object]) -> 
         "study plain --as-drawn --sizes 1x1",
         "evaluate cloth.json --strain 0.1,0,0,0,0,0", "fabric jersey --rows 3 --columns 3 --count",
         "fabric plain --rows 3 --columns 3 --method direct --count",
+        "fabric jersey --rows 3 --columns 3 --volume 4,4,2 --method compare --duration 0.005 --out run",
         "stretch cloth.json --direction course --amount 0.01 --duration 0.02 --spacing 0.03 --out run",
     ],
 )  # fmt: skip

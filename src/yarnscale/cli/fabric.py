@@ -10,6 +10,7 @@ from typing import Any
 
 from yarnscale.cli import convert
 from yarnscale.cli.console import ProgressLine, outcome_lines, print_status, report
+from yarnscale.cli.fabric_models import check_comparison, compare_models
 from yarnscale.cli.fabric_options import IN_SCENE_FILES, ONLY_RODS, SCENES, SHAPING
 from yarnscale.cli.given_pattern import pattern_of, settled_drawing
 from yarnscale.cli.values import refuse
@@ -49,6 +50,11 @@ def fabric(options: argparse.Namespace) -> int:
     for kind in options.format:
         convert.require(kind)
     _check_sizes(options)
+    if options.method == "compare":
+        check_comparison(options)
+        return compare_models(options, _spline_yarns(options)[0])
+    if options.scene == "imposed":
+        raise InputError("--scene imposed", expected="--method compare", found=options.method)
     options.model = _model(options)
     return (_splines if options.model == "splines" else _rods)(options)
 

@@ -9,6 +9,8 @@ from yarnscale.cli.shared_options import Add
 from yarnscale.cli.values import not_negative, number, positive, whole
 
 SCENES = ("hang", "stretch", "drape")
+COMPARED = ("hang", "imposed")
+"""Scenes of ``--method compare``."""
 IN_SCENE_FILES = ("amount", "direction", "ball_friction", "duration", "time_step", "damping")
 """Options that a scene file replaces."""
 ONLY_RODS = ("border", "on", "tube", "as_drawn", "friction")
@@ -55,9 +57,10 @@ def add_fabric_options(add: Add) -> None:
     columns = "wales of jersey; periods of other patterns along their courses"
     option("--columns", type=_count, metavar="M", help=columns)
     option(
-        "--method", choices=("direct", "splines", "volume"), default="volume",
+        "--method", choices=("direct", "splines", "volume", "compare"), default="volume",
         help="direct: every yarn an elastic rod in contact with others; splines: every yarn a spline, held in its "
-        "stitches by constraints; volume: yarns in a bounding volume, see --model (volume)",
+        "stitches by constraints; volume: yarns in a bounding volume, see --model; compare: splines, and "
+        "both --reduction of them in a volume, side by side in the scenes hang and imposed (volume)",
     )  # fmt: skip
     model = "of the yarns in a volume: elastic rods or splines (splines for hanging jersey, else rods)"
     option("--model", choices=("rods", "splines"), help=model)
@@ -72,8 +75,9 @@ def add_fabric_options(add: Add) -> None:
     adaptive = "insert knots of a published volume where the motion needs them"
     option("--adaptive", action="store_true", help=adaptive)
     option(
-        "--scene", default="hang", metavar="hang|stretch|drape|FILE.toml",
-        help="hang: held along the last row; stretch between two grips; drape over a ball; or a scene file with"
+        "--scene", default="hang", metavar="hang|stretch|drape|imposed|FILE.toml",
+        help="hang: held along the last row; stretch between two grips; drape over a ball; imposed, for compare: "
+        "flexion, traction, shear and torsion along both axes (LOD03); or a scene file with"
         " handles and obstacles that may move (yarnscale help scene) (hang)",
     )  # fmt: skip
     mesh = "direct only: lay the pattern on a mesh with texture coordinates instead of --rows and --columns"

@@ -22,6 +22,7 @@ from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_motion import SplineMotion
 from yarnscale.fabric.spline_points import SplinePoints
+from yarnscale.fabric.spline_touch import SplineTouch
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import Schedule
@@ -33,10 +34,10 @@ from yarnscale.numerics.sums import SumOfEnergies
 Kind = Literal["flexion", "traction", "shear", "torsion"]
 AMOUNTS: dict[Kind, float] = {"flexion": 1.5, "traction": 0.2, "shear": 0.3, "torsion": 1.5}
 """Angle over the size [rad] of flexion and torsion; relative elongation of traction; shear."""
-AXES = ("along the rows", "along the wales")
+AXES = ("rows", "wales")
 _RAMP, _SETTLING, _DAMPING, _STEP = 0.1, 0.05, 20.0, 1 / 240
 _PARTS = 5
-"""Of a deformation, in which cells follow it."""
+"""Of a deformation, in which volumes follow it."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 
 
@@ -81,16 +82,16 @@ class ImposedScene(SheetScene):
 
 @dataclass(frozen=True, eq=False)
 class ImposedShape:
-    """Control points of the yarns (n, 3) [m] of a model; passages: of yarns on the way, None where nothing moved.
+    """Control points of the yarns (n, 3) [m] of a model; passages: of yarns on the way.
 
     converged: whether the model relaxed.
     """
 
     control: Array
-    passages: int | None
+    passages: int
     converged: bool
 
-    def measures(self, fabric: SplineFabric) -> dict[str, float | int | bool | None]:
+    def measures(self, fabric: SplineFabric) -> dict[str, float | int | bool]:
         """``penetration`` [diameters], largest ``extension`` of fibres and ``mean_extension``, ``passages``."""
         largest, mean = fibre_extension(fabric, self.control)
         found = {"penetration": penetration(fabric, self.control), "extension": largest, "mean_extension": mean}
@@ -98,10 +99,10 @@ class ImposedShape:
 
 
 def imposed_shapes(
-    fabric: SplineFabric, shape: tuple[int, int], kind: Kind, axis: int, *, amount: float | None = None
+    fabric: SplineFabric, volume: BoundingVolume, kind: Kind, axis: int, *, amount: float | None = None
 ) -> dict[str, ImposedShape]:
-    """All yarns, the published and the homogenized volume of a shape, in a deformation: by the name of the model."""
-    volume, most = BoundingVolume.around(fabric.control, shape), AMOUNTS[kind] if amount is None else amount
+    """All yarns, the published and the homogenized volume in a deformation: by the name of the model."""
+    most = AMOUNTS[kind] if amount is None else amount
     if not (math.isfinite(most) and most != 0):
         raise InputError(f"amount of {kind}", expected="a number other than 0", found=most)
     knots = (volume.x_knots, volume.y_knots)[axis]
@@ -110,13 +111,26 @@ def imposed_shapes(
     def path(points: Array, share: float) -> Array:
         return deformed(points, kind, share * most, size, axis)
 
-    rest = fabric.control.reshape(-1, 3)
-    published = volume.weights(rest) @ volume.interpolated(lambda points: path(points, 1.0))
+    weights = volume.weights(fabric.control.reshape(-1, 3))
+    published = [weights @ faces for faces in _followed(volume, path)]
     return {
-        "all yarns": _all_yarns(fabric, path),
-        "published": ImposedShape(published, None, True),
+        "splines": _all_yarns(fabric, path),
+        "published": ImposedShape(published[-1], passages_along(fabric, published), True),
         "homogenized": _relaxed_cells(fabric, volume, path),
     }
+
+
+def _followed(volume: BoundingVolume, path: Callable[[Array, float], Array]) -> list[Array]:
+    """Control points of a volume that takes the parts of a deformation."""
+    return [volume.interpolated(lambda points, share=k / _PARTS: path(points, share)) for k in range(1, _PARTS + 1)]
+
+
+def passages_along(fabric: SplineFabric, shapes: list[Array]) -> int:
+    """Passages of yarns on straight paths from rest through shapes (n, 3) [m], but those that others undo."""
+    touch, rows, before = SplineTouch(SplinePoints(fabric)), np.empty((0, 6)), fabric.control.ravel()
+    for shape in shapes:
+        rows, before = touch.passages(before, shape.ravel(), rows), shape.ravel()
+    return touch.lasting(rows)
 
 
 def border_nodes(points: SplinePoints) -> Integers:
@@ -143,12 +157,11 @@ def _relaxed_cells(
     moving = SplineMotion(fabric, volume=volume, reduction="homogenized")
     cells, x, count = moving.cells, moving.start.positions.ravel().copy(), 3 * volume.count // 2
     assert cells is not None
-    places, converged = np.arange(count, x.size), True
-    for part in range(1, _PARTS + 1):
-        faces = volume.interpolated(lambda points: path(points, part / _PARTS))  # noqa: B023
+    places, shapes, converged = np.arange(count, x.size), [], True
+    for faces in _followed(volume, path):
         x[:count] = 0.5 * (faces[::2] + faces[1::2]).ravel()
         objective = MappedObjective(SumOfEnergies(cells, [], moving.force_scale), FreeUnknowns(places, x.copy()))
         solution = minimise(objective, x[places], NewtonOptions(1e-1, max_iterations=100, shift=_SHIFT))
         x[places], converged = solution.x, solution.converged
-    control, _ = cells.yarns(x.reshape(-1, 3), np.zeros((x.size // 3, 3)))
-    return ImposedShape(control, None, converged)
+        shapes.append(cells.yarns(x.reshape(-1, 3), np.zeros((x.size // 3, 3)))[0])
+    return ImposedShape(shapes[-1], passages_along(fabric, shapes), converged)
