@@ -210,4 +210,9 @@ def test_files_of_other_programs(name: str, rows: str) -> None:
         return
     expected = np.array([[int(over) for over in row] for row in rows.split()])
     assert np.array_equal(draft_of(path), expected)
-    assert np.array_equal(drawdown(read_pattern(path), *expected.shape), expected)
+    pattern = read_pattern(path)
+    assert np.array_equal(drawdown(pattern, *expected.shape), expected)
+    kinds = 1 if pattern.yarn_material is None else int(pattern.yarn_material.max()) + 1
+    state = PeriodicCell(pattern, [PRESETS["hylc2020-basket"]] * kinds).relax(ShellStrain())
+    assert state.converged
+    assert np.array_equal(drawdown(pattern, *expected.shape, positions=state.positions), expected)

@@ -108,6 +108,11 @@ def test_the_page_interpolates_as_yarns_on_cloth_do() -> None:
     assert rows @ coefficients @ modes == pytest.approx(known.at(places), abs=1e-9)
 
 
+def test_no_load_begins_when_patience_is_out() -> None:
+    found = States.loaded(CELL, patience=0.0)
+    assert len(found.strains) == 1 and not found.paths and cell_pane(CELL, found, "rest").header["states"] == 1
+
+
 @pytest.mark.slow
 def test_a_browser_draws_turns_stretches_and_plays(page: ViewPage, states: States, browser: Any) -> None:
     browser.call("Page.navigate", url=page.address)

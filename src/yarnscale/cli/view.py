@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 import webbrowser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -33,6 +34,8 @@ from yarnscale.show.strained_pane import States, cell_pane, sheet_pane
 
 LARGEST_PAGE = 10_000_000
 """Of an exported page [bytes]."""
+PATIENCE = 90.0
+"""Processor time after which a view begins no other equilibrium of a pattern [s]."""
 _KINDS = (
     "a built-in pattern, a pattern file, STATE.npz of 'relax', a folder of 'sample', 'homogenize', 'simulate', "
     "'detail', 'fabric' or 'estimate', or a shell material (a name of the library or .json)"
@@ -134,7 +137,13 @@ def _cell(cell: PeriodicCell) -> Pane:
     if len(cell.pattern.edges) > LARGE:
         print_status(f"{name}: {len(cell.pattern.edges)} vertices, shown at rest only; 'homogenize' samples it")
         return cell_pane(cell, States.of([cell.with_options(watch=line.note_solve).relax()]), name)
-    return cell_pane(cell, States.loaded(cell, line.show), name)
+    began = time.process_time()
+    states = States.loaded(cell, line.show, PATIENCE)
+    if time.process_time() - began > PATIENCE:
+        print_status(
+            f"{name}: {len(states.strains)} states in {PATIENCE:.0f} s, others are left out; 'homogenize' has all"
+        )
+    return cell_pane(cell, states, name)
 
 
 def _facts(cell: PeriodicCell) -> dict[str, Cell]:

@@ -7,6 +7,7 @@ and a linear polynomial; fluctuations are kept by their principal components, to
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -90,10 +91,10 @@ class States:
         return cls(found.strains[usable], found.energies[usable], found.stresses[usable], moved[usable], paths)
 
     @classmethod
-    def loaded(cls, cell: PeriodicCell, progress: Progress | None = None) -> States:
-        """Relaxed here, along a few loads (seconds for small cells)."""
+    def loaded(cls, cell: PeriodicCell, progress: Progress | None = None, patience: float = math.inf) -> States:
+        """Relaxed here, along a few loads (seconds for small cells), as many as begin within a processor time [s]."""
         pattern, limit = cell.pattern, min(LIMIT, 0.25 * doubling_load(cell))
-        paths = load_paths(cell, pattern.radius, limit, pattern.woven, progress)
+        paths = load_paths(cell, pattern.radius, limit, pattern.woven, progress, patience)
         rest = cell.relax()
         found = {name: [rest, *(state.response.state for state in path)] for name, path in paths.items()}
         return cls.of([rest, *(state for path in found.values() for state in path[1:])], found)
@@ -116,9 +117,13 @@ class States:
 
 
 def load_paths(
-    subject: PeriodicCell | ShellMaterial, radius: float, limit: float, woven: bool, progress: Progress | None = None
-) -> dict[str, list[LoadedState]]:
-    """Equilibria along tension up to a limit [N/m], shear and bending, by name, as far as the fabric has them."""
+    subject: PeriodicCell | ShellMaterial, radius: float, limit: float, woven: bool, progress: Progress | None = None,
+    patience: float = math.inf,
+) -> dict[str, list[LoadedState]]:  # fmt: skip
+    """Equilibria along tension up to a limit [N/m], shear and bending, by name, as far as the fabric has them.
+
+    patience: processor time [s] after which no other equilibrium is begun.
+    """
     fabric: HomogeneousFabric = fabric_of(subject)
     along, across = _threads(woven)
     levels = np.geomspace(0.02, 1.0, _TENSIONS) * limit
@@ -134,10 +139,12 @@ def load_paths(
         for sign, side in ((1.0, "inwards"), (-1.0, "outwards")):
             bends = [(nothing, Prescribed.bent(angle, sign * b / radius)) for b in _BENDS]
             plans[f"bending of {name}, {side}"] = bends
-    found = {}
+    found, ends = {}, time.process_time() + patience
     for done, (name, plan) in enumerate(plans.items(), start=1):
         states, start = [], None
         for loads, prescribed in plan:
+            if time.process_time() > ends:
+                break
             state = equilibrium_under(
                 fabric, loads, start=start, prescribed=prescribed, tolerance=_TOLERANCE, floor=_FLOOR * limit
             )
