@@ -22,7 +22,7 @@ from yarnscale.cell.rest import settled
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_friction import FabricHistory
+from yarnscale.fabric.direct_friction import FrictionHistory
 from yarnscale.fabric.direct_static import Holds, rod_equilibrium
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.files.material_json import read_material
@@ -79,12 +79,12 @@ def direct(size: float, equilibria: int) -> tuple[YarnSheet, np.ndarray]:
     began = time.perf_counter()
     tile = sheet.tile - np.median(sheet.tile, axis=0)
     nodes = np.flatnonzero((np.abs(tile) <= 1).all(axis=1) & (sheet.source == 5))[:3]
-    history = FabricHistory.slack(energy)
+    history = FrictionHistory.slack(energy)
     for number in range(equilibria):
         step = history.begin(energy, YarnFriction(FRICTION), x)
         holds = Holds(nodes, sheet.vertices[nodes])
         x = rod_equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=25).x
-        history = step.end(energy, x)
+        history = step.end(x)
         if (number + 1) % 25 == 0:
             inside = interior(pattern, energy, x, share=0.5)
             shape, heights = upright(sheet.vertices, energy.positions(x) * sheet.radius)

@@ -24,7 +24,7 @@ from yarnscale.cell.friction import CellHistory
 from yarnscale.cell.rest import settled
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_friction import FabricHistory
+from yarnscale.fabric.direct_friction import FrictionHistory
 from yarnscale.fabric.direct_static import Holds, rod_equilibrium, safe_path
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.homogeneous.histories import path_with_friction
@@ -63,7 +63,7 @@ def cycled(size: float, amount: float, friction: YarnFriction, steps: int, axis:
         f"{sheet.vertex_count} vertices, {sheet.size[0]:.4f} × {sheet.size[1]:.4f} m, friction {friction.coefficient:g}"
     )
     began, solver, x, before = time.perf_counter(), ConstrainedSolver(), energy.start(), 0.0
-    history = FabricHistory.slack(energy)
+    history = FrictionHistory.slack(energy)
     up = np.linspace(0.0, amount, steps + 1)
     rows_found, middle = [], 0.5 * (low + high) / sheet.radius
     for number, share in enumerate([*up, *up[-2::-1]]):
@@ -73,7 +73,7 @@ def cycled(size: float, amount: float, friction: YarnFriction, steps: int, axis:
         points[:, axis] = middle + (points[:, axis] - middle) * (1.0 + share) / (1.0 + before)
         ahead = safe_path(energy, x, goal)
         found = rod_equilibrium(energy, ahead, holds(share), tolerance=2e-4, max_iterations=300, linear=solver)
-        x, before, history = found.x, share, step.end(energy, found.x)
+        x, before, history = found.x, share, step.end(found.x)
         inside = interior(pattern, energy, x, share=0.5)
         pull = float(holds(share).forces(energy, x)[:, axis] @ side) / 2.0 / width
         rows_found.append((share, pull, inside, history))

@@ -22,7 +22,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_friction import FabricHistory
+from yarnscale.fabric.direct_friction import FrictionHistory
 from yarnscale.fabric.direct_static import Holds, Rest, rod_equilibrium, safe_path
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -131,13 +131,13 @@ def measure(size: float, amount: float, vertices: int, friction: float) -> None:
         )
 
     print(f"{width:g} m, {whole.vertex_count} vertices", flush=True)
-    x, before, solver, history = start, 0.0, ConstrainedSolver(), FabricHistory.slack(energy)
+    x, before, solver, history = start, 0.0, ConstrainedSolver(), FrictionHistory.slack(energy)
     for share in shares:
         step = history.begin(energy, YarnFriction(friction), x)
         if ahead_of is not None:
             x = safe_path(energy, x, ahead_of(x, before, float(share)))
         rest = rod_equilibrium(energy, x, holds(float(share)), tolerance=2e-4, max_iterations=300, linear=solver)
-        x, before, history = rest.x, float(share), step.end(energy, rest.x)
+        x, before, history = rest.x, float(share), step.end(rest.x)
         told(before, rest)
 
 

@@ -180,7 +180,7 @@ def test_explicit_steps_keep_momentum_and_energy_and_damping_only_what_is_not_ri
     scale = np.abs(before).max()
     np.testing.assert_allclose(momenta(motion)[:3], before[:3], atol=1e-10 * scale)
     np.testing.assert_allclose(momenta(motion)[3:], before[3:], atol=1e-2 * scale)
-    whole = Patches.squares(dynamics.energy.sheet, 1e6)
+    whole = Patches.cubes(dynamics.energy.sheet, 1e6)
     moves = dynamics.energy.positions(motion.velocity).copy()
     rigid = whole.rigid(dynamics.energy.positions(motion.x), moves, dynamics.mass[: 3 * count : 3])
     again = whole.rigid(dynamics.energy.positions(motion.x), rigid, dynamics.mass[: 3 * count : 3])

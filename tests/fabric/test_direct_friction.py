@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from yarnscale.drawing import library
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_friction import FabricHistory
+from yarnscale.fabric.direct_friction import FrictionHistory
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_static import Holds
 from yarnscale.fabric.sheet import YarnSheet
@@ -30,7 +30,7 @@ def test_friction_resists_sliding_with_the_share_of_the_pressure(crossing: Cross
     start = energy.start()
     pairs = Rubbing.of(energy.contacts(start).stencils, start)
     push = pairs.normal * pairs.pressure[:, None]
-    FabricHistory.slack(energy).begin(energy, FRICTION, start)
+    FrictionHistory.slack(energy).begin(energy, FRICTION, start)
     slid = start.copy()
     energy.positions(slid)[21:, 0] += 0.5
     rubbed = energy.gradient(slid)[1].sum(axis=0)
@@ -111,10 +111,11 @@ def test_stuck_contacts_hold_their_force_and_do_not_creep() -> None:
     assert forces[-1] == pytest.approx(forces[-6], rel=2e-3)
 
 
-def test_fabric_that_turns_keeps_its_springs_and_rubs_nothing() -> None:
+@pytest.mark.parametrize("inertia", [True, False])
+def test_fabric_that_turns_keeps_its_springs_and_rubs_nothing(inertia: bool) -> None:
     sheet = YarnSheet.of(library.build("stockinette"), 3, 3)
     energy = FabricEnergy(sheet, YarnMaterial.preset("hylc2020-stockinette"))
-    x, history = energy.start(), FabricHistory.slack(energy)
+    x, history = energy.start(), FrictionHistory.slack(energy)
 
     def moved(places: np.ndarray) -> np.ndarray:
         return np.concatenate([places.ravel(), x[3 * energy.count :]])
@@ -122,14 +123,16 @@ def test_fabric_that_turns_keeps_its_springs_and_rubs_nothing() -> None:
     for share in (0.002, 0.0):
         step = history.begin(energy, FRICTION, x)
         x = moved(energy.positions(x) * [1.0 + share, 1.0, 1.0])
-        history = step.end(energy, x)
+        history = step.end(x)
     stored, taken = history.stored(energy), history.dissipated
     assert stored > 0.0
     turn, about = 0.05, np.array([0.6, -0.8, 0.0])
     for _ in range(20):
         places = energy.positions(x)
-        step = history.begin(energy, FRICTION, x, ahead=moved(turn * np.cross(about, places)))
+        ahead = moved(turn * np.cross(about, places)) if inertia else None
+        step = history.begin(energy, FRICTION, x, predicted=ahead)
         x = moved(Rotation.from_rotvec(turn * about).apply(places))
-        history = step.end(energy, x)
+        energy.anchor(x)
+        history = step.end(x)
     assert history.stored(energy) == pytest.approx(stored, rel=0.02)
     assert history.dissipated - taken < 0.02 * stored

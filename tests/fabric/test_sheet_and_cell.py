@@ -13,7 +13,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_friction import FabricHistory
+from yarnscale.fabric.direct_friction import FrictionHistory
 from yarnscale.fabric.direct_static import Holds, rod_equilibrium, safe_path
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
@@ -42,7 +42,7 @@ def test_stretched_between_grips_its_inside_is_as_the_cell() -> None:
     x = safe_path(energy, energy.start(), goal)
     grips = np.flatnonzero((sheet.tile[:, 0] == 0) | (sheet.tile[:, 0] == 7))
     holds = Holds(grips, energy.positions(x)[grips] * sheet.radius, (True, False, True))
-    FabricHistory.slack(energy).begin(energy, YarnFriction(0.1), x)
+    FrictionHistory.slack(energy).begin(energy, YarnFriction(0.1), x)
     found = rod_equilibrium(energy, x, holds, tolerance=1e-3, max_iterations=60)
     inside = interior(PATTERN, energy, found.x, share=0.5)
     own = PeriodicCell(replace(PATTERN, rest_length=PATTERN.rest_length * inside.yarn), SOFT)
@@ -60,12 +60,12 @@ def test_free_edges_of_stockinette_curl_as_the_moments_of_the_cell_say() -> None
     sheet = sheet.moved(CELL.placement(rest)(sheet.source, sheet.tile), twist=rest.twist[sheet.source])
     energy = FabricEnergy(sheet, SOFT, springs=glue(sheet, SOFT, width=0.003, stiffness=0.02))
     x, middle = energy.start(), np.flatnonzero((sheet.tile == (2, 4)).all(axis=1))[:3]
-    history = FabricHistory.slack(energy)
-    for _ in range(10):
+    history = FrictionHistory.slack(energy)
+    for _ in range(2):
         step = history.begin(energy, YarnFriction(0.05), x)
-        x = rod_equilibrium(energy, x, Holds(middle, sheet.vertices[middle]), tolerance=1e-3, max_iterations=25).x
-        history = step.end(energy, x)
+        x = rod_equilibrium(energy, x, Holds(middle, sheet.vertices[middle]), tolerance=1e-3, max_iterations=100).x
+        history = step.end(x)
     height = energy.positions(x)[:, 2] - energy.positions(energy.start())[:, 2]
     inner = height[np.isin(sheet.tile[:, 1], (4,))].mean()
     ends = [height[sheet.tile[:, 1] == row].mean() - inner for row in (0, 8)]
-    assert min(ends) > 0.15
+    assert min(ends) > 0.4

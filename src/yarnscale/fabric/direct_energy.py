@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -59,6 +60,17 @@ class EdgeFrames:
     twist: Array
 
 
+class TurningStencils(Protocol):
+    """Stencils whose parameters turn with the fabric."""
+
+    @property
+    def stencils(self) -> StencilSet: ...
+
+    def follow(self, places: Array) -> bool:
+        """Turn with the fabric to positions (n, 3); whether they do."""
+        ...
+
+
 class FabricEnergy(RodEnergy):
     """Energy of a sheet as a function of [positions / r, twists].
 
@@ -78,7 +90,7 @@ class FabricEnergy(RodEnergy):
             ]
         )
         self.glue = StencilSet(STRETCH, position_variables(self.springs.pairs[:, [0, 1, 1, 0]]), ties, 4)
-        self._rubs = False
+        self._friction: TurningStencils | None = None
         self.set_others(self.glue)
         self._ties: tuple[PlacedPairs, Array] | None = None
         self.passages: Passages | None = None
@@ -97,7 +109,7 @@ class FabricEnergy(RodEnergy):
         return np.concatenate([positions.ravel() / self.radius, twist])
 
     def anchor(self, x: Array, frames: EdgeFrames | None = None) -> None:
-        """Carry all frames to this state; energies stay as they are, whatever turned since the last call.
+        """Carry all frames to this state: friction may turn with the fabric; other energies stay as they are.
 
         frames: those of this state, where they are known; passages on the path to it are then not counted.
         """
@@ -106,6 +118,8 @@ class FabricEnergy(RodEnergy):
         if frames is None:
             if self.passages is not None:
                 self.passages = self.passages.along(before, self._places)
+            if self._friction is not None and self._friction.follow(self._places):
+                self.set_others(self.glue, self._friction.stencils)
             director = carried(self._tangent, tangent, self.frames.director)
             twist = reference_twist(tangent, director, self.strands.before, self.frames.twist)
             frames = EdgeFrames(director, twist)
@@ -146,18 +160,18 @@ class FabricEnergy(RodEnergy):
             self._ties = pairs, entries
         return self._ties[1]
 
-    def rub(self, friction: StencilSet | None) -> None:
-        """Set what resists slip from a state on (``FabricHistory``); None: no friction."""
+    def rub(self, friction: TurningStencils | None) -> None:
+        """Set what resists slip from a state on (``FrictionStep``); None: no friction."""
         if friction is not None:
-            self.set_others(self.glue, friction)
-        elif self._rubs:
+            self.set_others(self.glue, friction.stencils)
+        elif self._friction is not None:
             self.set_others(self.glue)
-        self._rubs = friction is not None
+        self._friction = friction
 
     @cached_property
     def surroundings(self) -> Patches:
-        """Pieces of fabric with which contacts turn: squares of about a stitch, and the eight around each."""
-        return Patches.squares(self.sheet, STITCH, adjacent=True)
+        """Pieces of fabric with which contacts turn: cubes of a stitch's size, and those around each."""
+        return Patches.cubes(self.sheet, STITCH, adjacent=True)
 
     def bound(self, x: Array, step: Array) -> float:
         """Fraction of a step that moves no vertex, edge, twist or pair too far."""

@@ -15,7 +15,7 @@ import numpy as np
 from yarnscale.arrays import Array, Flags
 from yarnscale.errors import not_negative
 from yarnscale.fabric.direct_energy import STITCH, EdgeFrames, FabricEnergy
-from yarnscale.fabric.direct_friction import FabricHistory, FrictionStep
+from yarnscale.fabric.direct_friction import FrictionHistory, FrictionStep
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
 from yarnscale.fabric.direct_static import Holds, gravity_load
 from yarnscale.fabric.patches import Patches
@@ -61,7 +61,7 @@ class FabricMotion:
     frames: EdgeFrames | None = None
     passages: Array = field(default_factory=lambda: np.empty((0, 6)))
     before: Earlier | None = None
-    friction: FabricHistory | None = None
+    friction: FrictionHistory | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class FabricDynamics(Body[FabricMotion]):
         # Tolerances are counted in the weight on earth, whatever the gravity of the scene.
         self.force_scale = float(np.linalg.norm(gravity_load(energy, np.array([0.0, 0.0, GRAVITY]))))
         self._linear = ConstrainedSolver()
-        self._patches = Patches.squares(energy.sheet, _PATCH * STITCH)
+        self._patches = Patches.cubes(energy.sheet, _PATCH * STITCH)
 
     def start(self) -> FabricMotion:
         """At rest in the sheet's own shape."""
@@ -147,7 +147,7 @@ class FabricDynamics(Body[FabricMotion]):
         velocity = self._damped(x, rule.velocity(x), duration) if inertia else np.zeros_like(x)
         before = remembered(settings.integrator, state.x, state.velocity, duration) if inertia else None
         unrest = float(np.linalg.norm(mass.weight * (x - ahead))) / self.force_scale
-        history = None if rubbing is None else rubbing.end(energy, x)
+        history = None if rubbing is None else rubbing.end(x)
         moved = replace(self._moved(state, x, velocity, until, shift), before=before, friction=history)
         return Step.of(moved, solution, duration, unrest)
 
@@ -174,11 +174,11 @@ class FabricDynamics(Body[FabricMotion]):
             self.energy.count_passages(motion.passages)
 
     def _begin(
-        self, motion: FabricMotion, end: float, ahead: Array | None = None, *, rubs: bool = False
+        self, motion: FabricMotion, end: float, predicted: Array | None = None, *, rubs: bool = False
     ) -> FrictionStep | None:
         """Begin a step: frames, and all that resists to slip from here on; rubs: yarns on each other, as a potential.
 
-        ahead: the move that velocities foretell (4n,).
+        predicted: the move of the step that velocities lead to (4n,).
         """
         energy, friction = self.energy, self.settings.friction if rubs else None
         self.take_up(motion)
@@ -186,7 +186,9 @@ class FabricDynamics(Body[FabricMotion]):
         if friction is None or friction.coefficient == 0.0:
             energy.rub(None)
         else:
-            rubbing = (motion.friction or FabricHistory.slack(energy)).begin(energy, friction, motion.x, ahead=ahead)
+            rubbing = (motion.friction or FrictionHistory.slack(energy)).begin(
+                energy, friction, motion.x, predicted=predicted
+            )
         for obstacle in self.obstacles:
             obstacle.begin(energy.positions(motion.x), motion.time, end)
         return rubbing

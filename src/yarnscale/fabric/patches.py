@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 from scipy.spatial import KDTree
 
 from yarnscale.arrays import Array, Integers
@@ -14,13 +14,16 @@ from yarnscale.fabric.sheet import YarnSheet
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Squares of a fabric as it lies. own: the number of each vertex's (n,). sums: (p, n), 1 for vertices that count.
+    """Pieces of a fabric that lie in cubes of space at the start. own: the number of each vertex's (n,). sums: (p, n),
+    1 for vertices that count. shares: (n, p) of the pieces around each vertex, 1 in sum.
 
-    A vertex may count in its own square alone, or in adjacent ones too.
+    A vertex may count in its own piece alone, or in adjacent ones too. Layers of a fabric that start nearer to each
+    other than the side of the cubes are one piece.
     """
 
     own: Integers
     sums: csr_array
+    shares: csr_array
 
     @property
     def count(self) -> int:
@@ -28,19 +31,27 @@ class Patches:
         return int(self.own.max()) + 1
 
     @classmethod
-    def squares(cls, sheet: YarnSheet, side: float, *, adjacent: bool = False) -> Patches:
-        """Squares of a side [r]; adjacent: what lies in those around each counts too."""
-        place = np.floor((sheet.vertices - sheet.vertices.min(axis=0)) / sheet.radius / side)
-        squares, own = np.unique(place.astype(np.int64), axis=0, return_inverse=True)
-        own = own.reshape(-1).astype(np.int64)
-        count, vertices = len(squares), np.arange(len(own))
+    def cubes(cls, sheet: YarnSheet, side: float, *, adjacent: bool = False) -> Patches:
+        """Cubes of about a side [r] that fill the sheet; adjacent: what lies in those around each counts too."""
+        places = sheet.vertices - sheet.vertices.min(axis=0)
+        extent = places.max(axis=0) / sheet.radius
+        across = np.maximum(1, extent // side)
+        places *= across / np.maximum(extent, 1e-300) / sheet.radius
+        cubes = np.minimum(np.floor(places), across - 1).astype(np.int64)
+        cubes, own = np.unique(cubes, axis=0, return_inverse=True)
+        own, count, vertices = own.reshape(-1).astype(np.int64), len(cubes), np.arange(len(own))
         sums = csr_array((np.ones(len(own)), (own, vertices)), (count, len(own)))
         if adjacent:
-            one, other = KDTree(squares).query_pairs(1.5, p=np.inf, output_type="ndarray").T
+            one, other = KDTree(cubes).query_pairs(1.5, p=np.inf, output_type="ndarray").T
             every = np.arange(count)
             rows, columns = np.concatenate([one, other, every]), np.concatenate([other, one, every])
             sums = csr_array((np.ones(len(rows)), (rows, columns)), (count, count)) @ sums
-        return cls(own, sums)
+        # Linear between the centres of cubes; the share of empty ones goes to the others.
+        near = KDTree(cubes + 0.5).query_ball_point(places, 1.0, p=np.inf)
+        rows, columns = np.repeat(vertices, [len(found) for found in near]), np.concatenate(near).astype(np.int64)
+        weights = np.prod(1.0 - np.abs(places[rows] - cubes[columns] - 0.5), axis=1) + 1e-12
+        shares = csr_array((weights, (rows, columns)), (len(own), count))
+        return cls(own, sums, csr_array(diags_array(1.0 / shares.sum(axis=1)) @ shares))
 
     def rates(self, positions: Array, moves: Array, mass: Array, *, thin: float = 0.0) -> tuple[Array, Array, Array]:
         """Centre of mass, mean of moves, and rotation of each patch, all (p, 3); arguments (n, 3), mass (n,).

@@ -74,7 +74,11 @@ class RodEnergy:
 
     def set_others(self, *stencils: StencilSet) -> None:
         """Set the stencils of other energies on the same nodes."""
-        self._others, self._rod_slots = stencils, None
+        before, self._others = self._others, stencils
+        if len(before) != len(stencils) or any(
+            not np.array_equal(old.variables, new.variables) for old, new in zip(before, stencils, strict=True)
+        ):
+            self._rod_slots = None
 
     def positions(self, full: Array) -> Array:
         """Positions of all nodes (T·n, 3) [r], a view."""

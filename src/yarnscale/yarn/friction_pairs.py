@@ -82,6 +82,12 @@ class FrictionPairs:
         springs, slid = self._springs(strands, positions, frames)
         return replace(self, spring=springs), slid + before.stored - self.stored
 
+    def rotated(self, frames: Array) -> FrictionPairs:
+        """With all vectors turned by rotations (n, 3, 3) at the primary vertices."""
+        vectors = np.stack([self.apart, self.normal, self.spring], axis=1)
+        apart, normal, spring = np.einsum("kij,kvj->vki", frames[self.pairs[:, 0]], vectors)
+        return replace(self, apart=apart, normal=normal, spring=spring)
+
     def stencils(self, strands: Strands, frames: Array) -> StencilSet:
         """Friction since the state, on nodes of copies; frames: (n, 3, 3) rotations at the primary vertices.
 
