@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from yarnscale.errors import InputError
+from yarnscale.fabric.adaptive_volume import AdaptiveRule, AdaptiveVolume
 from yarnscale.fabric.measures import penetration
 from yarnscale.fabric.sheet_scene import drape, stretch
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric, jersey
-from yarnscale.fabric.spline_motion import SplineMotion
+from yarnscale.fabric.spline_motion import Reduction, SplineMotion
 from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.fabric.spline_scene import SplineScene
 from yarnscale.fabric.spline_touch import SplineTouch
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.files.fabric_scene import read_fabric_scene
+from yarnscale.motion.body import Method
+from yarnscale.motion.run import simulate
 from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
+from yarnscale.numerics.newton import Status
 from yarnscale.numerics.regularisation import ShiftedHessian
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")
+MODELS: list[Reduction | None] = [None, "published", "homogenized"]
+"""All yarns, and the reductions of a volume."""
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +123,104 @@ def test_handles_take_implicit_steps(knit: SplineFabric) -> None:
     loads = stretch(SplinePoints(knit).sheet)
     with pytest.raises(InputError, match="implicit"):
         SplineMotion(knit, loads=loads, method="explicit")
+
+
+def _volume(knit: SplineFabric, model: Reduction | None) -> BoundingVolume | None:
+    return None if model is None else BoundingVolume.around(knit.control, (4, 4))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_fabric_hangs_alike_wherever_it_is(knit: SplineFabric, model: Reduction | None) -> None:
+    away, states = (0.01, -0.02, 0.1), []
+    for position in ((0.0, 0.0, 0.0), away):
+        scene = SplineScene(
+            knit,
+            position=position,
+            volume=_volume(knit, model),
+            reduction=model,
+            schedule=Schedule(0.01, 1 / 200, to_rest=False),
+        )
+        body, state = scene.body, scene.start
+        for _ in range(2):
+            step = body.step(state, 1 / 200)
+            assert step.status is Status.CONVERGED
+            state = step.state
+        assert max(body.distances_from_places(state).values()) < 1e-8
+        states.append(body.yarns(state).positions)
+    assert np.abs(states[0] - knit.control.reshape(-1, 3)).max() > 1e-5
+    np.testing.assert_allclose(states[1] - away, states[0], atol=1e-8)
+
+
+SCENE = """
+gravity = [0, 0, 0]
+damping = 20
+[fabric]
+position = [0.02, -0.01, 0.03]
+[schedule]
+duration = 0.05
+[[handles]]
+name = "left"
+box = [[-1, -1], [-0.006, 1]]
+displacement = [-0.001, 0.002, 0.003]
+duration = 0.02
+"""
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_handle_of_a_scene_file_goes_where_it_says(
+    knit: SplineFabric, tmp_path: Path, model: Reduction | None
+) -> None:
+    (file := tmp_path / "scene.toml").write_text(SCENE)
+    plan = read_fabric_scene(file)
+    scene = SplineScene.in_place(
+        knit, plan, volume=_volume(knit, model), reduction=model, schedule=plan.schedule, damping=plan.damping
+    )
+    points, middle = SplinePoints(knit), np.array(plan.position)
+    places = points.sheet.vertices - 0.5 * (points.sheet.vertices.min(axis=0) + points.sheet.vertices.max(axis=0))
+    held = places[:, 0] < -0.006
+    assert 10 < held.sum() < 0.5 * len(held)
+    wanted = places[held] + middle + [-0.001, 0.002, 0.003]
+    result = run_scene(scene)
+    assert result.succeeded, result.summary()
+    found = points.positions(scene.body.yarns(result.state).positions)[held] * knit.radius
+    # The cells of a homogenized volume relax, the mid-surface goes to its place.
+    np.testing.assert_allclose(found, wanted, atol=(0.5 if model == "homogenized" else 0.05) * knit.radius)
+
+
+def test_an_adaptive_volume_takes_handles(knit: SplineFabric) -> None:
+    loads = stretch(SplinePoints(knit).sheet, amount=0.1, duration=0.02)
+    volume = BoundingVolume.around(knit.control, (4, 4))
+    moving = SplineMotion(knit, volume=volume, loads=loads, gravity=loads.gravity)
+    adaptive = AdaptiveVolume(moving, AdaptiveRule(gain=1e-7, narrowest=3.0))
+    run = simulate(adaptive, moving.start, Schedule(0.02, 1 / 240, to_rest=False, frame_interval=1 / 240))
+    assert run.converged and len(run.state.knots)
+    assert adaptive.counts()["reduced_unknowns"] > moving.counts()["reduced_unknowns"]
+
+
+@pytest.mark.parametrize("schedule", [Schedule(0.01), Schedule(0.01, to_rest=False, statics=True)])
+def test_all_yarns_have_no_steps_without_inertia(knit: SplineFabric, schedule: Schedule) -> None:
+    with pytest.raises(InputError, match="or a volume"):
+        SplineScene(knit, schedule=schedule)
+    SplineScene(knit, schedule=schedule, volume=_volume(knit, "published"))
+
+
+@pytest.mark.parametrize("method", ["implicit", "explicit"])
+@pytest.mark.parametrize("count", [1, 2])
+def test_yarns_that_nothing_joins_fall(method: Method, count: int) -> None:
+    """By g Δt² n (n + 1)/2, 50 mm apart."""
+    fabric = _cross(50.0)
+    alone = SplineFabric(fabric.control[:count], fabric.radius, WOOL, *3 * [fabric.first])
+    moving = SplineMotion(alone, gravity=(0.0, 0.0, -9.81), method=method, tolerance=1e-6)
+    state, step = moving.start, 1e-5
+    for _ in range(3):
+        state = moving.step(state, step).state
+    fallen = state.positions - alone.control.reshape(-1, 3)
+    np.testing.assert_allclose(
+        fallen, np.tile([0.0, 0.0, -9.81 * step**2 * 6], (len(fallen), 1)), rtol=1e-4, atol=1e-14
+    )
+
+
+def test_a_single_row_drapes() -> None:
+    row = jersey(1, 3, WOOL)
+    scene = SplineScene(row, drape(SplinePoints(row).sheet), schedule=Schedule(0.01, 1 / 200, to_rest=False))
+    assert run_scene(scene).succeeded

@@ -141,7 +141,8 @@ def test_adaptive_volume_refines_where_it_helps_and_gives_knots_back(fabric: Spl
 
     calm = AdaptiveVolume(adaptive.moving, AdaptiveRule(gain=1e6))
     calm.knots, calm._coarsest = list(adaptive.knots), coarse
-    calm.adapt(YarnMotion(adaptive.volume.control_at_rest, np.zeros_like(finer.positions)), 1 / 240)
+    still = YarnMotion(adaptive.volume.control_at_rest, np.zeros_like(finer.positions), passages=np.ones((2, 6)))
+    np.testing.assert_array_equal(calm.adapt(still, 1 / 240).passages, still.passages)
     assert not calm.knots and calm.volume.count == coarse.count
 
 

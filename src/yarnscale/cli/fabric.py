@@ -126,17 +126,11 @@ def _splines(options: argparse.Namespace) -> int:
         return _counted(options, spline_counts(knitted, volume, reduction))
 
     def scene() -> SplineScene:
-        sheet, loads, position = SplinePoints(knitted).sheet, None, (0.0, 0.0, 0.0)
+        settings = _timed(method, plan) | {"volume": volume, "reduction": reduction, "adaptive": options.adaptive}
         if plan is not None:
-            laid = plan.laid(sheet)
-            x, y, z = (laid.vertices[0] - sheet.vertices[0]).tolist()
-            loads, position = plan.of(laid), (x, y, z)
-        elif options.scene != "hang":
-            loads = _loads(options, sheet)
-        return SplineScene(
-            knitted, loads, position=position, volume=volume, reduction=reduction, adaptive=options.adaptive,
-            **_timed(method, plan),
-        )  # fmt: skip
+            return SplineScene.in_place(knitted, plan, **settings)
+        loads = None if options.scene == "hang" else _loads(options, SplinePoints(knitted).sheet)
+        return SplineScene(knitted, loads, **settings)
 
     return _simulated(options, YarnMotion, scene, pattern=knitted.control, yarn=yarn, file=plan)
 

@@ -70,6 +70,9 @@ class AdaptiveVolume(Body[YarnMotion]):
         self.take_up(state)
         return self.moving.step(state, duration, inertia=inertia, iterations=iterations, until=until)
 
+    def keeps(self, step: Step[YarnMotion]) -> bool:
+        return self.moving.keeps(step)
+
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
         self.take_up(state)
         return self.moving.distances_from_places(state)
@@ -144,7 +147,7 @@ class AdaptiveVolume(Body[YarnMotion]):
             fitted, away = coarser.nearest(self.moving.yarns(motion))
             if away < self.rule.loss * self.moving.fabric.radius:
                 self.moving, self.knots = coarser, kept
-                return replace(fitted, knots=_table(kept))
+                return replace(fitted, knots=_table(kept), passages=motion.passages)
         return motion
 
 

@@ -131,7 +131,6 @@ class SplineMotion(Body[YarnMotion]):
         rows = csr_array((0, rest.size))
         if held is not None:
             rows = point_rows(fabric, held) if cells is None else cells.rows(point_rows(fabric, held))
-        self._rest, self._held, self._held_at = rest, rows, rows @ rest.ravel()
         self._contacts = SplineContacts.of(fabric)
         self.map, control = None, rest
         if volume is not None and cells is None:
@@ -140,6 +139,7 @@ class SplineMotion(Body[YarnMotion]):
         self.position, start = position, control.copy()
         start[: len(self.load) // 3 if cells is not None else None] += position
         self.start = YarnMotion(start, np.zeros_like(start))
+        self._held, self._held_at = rows, rows @ self.expanded(self.start).positions.ravel()
         points = SplinePoints(fabric)
         self.touch, self.loads, self.forces = SplineTouch(points), loads, None
         if loads is not None:
@@ -150,9 +150,7 @@ class SplineMotion(Body[YarnMotion]):
                 flat = (replace(handle, rest=handle.rest - heights[handle.vertices]) for handle in loads.handles)
                 loads, points = replace(loads, handles=tuple(flat)), points.on_surface(cells.rows(points.rows))
             self.forces = PointForces(points, loads, self.energy.pattern)
-        self._constraints: SparseConstraints | LinearConstraints | None = (
-            SparseConstraints(*self._contacts_at(rest)) if volume is None else self._held_volume(control)
-        )
+        self._constraints = self._tied(start) if volume is None else self._held_volume(start)
         self._pull = None if self.map is None else KeptPull(self.map)
         self._linear = linear_solver(self._constraints)
         self._mass_solve: LinearSolver | None = None
@@ -236,6 +234,8 @@ class SplineMotion(Body[YarnMotion]):
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
         self._aim_constraints(motion)
+        if self.forces is not None:
+            self.forces.begin(self.expanded(motion).positions.ravel(), motion.time, motion.time + duration)
         _, gradient, model = self._objective(*self._balance(self._rule(motion, duration))).quadratic(reached.ravel())
         linear, shift = linear_solver(self._constraints), 0.0
         while not linear.factorise(model, shift):
@@ -329,6 +329,11 @@ class SplineMotion(Body[YarnMotion]):
         if isinstance(self._constraints, SparseConstraints):
             self._constraints = self._constraints.renewed(*self._contacts_at(motion.positions))
             self._linear.constraints = self._constraints  # type: ignore[assignment]
+
+    def _tied(self, positions: Array) -> SparseConstraints | LinearConstraints | None:
+        """Contacts and held points as constraints on the yarns; None where there are none."""
+        rows, right = self._contacts_at(positions)
+        return SparseConstraints(rows, right) if len(right) else None
 
     def _contacts_at(self, positions: Array) -> tuple[csr_array, Array]:
         """Rows and right sides of constraints: contacts of the yarns, linearised, and held points."""

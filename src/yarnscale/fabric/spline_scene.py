@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.adaptive_volume import AdaptiveVolume
 from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.measures import fibre_extension, penetration
-from yarnscale.fabric.sheet_scene import SheetScene
+from yarnscale.fabric.sheet_scene import PlannedScene, SheetScene
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, Reduction, SplineMotion, YarnMotion
+from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.motion.body import Method
 from yarnscale.motion.obstacles import Obstacle
 
@@ -37,7 +39,7 @@ class SplineScene(FabricScene[YarnMotion]):
     one point of every loop of its last row, as in LOD03. position: of its middle at the start [m]. volume: around
     ``fabric.control``; reduction: its elasticity, "homogenized" or "published" (LOD03), None for homogenized where that
     is possible: in implicit steps, without adaptive. adaptive: whether the volume inserts and removes knots. Other
-    arguments: see ``FabricScene``.
+    arguments: see ``FabricScene``. Without a volume the schedule has dynamics alone. Raises InputError.
     """
 
     fabric: SplineFabric
@@ -50,6 +52,17 @@ class SplineScene(FabricScene[YarnMotion]):
     def __post_init__(self) -> None:
         if self.adaptive and self.volume is None:
             raise InputError("adaptive", expected="a volume", found="none")
+        if self.volume is None and (self.schedule.to_rest or self.schedule.statics):
+            named = "statics" if self.schedule.statics else "to_rest"
+            raise InputError(f"schedule of spline yarns, {named}", expected="dynamics alone, or a volume", found="true")
+
+    @classmethod
+    def in_place(cls, fabric: SplineFabric, plan: PlannedScene, **settings: Any) -> SplineScene:
+        """The fabric in a scene for any fabric; settings: the other arguments. Raises InputError."""
+        sheet = SplinePoints(fabric).sheet
+        laid = plan.laid(sheet)
+        x, y, z = (laid.vertices[0] - sheet.vertices[0]).tolist()
+        return cls(fabric, plan.of(laid), position=(x, y, z), **settings)
 
     @cached_property
     def _full(self) -> SplineMotion:
