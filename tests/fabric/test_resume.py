@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import drape, stretch
 from yarnscale.fabric.spline_knit import jersey
 from yarnscale.fabric.spline_motion import Reduction, SplineMotion, YarnMotion
+from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.motion.body import Body
@@ -64,12 +66,22 @@ def splines(
     return moving, moving.start, schedule
 
 
+def stretched_splines() -> Made:
+    """Under handles, after a passage."""
+    fabric = jersey(3, 3, WOOL)
+    loads = stretch(SplinePoints(fabric).sheet, amount=0.1, duration=0.02)
+    moving = SplineMotion(fabric, loads=loads, gravity=loads.gravity, damping=1.0)
+    start = replace(moving.start, passages=np.array([[3.0, 200.0, 0.5, 0.25, 0.75, 1.0]]))
+    return moving, start, Schedule(0.02, 1 / 240, to_rest=False, frame_interval=0.005)
+
+
 CASES: dict[str, tuple[type, Callable[[], Made]]] = {
     "rods, stretched": (FabricMotion, lambda: rods("stretch")),
     "rods on a ball": (FabricMotion, lambda: rods("drape")),
     "rods in a volume": (FabricMotion, lambda: rods("stretch", volume=True)),
     "rods, explicit": (FabricMotion, lambda: rods("stretch", explicit=True)),
     "splines": (YarnMotion, lambda: splines()),
+    "splines under handles": (YarnMotion, stretched_splines),
     "splines in a volume": (YarnMotion, lambda: splines(volume=True)),
     "splines in a homogenized volume": (YarnMotion, lambda: splines(volume=True, reduction="homogenized")),
     "splines, explicit": (YarnMotion, lambda: splines(volume=True, explicit=True)),
@@ -98,12 +110,15 @@ def test_a_run_goes_on_bit_by_bit(case: str, tmp_path: Path) -> None:
     again = simulate(fresh, start, schedule, on_frame=lambda _, state: rest.append(state), resume=place)
     for one, other in zip(states[3:], rest, strict=True):
         assert one.time == other.time
-        for name in ("x", "velocity", "passages") if kind is FabricMotion else ("positions", "velocities", "knots"):
+        splined = ("positions", "velocities", "knots", "passages")
+        for name in ("x", "velocity", "passages") if kind is FabricMotion else splined:
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
     work = ("steps", "newton_iterations", "factorisations", "loose_steps", "unfulfilled", "frames")
     assert [getattr(again, name) for name in work] == [getattr(whole, name) for name in work]
     if "adaptive" in case:
         assert len(whole.state.knots) >= 2
+    if "handles" in case:
+        assert len(whole.state.passages) == 1
     # The last checkpoint says that there is nothing left to do.
     done = simulate(fresh, start, schedule, resume=files[-1].read())
     assert done.converged and done.steps == whole.steps

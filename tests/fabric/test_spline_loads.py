@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,10 +133,10 @@ def _volume(knit: SplineFabric, model: Reduction | None) -> BoundingVolume | Non
 @pytest.mark.parametrize("model", MODELS)
 def test_a_fabric_hangs_alike_wherever_it_is(knit: SplineFabric, model: Reduction | None) -> None:
     away, states = (0.01, -0.02, 0.1), []
-    for position in ((0.0, 0.0, 0.0), away):
+    for displacement in ((0.0, 0.0, 0.0), away):
         scene = SplineScene(
             knit,
-            position=position,
+            displacement=displacement,
             volume=_volume(knit, model),
             reduction=model,
             schedule=Schedule(0.01, 1 / 200, to_rest=False),
@@ -224,3 +225,28 @@ def test_a_single_row_drapes() -> None:
     row = jersey(1, 3, WOOL)
     scene = SplineScene(row, drape(SplinePoints(row).sheet), schedule=Schedule(0.01, 1 / 200, to_rest=False))
     assert run_scene(scene).succeeded
+
+
+def test_a_hanging_fabric_takes_any_gravity_and_loads_have_their_own(knit: SplineFabric) -> None:
+    moon = SplineScene(knit, gravity=(0.0, -1.62, 0.0), schedule=Schedule(0.01, 1 / 200, to_rest=False))
+    result = run_scene(moon)
+    fallen = [run_scene(replace(moon, gravity=g)).measures["centre_drop"] for g in ((0.0, -9.81, 0.0), (0.0, 0.0, 0.0))]
+    assert 0.0 < result.measures["centre_drop"] < 0.3 * fallen[0]  # type: ignore[operator]
+    assert fallen[1] is None
+    loads = drape(SplinePoints(knit).sheet)
+    draped = SplineScene(knit, loads)
+    assert draped.gravity == loads.gravity == replace(draped, damping=2.0).gravity
+    with pytest.raises(InputError, match="beside that of the loads"):
+        SplineScene(knit, loads, gravity=(0.0, -1.62, 0.0))
+
+
+def test_explicit_steps_count_passages_and_are_shorter_under_contact() -> None:
+    fabric = _cross(2.5)
+    moving = SplineMotion(fabric, method="explicit", gravity=(0.0, 0.0, 0.0))
+    falling = np.zeros_like(moving.start.positions)
+    falling[fabric.points_per_yarn :, 2] = -1.0
+    state = moving.step(replace(moving.start, velocities=falling), 5e-3).state
+    assert moving.touch.lasting(state.passages) == 1
+    assert moving.touch.lasting(moving.step(replace(state, velocities=-falling), 5e-3).state.passages) == 0
+    pressed = replace(moving.start, positions=_cross(0.6).control.reshape(-1, 3))
+    assert moving.stable_step(pressed) < 0.9 * moving.stable_step(moving.start)

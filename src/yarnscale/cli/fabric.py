@@ -119,6 +119,7 @@ def _splines(options: argparse.Namespace) -> int:
     if options.scene != "hang":
         refuse(options, ("explicit",), "--scene hang")
     knitted, yarn = _spline_yarns(options)
+    knitted = knitted if options.scene == "hang" else knitted.unclosed()
     volume = BoundingVolume.around(knitted.control, options.volume) if options.method == "volume" else None
     method = _method(options)
     reduction = reduction_for(options.reduction, method["method"], options.adaptive)

@@ -63,7 +63,7 @@ class YarnMotion:
     Of a homogenized volume: control points of the mid-surface, then the fluctuations of its cells.
 
     knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2). before: the state one step earlier,
-    where the integrator needs it. passages: rows of ``Passages`` of the yarns in implicit steps up to now.
+    where the integrator needs it. passages: rows of ``Passages`` of the yarns up to now.
     """
 
     positions: Array
@@ -78,12 +78,12 @@ class SplineMotion(Body[YarnMotion]):
     """A fabric of spline yarns in motion, by all control points of its yarns or by those of a volume.
 
     gravity: [m/s²]; held: points of yarns that stay where they are at rest; loads: handles, by stiff springs, and
-    obstacles, both in implicit steps only; position: of the fabric's middle at the start [m]; damping: rate [1/s] at
-    which free motion decays. Contacts constrain the yarns themselves, and where they touch elsewhere they press on each
-    other (``SplineTouch``); in a volume they have no place and need none. reduction: of a volume; a homogenized one is
-    held by its mid-surface and takes implicit steps only. tolerance: of implicit steps, forces left over per weight of
-    the fabric; iterations: of Newton, the most in a step. method: of steps; integrator: of implicit ones. energy: of
-    the fabric's yarns, if it is already known.
+    obstacles, both in implicit steps only; displacement: of the fabric at the start from where it is drawn [m];
+    damping: rate [1/s] at which free motion decays. Contacts constrain the yarns themselves, and where they touch
+    elsewhere they press on each other (``SplineTouch``); in a volume they have no place and need none. reduction: of a
+    volume; a homogenized one is held by its mid-surface and takes implicit steps only. tolerance: of implicit steps,
+    forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of steps; integrator:
+    of implicit ones. energy: of the fabric's yarns, if it is already known.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class SplineMotion(Body[YarnMotion]):
         gravity: tuple[float, float, float] = STANDARD_GRAVITY,
         held: CurvePoints | None = None,
         loads: SheetScene | None = None,
-        position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        displacement: tuple[float, float, float] = (0.0, 0.0, 0.0),
         damping: float = 0.0,
         tolerance: float = 1e-2,
         iterations: int = 50,
@@ -136,8 +136,8 @@ class SplineMotion(Body[YarnMotion]):
         if volume is not None and cells is None:
             self.map = NodeMap(volume.fast_weights(rest), np.zeros(rest.size))
             control = volume.control_at_rest
-        self.position, start = position, control.copy()
-        start[: len(self.load) // 3 if cells is not None else None] += position
+        self.displacement, start = displacement, control.copy()
+        start[: len(self.load) // 3 if cells is not None else None] += displacement
         self.start = YarnMotion(start, np.zeros_like(start))
         self._held, self._held_at = rows, rows @ self.expanded(self.start).positions.ravel()
         points = SplinePoints(fabric)
@@ -164,7 +164,7 @@ class SplineMotion(Body[YarnMotion]):
         """The same fabric under the same conditions in another volume."""
         return SplineMotion(
             self.fabric, volume=volume, reduction=self.reduction, gravity=tuple(self.gravity), held=self.held,
-            loads=self.loads, position=self.position, damping=self.damping, tolerance=self.tolerance,
+            loads=self.loads, displacement=self.displacement, damping=self.damping, tolerance=self.tolerance,
             iterations=self.iterations, method=self.method, integrator=self.integrator, energy=self.of_yarns,
         )  # fmt: skip
 
@@ -219,7 +219,7 @@ class SplineMotion(Body[YarnMotion]):
         self._aim_constraints(state)
         if self.method == "explicit":
             step = self._explicit(state, duration)
-            return replace(step, state=replace(step.state, time=until))
+            return replace(step, state=replace(step.state, time=until, passages=self._passages(state, step.state)))
         if not inertia and self.volume is None:  # contacts, linearised in every step, would not be satisfied
             raise InputError("steps without inertia", expected="spline yarns in a volume", found="all of them")
         still = replace(state, velocities=np.zeros_like(state.velocities), before=None)
@@ -227,9 +227,13 @@ class SplineMotion(Body[YarnMotion]):
         if self.forces is not None:
             self.forces.begin(self.expanded(state).positions.ravel(), state.time, until)
         step = self._implicit(state if inertia else still, duration, limit)
-        before, after = (self.yarns(motion).positions.ravel() for motion in (state, step.state))
-        moved = replace(step.state, time=until, passages=self.touch.passages(before, after, state.passages))
+        moved = replace(step.state, time=until, passages=self._passages(state, step.state))
         return replace(step, state=moved if inertia else replace(moved, velocities=still.velocities, before=None))
+
+    def _passages(self, before: YarnMotion, after: YarnMotion) -> Array:
+        """Rows of passages up to a state, and those in the step after it."""
+        start, end = (self.yarns(motion).positions.ravel() for motion in (before, after))
+        return self.touch.passages(start, end, before.passages)
 
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
@@ -257,7 +261,10 @@ class SplineMotion(Body[YarnMotion]):
     def stable_step(self, state: YarnMotion) -> float:
         self._aim_constraints(state)
         solver = self._mass_solver()
-        _, _, model = self.energy.quadratic(self.yarns(state).positions.ravel())
+        x = self.yarns(state).positions.ravel()
+        model = self.energy.quadratic(x)[2]
+        if self.volume is None:
+            model = self.touch.quadratic(x, model)[2]
 
         def times(vector: Array) -> Array:
             full = vector

@@ -36,7 +36,9 @@ class SplineScene(FabricScene[YarnMotion]):
     """A fabric of spline yarns to simulate.
 
     loads: gravity, grips and obstacles, such as ``sheet_scenes.drape(SplinePoints(fabric).sheet)``; None: it hangs by
-    one point of every loop of its last row, as in LOD03. position: of its middle at the start [m]. volume: around
+    one point of every loop of its last row, as in LOD03, under ``gravity`` [m/s²], which loads replace by their own.
+    displacement: of the fabric at the start from where it is drawn [m]; loads are those of the displaced sheet
+    (``in_place`` makes both). volume: around
     ``fabric.control``; reduction: its elasticity, "homogenized" or "published" (LOD03), None for homogenized where that
     is possible: in implicit steps, without adaptive. adaptive: whether the volume inserts and removes knots. Other
     arguments: see ``FabricScene``. Without a volume the schedule has dynamics alone. Raises InputError.
@@ -45,11 +47,16 @@ class SplineScene(FabricScene[YarnMotion]):
     fabric: SplineFabric
     loads: SheetScene | None = None
     _: KW_ONLY
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
+    displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
     adaptive: bool = False
     reduction: Reduction | None = None
 
     def __post_init__(self) -> None:
+        if self.loads is not None:
+            if self.gravity not in (STANDARD_GRAVITY, self.loads.gravity):
+                raise InputError("gravity", expected="none beside that of the loads", found=self.gravity)
+            object.__setattr__(self, "gravity", self.loads.gravity)
         if self.adaptive and self.volume is None:
             raise InputError("adaptive", expected="a volume", found="none")
         if self.volume is None and (self.schedule.to_rest or self.schedule.statics):
@@ -62,20 +69,15 @@ class SplineScene(FabricScene[YarnMotion]):
         sheet = SplinePoints(fabric).sheet
         laid = plan.laid(sheet)
         x, y, z = (laid.vertices[0] - sheet.vertices[0]).tolist()
-        return cls(fabric, plan.of(laid), position=(x, y, z), **settings)
+        return cls(fabric, plan.of(laid), displacement=(x, y, z), **settings)
 
     @cached_property
     def _full(self) -> SplineMotion:
         return SplineMotion(
             self.fabric, volume=self.volume, reduction=reduction_for(self.reduction, self.method, self.adaptive),
             gravity=self.gravity, held=self.fabric.top if self.loads is None else None, loads=self.loads,
-            position=self.position, damping=self.damping, method=self.method, integrator=self.integrator,
+            displacement=self.displacement, damping=self.damping, method=self.method, integrator=self.integrator,
         )  # fmt: skip
-
-    @property
-    def gravity(self) -> tuple[float, float, float]:
-        """Gravity [m/s²]."""
-        return STANDARD_GRAVITY if self.loads is None else self.loads.gravity
 
     @property
     def obstacles(self) -> Sequence[Obstacle]:
@@ -112,12 +114,11 @@ class SplineScene(FabricScene[YarnMotion]):
         return self.body.counts()
 
     def measures(self, state: YarnMotion) -> dict[str, float]:
-        """``penetration``, ``extension``, in implicit steps ``passages``, and ``force`` [N] where grips pull."""
+        """``penetration``, ``extension``, ``passages``, and ``force`` [N] where grips pull."""
         control = self.body.yarns(state).positions
         extension = fibre_extension(self.fabric, control)[0]
         found: dict[str, float] = {"penetration": penetration(self.fabric, control), "extension": extension}
-        if self.method == "implicit":
-            found["passages"] = self._full.touch.lasting(state.passages)
+        found["passages"] = self._full.touch.lasting(state.passages)
         forces = self._full.forces
         if self.loads is not None and self.loads.axis is not None and forces is not None:
             x = self._full.expanded(state).positions.ravel()
