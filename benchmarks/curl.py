@@ -23,7 +23,8 @@ from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_friction import FrictionHistory
-from yarnscale.fabric.direct_static import Holds, rod_equilibrium
+from yarnscale.fabric.direct_static import rod_equilibrium
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.files.material_json import read_material
 from yarnscale.motion.run import simulate

@@ -25,7 +25,8 @@ from yarnscale.cell.rest import settled
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_friction import FrictionHistory
-from yarnscale.fabric.direct_static import Holds, rod_equilibrium, safe_path
+from yarnscale.fabric.direct_static import rod_equilibrium, safe_path
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.homogeneous.histories import path_with_friction
 from yarnscale.kinematics import ShellStrain

@@ -23,7 +23,8 @@ from yarnscale.drawing import library
 from yarnscale.fabric.boundary import glue
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_friction import FrictionHistory
-from yarnscale.fabric.direct_static import Holds, Rest, rod_equilibrium, safe_path
+from yarnscale.fabric.direct_static import Rest, rod_equilibrium, safe_path
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.kinematics import ShellStrain
 from yarnscale.numerics.kkt import ConstrainedSolver

@@ -14,7 +14,7 @@ from yarnscale.drawing import library
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_friction import FrictionHistory
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
-from yarnscale.fabric.direct_static import Holds
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch
 from yarnscale.yarn.friction import Rubbing, YarnFriction

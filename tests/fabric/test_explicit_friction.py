@@ -11,7 +11,8 @@ import pytest
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, gravity_load, rod_equilibrium
+from yarnscale.fabric.direct_static import gravity_load, rod_equilibrium
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.obstacles import Plane
 from yarnscale.yarn.friction import Rubbing, YarnFriction

@@ -8,7 +8,7 @@ import pytest
 from yarnscale.drawing import library
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics
-from yarnscale.fabric.direct_static import Holds
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import stretch

@@ -12,7 +12,8 @@ from yarnscale.drawing import library
 from yarnscale.drawing.knit import knit
 from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
-from yarnscale.fabric.direct_static import Holds, rod_equilibrium
+from yarnscale.fabric.direct_static import rod_equilibrium
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.knitted_sheet import knitted_sheet, woven_in
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.yarn.material import YarnMaterial

@@ -11,7 +11,8 @@ from yarnscale.errors import InputError
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, rod_equilibrium
+from yarnscale.fabric.direct_static import rod_equilibrium
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.motion.obstacles import MeshObstacle, Plane, Sphere
 from yarnscale.motion.rigid import Motion

@@ -17,7 +17,8 @@ from yarnscale.errors import not_negative
 from yarnscale.fabric.direct_energy import STITCH, EdgeFrames, FabricEnergy
 from yarnscale.fabric.direct_friction import FrictionHistory, FrictionStep
 from yarnscale.fabric.direct_objective import FabricObjective, NodeForce
-from yarnscale.fabric.direct_static import Holds, gravity_load
+from yarnscale.fabric.direct_static import gravity_load
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.patches import Patches
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step, checked_method

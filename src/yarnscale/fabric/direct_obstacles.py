@@ -12,7 +12,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import not_negative
-from yarnscale.fabric.direct_static import YarnPoints
+from yarnscale.fabric.holds import YarnPoints
 from yarnscale.motion.obstacles import Obstacle
 from yarnscale.motion.surfaces import surface_of
 

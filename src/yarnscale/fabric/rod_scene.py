@@ -12,6 +12,7 @@ from yarnscale.arrays import Array
 from yarnscale.checked import checked
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_motion import FabricDynamics, FabricMotion, MotionSettings
+from yarnscale.fabric.direct_static import reactions
 from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.rod_fabric import RodFabric
 from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
@@ -93,9 +94,11 @@ class RodScene(FabricScene[FabricMotion]):
             "extension": float(np.abs(self.energy.extensions(state.x)).max()),
             "passages": self.energy.passage_count,
         }
-        if self.loads.axis is not None:
-            led = self.method == "explicit"
-            found["force"] = self.loads.force(self.energy, state.x, state.time, led=led)
+        if self.loads.axis is not None and self.method == "explicit":
+            holds = self.loads.holds(state.time)
+            found["force"] = self.loads.pull(holds, reactions(self.energy, holds, state.x))
+        elif self.loads.axis is not None:
+            found["force"] = self.loads.force(self.energy, state.x, state.time)
         return found
 
 

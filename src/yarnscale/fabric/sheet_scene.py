@@ -9,9 +9,8 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError, not_negative
-from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.fabric.direct_obstacles import Pushes
-from yarnscale.fabric.direct_static import Holds, YarnPoints
+from yarnscale.fabric.holds import Holds, YarnPoints
 from yarnscale.fabric.sheet import NO_PATTERN, YarnSheet
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.handles import Handle
@@ -50,17 +49,17 @@ class SheetScene:
         """The obstacles as contacts of the simulation."""
         return tuple(Pushes(energy, obstacle, friction=self.friction) for obstacle in self.obstacles)
 
-    def force(self, energy: YarnPoints, x: Array, time: float, *, led: bool = False) -> float:
-        """Mean force that pulls the handles apart [N], else NaN. led: by no springs, in explicit steps."""
+    def force(self, energy: YarnPoints, x: Array, time: float) -> float:
+        """Mean force by which springs pull the handles apart [N], else NaN."""
+        holds = self.holds(time)
+        return self.pull(holds, holds.forces(energy, x))
+
+    def pull(self, holds: Holds, forces: Array) -> float:
+        """Mean of forces on held vertices (k, 3) [N] that pulls the handles apart [N], else NaN."""
         if self.axis is None:
             return math.nan
-        holds = self.holds(time)
-        if led and isinstance(energy, FabricEnergy):
-            forces = holds.reactions(energy, x)[:, self.axis]
-        else:
-            forces = holds.forces(energy, x)[:, self.axis]
-        second = holds.handles[SECOND]
-        return 0.5 * float(forces[second].sum() - forces[~second].sum())
+        along, second = forces[:, self.axis], holds.handles[SECOND]
+        return 0.5 * float(along[second].sum() - along[~second].sum())
 
 
 @dataclass(frozen=True, eq=False)

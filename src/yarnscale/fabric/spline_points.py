@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.sparse import bsr_array, csr_array, tril
 
 from yarnscale.arrays import Array
-from yarnscale.fabric.direct_objective import NodeForce
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric
 from yarnscale.fabric.spline_model import point_rows
-from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.sums import Springs
+from yarnscale.numerics.factor import SymmetricPattern, places_among
 from yarnscale.yarn.stiffness import PatternStiffness
 
 _SPACING = 1.2
@@ -61,40 +57,38 @@ class SplinePoints:
         return (self.rows @ x.ravel()).reshape(-1, 3) / self.radius
 
 
-class _Held:
-    """Springs as a force on every point."""
-
-    def __init__(self, springs: Springs) -> None:
-        self._weight, self._centre = (v[: 3 * len(v) // 4].reshape(-1, 3) for v in (springs.weight, springs.centre))
-
-    def at(self, positions: Array) -> tuple[float, Array, Array]:
-        pull = self._weight * (positions - self._centre)
-        return 0.5 * float((pull * (positions - self._centre)).sum()), pull, self._weight[:, :, None] * np.eye(3)
-
-
 class PointForces:
     """Handles and obstacles, as a term of a sum of energies with a pattern; ``begin`` says for which step."""
 
     def __init__(self, points: SplinePoints, loads: SheetScene, pattern: SymmetricPattern) -> None:
         self.points, self.loads = points, loads
-        columns = np.repeat(np.arange(pattern.size), np.diff(pattern.starts))
-        self._size, self._keys = pattern.size, columns * pattern.size + pattern.rows
+        self._keys = pattern.keys
         self._pushes = loads.pushes(points)
-        self._forces: tuple[NodeForce | _Held, ...] = ()
+        self._aim(0.0)
 
     def begin(self, x: Array, start: float, end: float) -> None:
         """Begin a step from a time to another [s]."""
         for push in self._pushes:
             push.begin(self.points.positions(x), start, end)
-        self._forces = (*self._pushes, _Held(self.loads.holds(end).springs(self.points)))
+        self._aim(end)
 
-    def _at(self, x: Array) -> tuple[float, Array, Array]:
-        value, pull, blocks = (sum(parts) for parts in zip(*self._all_at(x), strict=True))
-        return float(value) * self.points.unit, np.asarray(pull) * self.points.force_unit, np.asarray(blocks)
+    def _aim(self, time: float) -> None:
+        holds = self.loads.holds(time)
+        self._nodes, self._weights = holds.nodes, holds.weights(self.points)
+        self._targets = holds.targets / self.points.radius
 
-    def _all_at(self, x: Array) -> list[tuple[float, Array, Array]]:
-        positions = self.points.positions(x)
-        return [force.at(positions) for force in self._forces]
+    def _at(self, x: Array) -> tuple[float, Array, list[Array]]:
+        """Energy [J], gradient by points (3k,) [N], and Hessians of obstacles by points (k, 3, 3)."""
+        points, positions = self.points, self.points.positions(x)
+        away = positions[self._nodes] - self._targets
+        value, pull = 0.5 * float((self._weights * away**2).sum()), np.zeros_like(positions)
+        np.add.at(pull, self._nodes, self._weights * away)
+        blocks = []
+        for push in self._pushes:
+            more, pressed, block = push.at(positions)
+            value, pull = value + more, pull + pressed
+            blocks.append(block)
+        return value * points.unit, points.force_unit * pull.ravel(), blocks
 
     def value(self, x: Array) -> float:
         """Energy [J]."""
@@ -103,24 +97,22 @@ class PointForces:
     def gradient(self, x: Array, gradient: Array) -> float:
         """Energy [J]; adds the gradient [N]."""
         value, pull, _ = self._at(x)
-        gradient += self.points.rows.T @ pull.ravel()
+        gradient += self.points.rows.T @ pull
         return value
 
     def hessian(self, x: Array, gradient: Array, pattern: SymmetricPattern, entries: Array) -> float:
         """Energy [J]; adds gradient [N] and Hessian [N/m]."""
-        value, pull, blocks = self._at(x)
-        gradient += self.points.rows.T @ pull.ravel()
+        value, pull, pushed = self._at(x)
+        gradient += self.points.rows.T @ pull
+        blocks = sum(pushed, np.zeros((self.points.count, 3, 3)))
+        np.add.at(blocks, self._nodes, self._weights[:, :, None] * np.eye(3))
         pressed = np.flatnonzero(blocks.any(axis=(1, 2)))
         if len(pressed):
             rows = csr_array(self.points.rows[(3 * pressed[:, None] + np.arange(3)).ravel()])
             middle = bsr_array((blocks[pressed], np.arange(len(pressed)), np.arange(len(pressed) + 1)))
             lower = tril(rows.T @ (middle @ rows)).tocoo()
-            places = np.searchsorted(self._keys, lower.col.astype(np.int64) * self._size + lower.row)
+            places = places_among(self._keys, lower.col.astype(np.int64) * pattern.size + lower.row)
+            if places is None:
+                raise ValueError("the pattern does not cover these points")
             np.add.at(entries, places, self.points.force_unit / self.points.radius * lower.data)
         return value
-
-
-def core_of(points: SplinePoints, share: float) -> PatternStiffness:
-    """Stiffness of yarns of a share of the radius, which touch later."""
-    sheet = points.sheet
-    return PatternStiffness.of(replace(sheet, radius=share * sheet.radius), points.fabric.material)

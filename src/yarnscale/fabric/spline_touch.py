@@ -14,15 +14,16 @@ from scipy.sparse import csr_array
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.fabric.bspline import ORDER, blending
-from yarnscale.fabric.spline_points import SplinePoints, core_of
+from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.factor import SymmetricPattern, places_among
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.newton import Objective
 from yarnscale.numerics.regularisation import ShiftedHessian
 from yarnscale.yarn.contact_list import ContactList
 from yarnscale.yarn.passages import Passages
+from yarnscale.yarn.stiffness import PatternStiffness
 
 CORE = 0.85
 """Diameter within which yarns press on each other, as a share of the whole."""
@@ -39,7 +40,8 @@ class SplineTouch:
 
     def __init__(self, points: SplinePoints) -> None:
         self.points, fabric = points, points.fabric
-        self._stiffness = core_of(points, CORE)
+        core = replace(points.sheet, radius=CORE * points.sheet.radius)  # which touches later
+        self._stiffness = PatternStiffness.of(core, fabric.material)
         self._strands, self._unit = self._stiffness.pattern.strands, self._stiffness.unit  # type: ignore[attr-defined]
         self._list, self._radius = ContactList(self._strands, self._stiffness), CORE * fabric.radius
         per, number = points.per_segment, self._strands.place  # an edge begins at its vertex's place on the yarn
@@ -123,17 +125,15 @@ class SplineTouch:
         """Where blocks stand in the pattern; None where it does not have them all."""
         if self._blocks is None:
             return None
-        places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        return places if np.array_equal(self._keys[places], keys) else None
+        return places_among(self._keys, keys)
 
     def _lay_out(self, positions: Array, inner: SymmetricPattern) -> None:
         """The pattern for pairs that are within reach, or nearly."""
         first, second, _ = self._pressed(positions, _MARGIN)
         unknowns = position_variables(np.concatenate([self._nodes[first], self._nodes[second]], axis=1))
         self._blocks = BlockPattern.of(np.full(inner.size // 3, 3), [self._segments, unknowns])
-        self._keys, size = self._blocks.keys, inner.size
-        whole, part = (p.columns * size + p.rows for p in (self._blocks.pattern, inner))
-        self._inner = np.searchsorted(whole, part)
+        self._keys = self._blocks.keys
+        self._inner = places_among(self._blocks.pattern.keys, inner.keys)
 
     def bound(self, x: Array, step: Array) -> float:
         """Fraction of a step (3n,) [m] in which no yarns meet."""

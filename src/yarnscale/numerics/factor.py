@@ -62,6 +62,11 @@ class SymmetricPattern:
         return np.repeat(np.arange(self.size), np.diff(self.starts))
 
     @property
+    def keys(self) -> Integers:
+        """Keys ``column·size + row`` of all entries, increasing."""
+        return self.columns * self.size + self.rows
+
+    @property
     def diagonal(self) -> Integers:
         """Position of every diagonal entry, (n,): first of its column, since rows are sorted."""
         return self.starts[:-1]
@@ -73,6 +78,12 @@ class SymmetricPattern:
         product = np.zeros(self.size)
         _multiply(self.starts, self.rows, values, np.ascontiguousarray(x), product)
         return product
+
+
+def places_among(keys: Integers, wanted: Integers) -> Integers | None:
+    """Where some keys stand among increasing ones; None where one of them is not there."""
+    places = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return places if np.array_equal(keys[places], wanted) else None
 
 
 @numba.njit(cache=True, error_model="numpy")
