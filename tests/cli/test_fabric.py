@@ -86,6 +86,15 @@ def test_splines_of_a_rib_have_sixteen_segments_a_stitch(capsys: pytest.CaptureF
     assert "row 2 column 2" in capsys.readouterr().err
 
 
+def test_handles_leave_out_the_contacts_that_close_the_first_row(capsys: pytest.CaptureFixture[str]) -> None:
+    counted = ["fabric", "jersey", "--rows", "3", "--columns", "4", "--method", "splines", "--count", "--json"]
+    found = []
+    for scene in ("hang", "stretch"):
+        assert main([*counted, "--scene", scene]) == 0
+        found.append(json.loads(capsys.readouterr().out)["constraints"])
+    assert found == [3 * 2 * 4 * 3, 3 * 2 * 4 * 2]
+
+
 def test_refuses_what_it_has_no_splines_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fabric", "satin", "--rows", "3", "--columns", "3", "--out", str(tmp_path)]) == 2
     assert "jersey" in capsys.readouterr().err

@@ -62,16 +62,13 @@ class AdaptiveVolume(Body[YarnMotion]):
         self.knots: list[Knot] = []
         self._coarsest = moving.volume
         self.tolerance, self.off_place = moving.tolerance, moving.off_place
-        self.halvings, self.method = moving.halvings, moving.method
+        self.halvings, self.method, self.loose = moving.halvings, moving.method, moving.loose
 
     def _step(
         self, state: YarnMotion, duration: float, inertia: bool, iterations: int | None, until: float
     ) -> Step[YarnMotion]:
         self.take_up(state)
         return self.moving.step(state, duration, inertia=inertia, iterations=iterations, until=until)
-
-    def keeps(self, step: Step[YarnMotion]) -> bool:
-        return self.moving.keeps(step)
 
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
         self.take_up(state)

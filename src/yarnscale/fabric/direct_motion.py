@@ -23,9 +23,11 @@ from yarnscale.fabric.patches import Patches
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
+    ENOUGH,
     Earlier,
     Integrator,
     checked_integrator,
+    fall_energy,
     longest_stable_step,
     remembered,
     step_rule,
@@ -79,7 +81,7 @@ class MotionSettings:
     damping: float = 0.0
     friction: YarnFriction | None = None
     tolerance: float = 1e-3
-    enough: float = 0.1
+    enough: float = ENOUGH
     iterations: int = 8
     method: Method = "implicit"
     integrator: Integrator = "euler"
@@ -106,7 +108,7 @@ class FabricDynamics(Body[FabricMotion]):
     def __post_init__(self) -> None:
         energy = self.energy
         self.tolerance, self.off_place = self.settings.tolerance, energy.radius
-        self.method = self.settings.method
+        self.method, self.loose = self.settings.method, True
         mass = energy.masses() * energy.radius**2 / energy.unit
         spin = np.where(energy.spins() > 0, energy.spins(), 1.0) / energy.unit
         self.mass = np.concatenate([np.repeat(mass, 3), spin])
@@ -140,7 +142,8 @@ class FabricDynamics(Body[FabricMotion]):
             force_floor=self.force_scale, pull_share=0.0, tied=True,
         )  # fmt: skip
         # From where the fabric is: an extrapolation may press yarns into each other, and Newton's method knows inertia.
-        enough = settings.enough * self.fall_energy(duration) if inertia else 0.0
+        fallen = fall_energy(float(energy.masses().sum()), duration) / energy.unit
+        enough = settings.enough * fallen if inertia else 0.0
         shift = replace(_SHIFT, start=state.shift)
         options = NewtonOptions(self.tolerance, enough, iterations or settings.iterations, shift, check_minimum=False)
         solution = self._minimised(objective, state, options)
@@ -152,9 +155,6 @@ class FabricDynamics(Body[FabricMotion]):
         moved = replace(self._moved(state, x, velocity, until, shift), before=before, friction=history)
         return Step.of(moved, solution, duration, unrest)
 
-    def keeps(self, step: Step[FabricMotion]) -> bool:
-        return step.status is not Status.INVALID
-
     def distances_from_places(self, state: FabricMotion) -> dict[str, float]:
         return self.holds(state.time).distances(self.energy, state.x)
 
@@ -162,11 +162,6 @@ class FabricDynamics(Body[FabricMotion]):
         """The same, with contacts listed anew, so that sums are taken in an order that the state alone decides."""
         self.energy.forget_contacts()
         return state
-
-    def fall_energy(self, duration: float) -> float:
-        """Kinetic energy of the whole fabric after a free fall of so many seconds [E π r³]."""
-        speed = GRAVITY * duration / self.energy.radius
-        return 0.5 * float(self.mass[: 3 * self.energy.count : 3].sum()) * speed**2
 
     def take_up(self, motion: FabricMotion) -> None:
         """Set the frames and passages of the energy to those of a state."""

@@ -26,10 +26,12 @@ from yarnscale.fabric.volume_cells import VolumeCells, reduced_counts
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
+    ENOUGH,
     Earlier,
     Integrator,
     StepRule,
     checked_integrator,
+    fall_energy,
     longest_stable_step,
     remembered,
     step_rule,
@@ -46,9 +48,8 @@ STANDARD_GRAVITY = (0.0, -GRAVITY, 0.0)
 """Down the wales [m/s²]: fabric hangs by its last row."""
 _STABLE_SHARE = 0.7
 """Explicit steps over the longest stable one."""
-_ENOUGH, _MOST_ITERATIONS = 0.05, 12
-"""Steps with handles or obstacles end where an iteration gains less than this share of m (g Δt)², as those of rods, and
-after so many iterations."""
+_ITERATIONS, _LED_ITERATIONS = 50, 12
+"""Of Newton, the most in a step, without handles and obstacles and with them."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 
 
@@ -82,8 +83,10 @@ class SplineMotion(Body[YarnMotion]):
     damping: rate [1/s] at which free motion decays. Contacts constrain the yarns themselves, and where they touch
     elsewhere they press on each other (``SplineTouch``); in a volume they have no place and need none. reduction: of a
     volume; a homogenized one is held by its mid-surface and takes implicit steps only. tolerance: of implicit steps,
-    forces left over per weight of the fabric; iterations: of Newton, the most in a step. method: of steps; integrator:
-    of implicit ones. energy: of the fabric's yarns, if it is already known.
+    forces left over per weight of the fabric; enough: share of ``fall_energy`` that an iteration must gain to go on, by
+    default ``ENOUGH`` with loads, whose steps are kept as they are, else 0; iterations: of Newton, the most in a step,
+    by default 12 with loads, else 50. method: of steps; integrator: of implicit ones. energy: of the fabric's yarns, if
+    it is already known. Raises InputError.
     """
 
     def __init__(
@@ -98,63 +101,77 @@ class SplineMotion(Body[YarnMotion]):
         displacement: tuple[float, float, float] = (0.0, 0.0, 0.0),
         damping: float = 0.0,
         tolerance: float = 1e-2,
-        iterations: int = 50,
+        enough: float | None = None,
+        iterations: int | None = None,
         method: Method = "implicit",
         integrator: Integrator = "euler",
         energy: SplineEnergy | None = None,
     ) -> None:
         if reduction not in get_args(Reduction):
             raise InputError("reduction", expected=" or ".join(get_args(Reduction)), found=reduction)
+        homogenized = volume is not None and reduction == "homogenized"
+        if checked_method(method) == "explicit" and (homogenized or loads is not None):
+            what = "of a homogenized volume" if homogenized else "of splines with handles or obstacles"
+            raise InputError(f"steps {what}", expected="the implicit method", found=method)
         fabric = fabric if loads is None else fabric.unclosed()
-        self.fabric, self.volume = fabric, volume
+        self.fabric, self.volume, self.held, self.loads = fabric, volume, held, loads
         self.reduction: Reduction = reduction
+        self.gravity, self.displacement = np.asarray(gravity, dtype=np.float64), displacement
         self.damping = not_negative("damping", damping, "zero or more [1/s]")
-        self.tolerance, self.iterations = tolerance, iterations
-        self.method = checked_method(method)
+        self.tolerance, self.loose = tolerance, loads is not None
+        self.enough = enough if enough is not None else ENOUGH if self.loose else 0.0
+        self.iterations = iterations if iterations is not None else _LED_ITERATIONS if self.loose else _ITERATIONS
+        self.method: Method = method
         self.integrator: Integrator = checked_integrator(integrator)
         self.halvings, self.off_place = 4 if method == "implicit" else 0, fabric.radius
-        self.held = held
         self.of_yarns = energy if energy is not None else SplineEnergy(fabric)
-        cells = None
-        if volume is not None and reduction == "homogenized":
-            if method == "explicit":
-                raise InputError("steps of a homogenized volume", expected="the implicit method", found=method)
-            cells = VolumeCells(self.of_yarns, volume)
-        self.cells: VolumeCells | None = cells
-        self.energy = self.of_yarns if cells is None else cells
-        self.gravity = np.asarray(gravity, dtype=np.float64)
+        self.cells = VolumeCells(self.of_yarns, volume) if volume is not None and homogenized else None
+        self.energy = self.of_yarns if self.cells is None else self.cells
         self.load = self.energy.weight(self.gravity)
         standard = self.energy.weight(np.asarray(STANDARD_GRAVITY))
         self.force_scale = float(np.linalg.norm(self.load if self.load.any() else standard))
         self._mass = self.energy.mass_matrix()
-        rest = fabric.control.reshape(-1, 3) if cells is None else cells.at_rest
-        rows = csr_array((0, rest.size))
-        if held is not None:
-            rows = point_rows(fabric, held) if cells is None else cells.rows(point_rows(fabric, held))
+        rest = fabric.control.reshape(-1, 3)
+        within = volume is not None and not homogenized
+        self.map = NodeMap(volume.fast_weights(rest), np.zeros(rest.size)) if volume is not None and within else None
+        self.start = self._displaced()
+        self._held = self._held_rows()
+        self._held_at = self._held @ self.expanded(self.start).positions.ravel()
         self._contacts = SplineContacts.of(fabric)
-        self.map, control = None, rest
-        if volume is not None and cells is None:
-            self.map = NodeMap(volume.fast_weights(rest), np.zeros(rest.size))
-            control = volume.control_at_rest
-        self.displacement, start = displacement, control.copy()
-        start[: len(self.load) // 3 if cells is not None else None] += displacement
-        self.start = YarnMotion(start, np.zeros_like(start))
-        self._held, self._held_at = rows, rows @ self.expanded(self.start).positions.ravel()
         points = SplinePoints(fabric)
-        self.touch, self.loads, self.forces = SplineTouch(points), loads, None
-        if loads is not None:
-            if method == "explicit":
-                raise InputError("steps of splines with handles or obstacles", expected="implicit", found=method)
-            if cells is not None:
-                heights = points.sheet.vertices * [0.0, 0.0, 1.0]
-                flat = (replace(handle, rest=handle.rest - heights[handle.vertices]) for handle in loads.handles)
-                loads, points = replace(loads, handles=tuple(flat)), points.on_surface(cells.rows(points.rows))
-            self.forces = PointForces(points, loads, self.energy.pattern)
+        self.touch, self.forces = SplineTouch(points), None if loads is None else self._forces(points, loads)
+        start = self.start.positions
         self._constraints = self._tied(start) if volume is None else self._held_volume(start)
         self._pull = None if self.map is None else KeptPull(self.map)
         self._linear = linear_solver(self._constraints)
         self._mass_solve: LinearSolver | None = None
         self._mass_model: ShiftedHessian | None = None
+
+    def _displaced(self) -> YarnMotion:
+        """At rest in its own shape, where it is at the start."""
+        if self.cells is not None:
+            start, moved = self.cells.at_rest.copy(), len(self.load) // 3
+        else:
+            start, moved = self.fabric.control.reshape(-1, 3).copy(), None
+            if self.volume is not None:
+                start = self.volume.control_at_rest.copy()
+        start[:moved] += self.displacement
+        return YarnMotion(start, np.zeros_like(start))
+
+    def _held_rows(self) -> csr_array:
+        """Matrix to the held points."""
+        if self.held is None:
+            return csr_array((0, self.energy.size))
+        rows = point_rows(self.fabric, self.held)
+        return rows if self.cells is None else self.cells.rows(rows)
+
+    def _forces(self, points: SplinePoints, loads: SheetScene) -> PointForces:
+        """Handles and obstacles on the yarns, or on the mid-surface of a homogenized volume."""
+        if self.cells is not None:
+            heights = points.sheet.vertices * [0.0, 0.0, 1.0]
+            flat = (replace(handle, rest=handle.rest - heights[handle.vertices]) for handle in loads.handles)
+            loads, points = replace(loads, handles=tuple(flat)), points.on_surface(self.cells.rows(points.rows))
+        return PointForces(points, loads, self.energy.pattern)
 
     def counts(self) -> dict[str, int]:
         """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume."""
@@ -165,7 +182,8 @@ class SplineMotion(Body[YarnMotion]):
         return SplineMotion(
             self.fabric, volume=volume, reduction=self.reduction, gravity=tuple(self.gravity), held=self.held,
             loads=self.loads, displacement=self.displacement, damping=self.damping, tolerance=self.tolerance,
-            iterations=self.iterations, method=self.method, integrator=self.integrator, energy=self.of_yarns,
+            enough=self.enough, iterations=self.iterations, method=self.method, integrator=self.integrator,
+            energy=self.of_yarns,
         )  # fmt: skip
 
     def yarns(self, motion: YarnMotion) -> YarnMotion:
@@ -180,10 +198,6 @@ class SplineMotion(Body[YarnMotion]):
             return motion
         positions = self.map.expand(motion.positions.ravel()).reshape(-1, 3)
         return YarnMotion(positions, np.asarray(self.map.weights @ motion.velocities), motion.time)
-
-    def keeps(self, step: Step[YarnMotion]) -> bool:
-        """Whether a step converged; with handles or obstacles, whether its positions are numbers, as of rods."""
-        return super().keeps(step) if self.loads is None else step.status is not Status.INVALID
 
     def renewed(self, state: YarnMotion, duration: float) -> YarnMotion:
         """The same, with contacts listed anew, so that sums are taken in an order that the state alone decides."""
@@ -204,7 +218,8 @@ class SplineMotion(Body[YarnMotion]):
 
     def energies(self, motion: YarnMotion) -> dict[str, float]:
         """Elastic, gravity (from the start on) and kinetic energy [J]."""
-        points, x = self.expanded(motion), self.expanded(motion).positions.ravel()
+        points = self.expanded(motion)
+        x = points.positions.ravel()
         moved = (x - self.expanded(self.start).positions.ravel())[: len(self.load)]
         velocity = points.velocities.ravel()[: len(self.load)]
         return {
@@ -297,10 +312,8 @@ class SplineMotion(Body[YarnMotion]):
         # Yarns extrapolated along their velocities would stretch where they turn, in their stiffest direction by far.
         rule = self._rule(motion, duration)
         weight, centre = self._balance(rule)
-        moving = self.loads is not None and rule.rate > 0.0
-        enough = _ENOUGH * float(self.of_yarns.masses.sum()) * (GRAVITY * duration) ** 2 if moving else 0.0
-        most = min(iterations, _MOST_ITERATIONS) if moving else iterations
-        options = NewtonOptions(self.tolerance, enough, most, _SHIFT, check_minimum=False)
+        fallen = fall_energy(float(self.of_yarns.masses.sum()), duration) if rule.rate > 0.0 else 0.0
+        options = NewtonOptions(self.tolerance, self.enough * fallen, iterations, _SHIFT, check_minimum=False)
         start, objective = motion.positions.ravel(), self._objective(weight, centre)
         bound = self.touch.bound if self.volume is None else None
         solution = minimise(objective, start, options, linear=self._linear, bound=bound)

@@ -65,13 +65,15 @@ class Body(ABC, Generic[State]):
     contacts. A state carries its frames.
 
     tolerance: residual of a solved step; halvings: how often a step that is not kept is halved; off_place: distance
-    from its place beyond which a motion was not carried out [m]; method: of steps.
+    from its place beyond which a motion was not carried out [m]; method: of steps; loose: whether steps that did not
+    converge are kept, and forces left over act in the next one.
     """
 
     tolerance: float
     off_place: float
     halvings: int = 0
     method: Method = "implicit"
+    loose: bool = False
 
     def step(
         self,
@@ -102,7 +104,7 @@ class Body(ABC, Generic[State]):
 
     def keeps(self, step: Step[State]) -> bool:
         """Whether a step is accepted."""
-        return step.status is Status.CONVERGED
+        return step.status is not Status.INVALID if self.loose else step.status is Status.CONVERGED
 
     @abstractmethod
     def distances_from_places(self, state: State) -> dict[str, float]:

@@ -24,9 +24,12 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
+from yarnscale.kinematics import GRAVITY
 
 Integrator = Literal["euler", "bdf2"]
 
+ENOUGH = 0.1
+"""Steps of yarns that are moved end where an iteration gains less than this share of ``fall_energy``."""
 LARGEST_GROWTH = 1.0 + math.sqrt(2.0)
 """Ratio of two steps from which BDF2 with variable steps is unstable."""
 
@@ -48,6 +51,11 @@ def longest_stable_step(times: Callable[[Array], Array], size: int, iterations: 
         image = times(vector / np.linalg.norm(vector))
         square, vector = float(np.linalg.norm(image)), image
     return 2.0 / math.sqrt(square) if square > 0 else math.inf
+
+
+def fall_energy(mass: float, duration: float) -> float:
+    """Kinetic energy of a mass [kg] after a free fall of so many seconds [J]."""
+    return 0.5 * mass * (GRAVITY * duration) ** 2
 
 
 @dataclass(frozen=True, eq=False)
