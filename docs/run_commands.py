@@ -25,6 +25,7 @@ SMALLER: dict[str, list[str]] = {
     "homogenize": ["--solves", "30", "--workers", "1", "--overwrite"],
     "test": ["--directions", "0", "--loads", "1", "--curvatures", "5"],
     "stretch": ["--spacing", "0.03", "--duration", "0.1", "--overwrite"],
+    "drape": ["--spacing", "0.03", "--overwrite"],
     "simulate hang": ["--spacing", "0.05", "--animation", "--overwrite"],
     "fabric": ["--rows", "3", "--columns", "3", "--duration", "0.005", "--overwrite"],
     "fabric jersey --rows 7 --columns 7 --method compare --scene imposed": [
