@@ -64,7 +64,8 @@ class YarnMotion:
     Of a homogenized volume: control points of the mid-surface, then the fluctuations of its cells.
 
     knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2). before: the state one step earlier,
-    where the integrator needs it. passages: rows of ``Passages`` of the yarns up to now.
+    where the integrator needs it. passages: rows of ``Passages`` of the yarns up to now, but not
+    of explicit steps in a volume.
     """
 
     positions: Array
@@ -234,7 +235,9 @@ class SplineMotion(Body[YarnMotion]):
         self._aim_constraints(state)
         if self.method == "explicit":
             step = self._explicit(state, duration)
-            return replace(step, state=replace(step.state, time=until, passages=self._passages(state, step.state)))
+            # In a volume counting would take longer than the steps.
+            rows = self._passages(state, step.state) if self.volume is None else state.passages
+            return replace(step, state=replace(step.state, time=until, passages=rows))
         if not inertia and self.volume is None:  # contacts, linearised in every step, would not be satisfied
             raise InputError("steps without inertia", expected="spline yarns in a volume", found="all of them")
         still = replace(state, velocities=np.zeros_like(state.velocities), before=None)

@@ -114,11 +114,12 @@ class SplineScene(FabricScene[YarnMotion]):
         return self.body.counts()
 
     def measures(self, state: YarnMotion) -> dict[str, float]:
-        """``penetration``, ``extension``, ``passages``, and ``force`` [N] where grips pull."""
+        """``penetration``, ``extension``, ``passages`` where they are counted, and ``force`` [N] where grips pull."""
         control = self.body.yarns(state).positions
         extension = fibre_extension(self.fabric, control)[0]
         found: dict[str, float] = {"penetration": penetration(self.fabric, control), "extension": extension}
-        found["passages"] = self._full.touch.lasting(state.passages)
+        if self.method == "implicit" or self.volume is None:
+            found["passages"] = self._full.touch.lasting(state.passages)
         forces = self._full.forces
         if self.loads is not None and self.loads.axis is not None and forces is not None:
             x = self._full.expanded(state).positions.ravel()
