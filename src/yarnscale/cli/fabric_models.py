@@ -151,7 +151,9 @@ def _hanging(options: argparse.Namespace, knitted: SplineFabric, volume: Boundin
     page.draw("drops.png", caption, lambda to: drop_curves(to, times, over_time))
     shown = [moment for row in zip(*(fall.moments for fall in falls.values()), strict=True) for moment in row]
     titles, control = zip(*shown, strict=True)
-    page.draw("hanging.png", "", _beside(knitted, control, titles, camera=(0.0, -0.3, 1.0)))
+    page.draw(
+        "hanging.png", "Moments, seen from the front.", _beside(knitted, control, titles, camera=(0.0, -0.3, 1.0))
+    )
     numbers = {"models": {model: fall.numbers for model, fall in falls.items()}}
     return numbers | {"over_time": {"time": times, **over_time}}, lines, all(fall.fine for fall in falls.values())
 
