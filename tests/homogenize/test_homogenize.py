@@ -59,6 +59,7 @@ def test_the_page_stands_alone(outcome: tuple[Path, int]) -> None:
     assert re.findall(r"(?:src|href)\s*=\s*[\"']?(?:https?:)?//", page) == []
     assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
     assert "<img" in page
+    assert page.count('data-pane="pane-') == 1 and '<div class="stage">\n<img' in page and len(page) < 10_000_000
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ def test_a_page_of_two_patterns(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*.png"))) == 6
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Over one, under one." in page
+    assert page.count('data-pane="pane-') == 2 and '<div class="stage">\n<img' in page and len(page) < 10_000_000
     assert "Chart k;" in page
 
 
