@@ -40,7 +40,7 @@ def estimate(
     clamps: float = 1.0,
     assumed: bool = False,
     left: float = 0.0,
-    unsettled: float = 0.0,
+    ambiguity: float = 0.0,
 ) -> FabricEstimate:
     """An estimate whose shell and yarn are stiffer than the measurement by factors."""
     load = clamps * np.append(0.0, STRESS)
@@ -52,7 +52,7 @@ def estimate(
     evaluation = SimpleNamespace(curves=curves, errors=errors_of(curves, followed), failed=0, rested=rested)
     membrane = SimpleNamespace(assumed_contraction=assumed)
     fitted = SimpleNamespace(uniform_data=lambda follow: data(shell if follow == "shell" else 1.0), membrane=membrane)
-    fit = SimpleNamespace(evaluation=evaluation, unsettled=unsettled)
+    fit = SimpleNamespace(evaluation=evaluation, ambiguity=ambiguity)
     measurements = SwatchMeasurements("fabric", tests)
     return FabricEstimate(measurements, follow, fitted, fit, data(1.0), None, None, {})  # type: ignore
 
@@ -88,8 +88,8 @@ def test_a_shell_that_is_the_culprit_is_warned_of():
     assert "contraction was not measured" in warning
     (warning,) = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured", left=7.0).warnings
     assert "coarse stress of 7 N/m" in warning
-    (warning,) = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured", unsettled=0.08).warnings
-    assert "hangs on round-off" in warning and "differ by 8 %" in warning
+    (warning,) = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured", ambiguity=0.08).warnings
+    assert "is not unique" in warning and "differ by 8 %" in warning
 
 
 def test_clamps_have_no_effect_where_no_state_is_in_the_comfort_range():

@@ -271,7 +271,7 @@ class CellEnergy:
             self.nodes.source, other.rotation, self.nodes.offset + step * places[..., component], self.count, self.count
         )
         other._anchors, other._anchors_by_edge = other._carried()
-        other.rods = copy.copy(self.rods)
+        other.rods = self.rods.with_copies(other.nodes)
         other.rods.set_anchors(other._anchors, self.pattern.reference_twist)
         if self.friction_pairs is not None:
             other._friction = self.friction_pairs.stencils(self.strands, other.frames)
@@ -281,7 +281,7 @@ class CellEnergy:
     def second(self, x: Array, moved: list[CellEnergy], step: Array) -> Array:
         """∂²W/∂(state)² at fixed û and θ, (6, 6); moved: this energy a step away in every component.
 
-        Forces change along a step, which ``moved`` tell, and slopes, which the surface has in closed form.
+        Changes of forces are differences of ``moved``; those of the slopes are in closed form.
         """
         here = self._by_state(x)
         forces, turns, by_edge = self._pulls(x)

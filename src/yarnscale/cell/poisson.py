@@ -256,7 +256,7 @@ class PoissonMidsurface:
 
 
 def cell_midsurface(
-    pattern: YarnPattern, strain: ShellStrain, *, bending: bool = True
+    pattern: YarnPattern, strain: ShellStrain, *, bending: bool = False
 ) -> Midsurface | PoissonMidsurface:
     """The midsurface of a pattern's copies, coordinates in yarn radii; centred on the pattern's yarn.
 

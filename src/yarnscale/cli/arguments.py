@@ -53,12 +53,15 @@ class Parser(argparse.ArgumentParser):
             self.exit(2)
         # A misspelt option before one that is missing, which it likely stands for.
         for word in () if self._subparsers else takewhile(lambda word: word != "--", args or ()):
-            if word.startswith("--") and not self._get_option_tuples(word.partition("=")[0]):
+            if word.startswith("--") and not self._begins_option(word.partition("=")[0]):
                 self._unknown(word)
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self._unknown(unknown[0])
         return found, unknown
+
+    def _begins_option(self, word: str) -> bool:
+        return any(option.startswith(word) for option in self._option_string_actions)
 
     def _unknown(self, word: str) -> NoReturn:
         self.error(f"unknown argument {misspelt(word.partition('=')[0], self._option_string_actions)}")

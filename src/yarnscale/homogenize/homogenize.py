@@ -39,6 +39,8 @@ Form = Literal["compact", "hylc2020"]
 FEWEST_UNSEEN = 10
 FRICTION = "friction"
 """Folder of the paths with friction."""
+_PUBLISHED_STATES = 800
+"""States from which another material is put into the published form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +192,7 @@ def _strain_stores(
 
 def published_form(material: ShellMaterial, box: Array) -> SplineMaterial:
     """The published splines (HYLC20 §6) of another material, from its values on axes and planes of a box (5, 2)."""
-    places = axes_and_planes(box, 800)
+    places = axes_and_planes(box, _PUBLISHED_STATES)
     six = strains_of(places)
     return fit_spline_material(
         places, material.energy_density(six), material.stress(six)[:, IN_STRESS], density=material.density

@@ -35,7 +35,7 @@ class SparseConstraints:
         self.transposed = self.matrix.T
 
     def renewed(self, matrix: csr_array, right: Array) -> SparseConstraints:
-        """Others, which use the symbolic analysis of these where their rows have the same sparsity."""
+        """Constraints of a later step, which reuse the symbolic analysis where their rows have the same sparsity."""
         new = SparseConstraints(matrix, right)
         new._earlier = self._normal or self._earlier
         return new
@@ -66,7 +66,7 @@ class _NormalFactor:
         while not factor.factor(values):  # dependent rows
             values[pattern.diagonal] += 1e-12 * float(np.abs(entries).max())
             if values[pattern.diagonal].max() > 2.0 * float(np.abs(entries).max()):
-                raise ArithmeticError("constraints that cannot be told apart")
+                raise ArithmeticError("linearly dependent constraints")
         return cls(pattern, factor)
 
 

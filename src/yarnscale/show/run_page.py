@@ -22,7 +22,7 @@ from yarnscale.show.run_pane import run_pane
 CAPTIONS = {"frames.png": "Moments of the run, bodies where they are.", "last.png": "At the end."}
 UNITS = {
     "bar_force": "N", "force": "N", "speed": "m/s", "simulated_seconds": "s", "seconds": "s",
-    **dict.fromkeys(("lowest", "highest", "closest", "centre_drop", "lower_edge_drop"), "m"),
+    **dict.fromkeys(("lowest", "highest", "closest", "centre_drop", "lower_edge_drop", "sag", "mean_sag"), "m"),
 }  # fmt: skip
 """Of the numbers of a run that are no counts and no shares."""
 _MOMENTS, _TILE = 6, (640, 500)

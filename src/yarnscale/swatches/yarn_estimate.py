@@ -36,7 +36,7 @@ _BIAXIAL = 7
 """Biaxial states at which the yarn is compared, at most."""
 _FREE = 0.5
 """Share of its range through which a parameter can move that counts as unknown."""
-_UNSETTLED = 1e-3
+_AMBIGUOUS = 1e-3
 """Change of stresses that needs a warning, when parameters change by nothing."""
 _LARGE_EFFECT = 0.3
 """Effect of clamps that needs a warning however good the shell is."""
@@ -232,11 +232,12 @@ class FabricEstimate:
                 f"yarns set as drawn leave a coarse stress of {left:.2g} N/m in the fabric at rest, "
                 f"{100 * left / scale:.0f} % of the largest of the comfort range: it would change its periods"
             )
-        if (unsettled := self.fit.unsettled) > _UNSETTLED:
+        if (ambiguity := self.fit.ambiguity) > _AMBIGUOUS:
+            change = f"give stresses that differ by {100 * ambiguity:.2g} % of the largest of the comfort range"
             found.append(
-                "the rest shape of the yarns hangs on round-off, as they may settle in several: parameters that differ "
-                f"by a billionth give stresses that differ by {100 * unsettled:.2g} % of the largest of the comfort "
-                "range, and another computer may find other parameters"
+                "the rest shape of the yarns is not unique: parameters that differ by a billionth "
+                f"{change if np.isfinite(ambiguity) else 'do not rest in the same states'}, and another computer may "
+                "find other parameters"
             )
         effect = self.clamp_effect
         if self.clamps == "shell" and (effect > _LARGE_EFFECT or (effect > _OFF and shell > _OFF)):
@@ -313,7 +314,7 @@ class FabricEstimate:
             "evaluations": fit.evaluations,
             "cpu_seconds": fit.cpu_seconds,
             "failed_states": fit.evaluation.failed,
-            "unsettled": fit.unsettled,
+            "ambiguity": fit.ambiguity,
             "at_bounds": list(fit.at_bounds),
             "period": self.cell.pattern.period.tolist(),
             "fabric": self.construction.summary(),

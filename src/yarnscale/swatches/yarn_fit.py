@@ -30,7 +30,7 @@ STARTS, REFINED = 64, 8
 """Scattered points, and from how many of the best Gauss–Newton begins."""
 
 _NOTHING = 1e-9
-"""Change of unknowns, relative, that should change nothing."""
+"""Change of unknowns, parts of their range, that should change nothing."""
 _GROWN = 0.01
 """Growth of the root of the objective up to which unknowns count as undetermined."""
 
@@ -83,9 +83,10 @@ class ParameterSpread:
 class YarnFit:
     """Estimated parameters: ``values`` by the names of the model, and what the yarn does with them.
 
-    evaluation: at all samples of ``data``. spread: how well the values are fixed. unsettled: largest change of the
-    stress, over the largest of the comfort range, when the unknowns change by a billionth; infinite where there is no
-    rest any more. evaluations, solves: of the search. cpu_seconds: of all processes; seconds: of the clock.
+    evaluation: at all samples of ``data``. spread: how well the values are fixed. ambiguity: largest change of the
+    stress, over the largest of the comfort range, when the unknowns change by a billionth; infinite where one of the
+    two has no equilibrium that the other has. evaluations, solves: of the search. cpu_seconds: of all processes;
+    seconds: of the clock.
     """
 
     model: YarnModel
@@ -93,7 +94,7 @@ class YarnFit:
     values: Array
     evaluation: Evaluation
     spread: ParameterSpread
-    unsettled: float
+    ambiguity: float
     options: FitOptions
     objective: float
     evaluations: int
@@ -140,7 +141,8 @@ def fit_yarn(
         unknowns = searched(searches[0], options)
     slopes = jacobian(searches[-1], unknowns)
     value = searches[-1].many([unknowns])[0].objective
-    final, again = (evaluate(replace(objective, data=data), u, None) for u in (unknowns, unknowns * (1.0 - _NOTHING)))
+    nearby = unknowns + np.where(unknowns > 0.5, -_NOTHING, _NOTHING)
+    final, again = (evaluate(replace(objective, data=data), u, None) for u in (unknowns, nearby))
     return YarnFit(
         model, data, model.values(unknowns), final, ParameterSpread.of(model.names, slopes),
         _difference(final, again, data), options, value, sum(s.count for s in searches) + 2,

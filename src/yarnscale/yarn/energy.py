@@ -7,6 +7,7 @@ its only nodes, they are the unknowns themselves.
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -79,6 +80,12 @@ class RodEnergy:
             not np.array_equal(old.variables, new.variables) for old, new in zip(before, stencils, strict=True)
         ):
             self._rod_slots = None
+
+    def with_copies(self, copies: CopiedNodes) -> RodEnergy:
+        """The same with other copies, and with the contacts of this one."""
+        other = copy.copy(self)
+        other._copies, other._rotation = copies, copies.rotation
+        return other
 
     def positions(self, full: Array) -> Array:
         """Positions of all nodes (T·n, 3) [r], a view."""
