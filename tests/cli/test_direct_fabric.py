@@ -133,9 +133,6 @@ def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[s
     assert "--out" in capsys.readouterr().err
     assert main([*SMALL, "--scene", "stretch", "--amount", "9", "--out", str(tmp_path)]) == 2
     assert "stretch" in capsys.readouterr().err
-    drape = ["--method", "splines", "--scene", "drape", "--count"]
-    assert main(["fabric", "jersey", "--rows", "4", "--columns", "4", *drape]) == 2
-    assert "--scene" in capsys.readouterr().err
     splines = ["fabric", "jersey", "--rows", "4", "--columns", "4", "--count"]
     for option in ("--friction", "--ball-friction"):
         assert main([*splines, option, "0.3"]) == 2

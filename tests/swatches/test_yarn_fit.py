@@ -197,7 +197,7 @@ def test_a_yarn_reproduces_its_own_data_and_is_found_again():
 def test_pear_loops_fix_the_bending_that_forces_leave_open():
     """Two readings of force for five unknowns: many yarns have them, one of those bends as the loops did."""
     model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
-    truth, stretch = np.array([0.35, 0.5, 0.4, 0.6, 0.6]), np.array([0.05, 0.1])
+    truth, stretch = np.array([0.8, 0.3, 0.5, 0.5, 0.5]), np.array([0.05, 0.1])
     forces = ErrorWeights(contraction=0.0)
     bends = tuple(UniformBend(d, 1.0) for d in (Direction.WEFT, Direction.WARP))
     blank = UniformData("twin", (UniformCurve(Direction.WEFT, stretch, stretch, stretch, 0.1),), bends)
@@ -213,8 +213,8 @@ def test_pear_loops_fix_the_bending_that_forces_leave_open():
         assert np.abs(evaluations.residuals(end)[:2]).max() < 0.01
         found.append(model.values(end)[2] / model.values(truth)[2])
         shifts.append(ParameterSpread.of(model.names, jacobian(evaluations, truth)).shift[2])
-    assert abs(found[0] - 1.0) > 0.2 and abs(found[1] - 1.0) < 0.05, found
-    assert shifts[0] > 0.1 and shifts[1] < 0.1 * shifts[0], shifts
+    assert abs(found[0] - 1.0) > 0.02 and abs(found[1] - 1.0) < 0.2 * abs(found[0] - 1.0), found
+    assert shifts[0] > 0.3 and shifts[1] < 0.1 * shifts[0], shifts
 
 
 def test_refuses_a_weight_of_bending_without_loops():

@@ -14,7 +14,8 @@ from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestRule, rested_cell
 from yarnscale.swatches.yarn_states import pulled, pulled_strain
 from yarnscale.yarn.material import YarnMaterial
 
-UNKNOWNS = np.array([0.8, 0.3, 0.4, 0.6, 0.6])
+UNKNOWNS = np.array([0.8, 0.3, 0.5, 0.5, 0.5])
+"""Of a yarn whose loops have one rest shape; near (0.8, 0.3, 0.4, 0.6, 0.6) there are two, 0.3 radii apart."""
 STRETCHES = np.array([0.03, 0.06, 0.1])
 
 

@@ -108,7 +108,7 @@ class _PathUnits:
     def _asked(self, name: str) -> dict[str, Array]:
         return {
             "planned": self.planned[name],
-            "friction": np.array([self.friction.coefficient, self.friction.slip]),
+            "friction": np.array(self.friction.coefficient),
         }
 
     def _kept(self, name: str) -> FrictionPath | None:
