@@ -1,6 +1,6 @@
 """A piece of plain weave hangs by its last row until it rests: yarn by yarn, and in a bounding volume. Then a knit.
 
-At rest the grip carries the weight of the fabric. A bounding volume has fewer ways to move, so the fabric falls less.
+At rest the grip carries the weight of the fabric. A bounding volume has fewer ways to move, so the fabric hardly falls.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ for name, scene in scenes.items():
     drops.append(result.measures["lower_edge_drop"])
     print(f"{name}: {result.summary()['status']}, {grip[1] / weight:.4f} of the weight, {1e3 * drops[-1]:.3f} mm")
     assert result.succeeded and result.measures["passages"] == 0
-assert np.isclose(grip[1], weight, rtol=0.02) and 0.0 < drops[1] < drops[0]
+assert np.isclose(grip[1], weight, rtol=0.02) and abs(drops[1]) < 0.1 * drops[0]
 
 knit = ys.jersey(6, 6, ys.YarnMaterial.preset("wool"))
 around = ys.BoundingVolume.around(knit.control, (5, 5))
