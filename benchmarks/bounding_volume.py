@@ -14,8 +14,9 @@ import time
 import numpy as np
 
 from yarnscale.fabric.spline_knit import SplineFabric, jersey
-from yarnscale.fabric.spline_motion import Reduction, SplineMotion
+from yarnscale.fabric.spline_motion import SplineMotion
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.fabric.volume_cells import Reduction
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")

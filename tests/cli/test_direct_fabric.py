@@ -128,13 +128,28 @@ def test_yarns_on_a_mesh_and_in_a_tube(capsys: pytest.CaptureFixture[str], tmp_p
     assert "--rows" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("step", "said"), [("0.0041667", False), ("0.0166667", True)])
+def test_steps_too_long_for_light_fabric_are_said(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, step: str, said: bool
+) -> None:
+    run = [*SMALL, "--scene", "hang", "--duration", step, "--time-step", step, "--out", str(tmp_path)]
+    assert main(run) == 0
+    assert ("falls too slowly" in capsys.readouterr().err) == said
+    assert ("falls too slowly" in (tmp_path / "index.html").read_text()) == said
+
+
 def test_what_makes_no_sense_is_said_in_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main([*SMALL, "--scene", "hang"]) == 2
     assert "--out" in capsys.readouterr().err
     assert main([*SMALL, "--scene", "stretch", "--amount", "9", "--out", str(tmp_path)]) == 2
     assert "stretch" in capsys.readouterr().err
-    assert main(["fabric", "jersey", "--rows", "4", "--columns", "4", "--count", "--friction", "0.3"]) == 2
-    assert "--friction" in capsys.readouterr().err
+    splines = ["fabric", "jersey", "--rows", "4", "--columns", "4", "--count"]
+    for option in ("--friction", "--ball-friction"):
+        assert main([*splines, option, "0.3"]) == 2
+        assert option in capsys.readouterr().err
+    for option, value in (("--amount", "0.1"), ("--direction", "wale"), ("--ball-friction", "0.3")):
+        assert main([*SMALL, "--scene", "hang", option, value, "--out", str(tmp_path)]) == 2
+        assert option in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,10 @@ from yarnscale.fabric.rod_volume import RodVolume, VolumeDynamics
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import drape, stretch
 from yarnscale.fabric.spline_knit import jersey
-from yarnscale.fabric.spline_motion import Reduction, SplineMotion, YarnMotion
+from yarnscale.fabric.spline_motion import SplineMotion, YarnMotion
 from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.fabric.volume_cells import Reduction
 from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.motion.body import Body
 from yarnscale.motion.run import Run, simulate

@@ -13,11 +13,12 @@ from yarnscale.fabric.adaptive_volume import AdaptiveRule, AdaptiveVolume
 from yarnscale.fabric.measures import penetration
 from yarnscale.fabric.sheet_scene import drape, stretch
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric, jersey
-from yarnscale.fabric.spline_motion import Reduction, SplineMotion
+from yarnscale.fabric.spline_motion import SplineMotion
 from yarnscale.fabric.spline_points import PointForces, SplinePoints
 from yarnscale.fabric.spline_scene import SplineScene
 from yarnscale.fabric.spline_touch import SplineTouch
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.fabric.volume_cells import Reduction
 from yarnscale.files.fabric_scene import read_fabric_scene
 from yarnscale.motion.body import Method
 from yarnscale.motion.run import simulate

@@ -11,23 +11,24 @@ from typing import Any
 from yarnscale.cli import convert
 from yarnscale.cli.console import ProgressLine, outcome_lines, print_status, report
 from yarnscale.cli.fabric_models import check_comparison, compare_models
-from yarnscale.cli.fabric_options import IN_SCENE_FILES, ONLY_RODS, SCENES, SHAPING
+from yarnscale.cli.fabric_options import IN_SCENE_FILES, OF_SCENES, ONLY_RODS, SCENES, SHAPING
 from yarnscale.cli.given_pattern import pattern_of, settled_drawing
 from yarnscale.cli.values import refuse
 from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.detail.yarn_sheet import rods_on_mesh
 from yarnscale.errors import InputError, misspelt
 from yarnscale.fabric.direct_motion import FabricMotion
-from yarnscale.fabric.fabric_scene import FabricResult, FabricScene, fabric_schedule
+from yarnscale.fabric.fabric_scene import USUAL_STEP, FabricResult, FabricScene, fabric_schedule
 from yarnscale.fabric.rod_fabric import RodFabric
 from yarnscale.fabric.rod_scene import USUAL_FRICTION, RodScene, rod_counts
 from yarnscale.fabric.sheet import YarnSheet
 from yarnscale.fabric.sheet_scene import PlannedScene, SheetScene, drape, hang, stretch
 from yarnscale.fabric.spline_knit import JERSEYS, SplineFabric, jersey, spline_fabric
-from yarnscale.fabric.spline_motion import YarnMotion, spline_counts
+from yarnscale.fabric.spline_motion import YarnMotion
 from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.fabric.spline_scene import SplineScene, reduction_for
 from yarnscale.fabric.volume import BoundingVolume
+from yarnscale.fabric.volume_cells import spline_counts
 from yarnscale.files.animation import read_animation
 from yarnscale.files.fabric_scene import read_fabric_scene
 from yarnscale.files.material_toml import read_yarn_material
@@ -201,6 +202,9 @@ def _laid(options: argparse.Namespace, pattern: YarnPattern, yarn: YarnChoice) -
 def _planned(options: argparse.Namespace) -> PlannedScene | None:
     """The scene file, if any. InputError for options that it replaces."""
     if options.scene in SCENES:
+        for scene, names in OF_SCENES.items():
+            if options.scene != scene:
+                refuse(options, names, f"--scene {scene} with it")
         return None
     if not Path(options.scene).is_file():
         expected = "a scene file or " + ", ".join(SCENES)
@@ -242,11 +246,25 @@ def _simulated(options: argparse.Namespace, kind: type, scene: Callable[[], Fabr
         # Without gravity nothing falls.
         shown = {name: value for name, value in numbers.items() if value is not None}
         said = sentences(result.run.unfulfilled, "--may-give-way allows it")
-        _write_page(folder, options, result, shown, said)
+        long = _long_steps(options, made)
+        for sentence in long:
+            print_status(sentence)
+        _write_page(folder, options, result, shown, [*said, *long])
         for format_ in options.format:
             convert.write(read_animation(folder), format_, folder / _name(format_))
     report(options, numbers, *outcome_lines(shown, said), f"{folder}: frames, pictures and a page")
     return 0 if result.succeeded else 1
+
+
+def _long_steps(options: argparse.Namespace, made: FabricScene[Any]) -> list[str]:
+    """A sentence on steps in which Newton's method ends before light fabric has moved as far as it would."""
+    schedule, other = made.schedule, options.method != "direct" or options.explicit
+    if other or not schedule.duration or schedule.time_step <= 1.001 * USUAL_STEP:
+        return []
+    return [
+        f"steps of {schedule.time_step:.3g} s are longer than {USUAL_STEP:.3g} s: light, soft fabric falls too "
+        "slowly in them (half as far in 0.0167 s); take a shorter --time-step for motion"
+    ]
 
 
 def _write_page(

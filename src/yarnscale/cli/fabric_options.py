@@ -13,6 +13,8 @@ COMPARED = ("hang", "imposed")
 """Scenes of ``--method compare``."""
 IN_SCENE_FILES = ("amount", "direction", "ball_friction", "duration", "time_step", "damping")
 """Options that a scene file replaces."""
+OF_SCENES = {"stretch": ("amount", "direction"), "drape": ("ball_friction",)}
+"""Options that one ready scene alone has."""
 ONLY_RODS = ("border", "on", "tube", "as_drawn", "friction")
 """Options that spline yarns do not have."""
 SHAPING = (

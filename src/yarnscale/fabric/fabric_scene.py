@@ -18,8 +18,11 @@ from yarnscale.motion.run import Run
 from yarnscale.motion.scene import SimulatedOutcome, SimulatedScene
 from yarnscale.motion.schedule import FRAME, Schedule
 
+USUAL_STEP = 1 / 240
+"""Implicit steps of fabrics [s]; how far light fabric falls in longer ones is in docs/validation/fabric.md."""
 
-def fabric_schedule(duration: float = 3.0, time_step: float = 1 / 240) -> Schedule:
+
+def fabric_schedule(duration: float = 3.0, time_step: float = USUAL_STEP) -> Schedule:
     """Dynamics of a duration [s], a frame every 1/30 s. time_step: of implicit steps [s]. Raises InputError."""
     return Schedule(duration, time_step, to_rest=False, frame_interval=FRAME)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
-from yarnscale.fabric.direct_static import Holds
+from yarnscale.fabric.holds import Holds
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.spline_knit import SplineFabric

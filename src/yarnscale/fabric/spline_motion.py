@@ -8,7 +8,7 @@ homogenized volume has the elasticity of ``VolumeCells`` instead of that of yarn
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
@@ -22,7 +22,7 @@ from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.spline_points import PointForces, SplinePoints
 from yarnscale.fabric.spline_touch import SplineTouch, TouchingObjective
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.fabric.volume_cells import VolumeCells, reduced_counts
+from yarnscale.fabric.volume_cells import Reduction, VolumeCells, spline_counts
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
@@ -51,10 +51,6 @@ _STABLE_SHARE = 0.7
 _ITERATIONS, _LED_ITERATIONS = 50, 12
 """Of Newton, the most in a step, without handles and obstacles and with them."""
 _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
-
-
-Reduction = Literal["published", "homogenized"]
-"""What a volume's elasticity is: that of the yarns fixed in it (LOD03), or that of periodic cells (``VolumeCells``)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,12 +387,3 @@ class SplineMotion(Body[YarnMotion]):
         assert self._mass_solve is not None and self._mass_model is not None
         if not self._mass_solve.factorise(self._mass_model, 0.0):
             raise ArithmeticError("the mass matrix is singular: the volume has patches without yarn")
-
-
-def spline_counts(fabric: SplineFabric, volume: BoundingVolume | None, reduction: Reduction) -> dict[str, int]:
-    """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume, ``cell_unknowns`` if homogenized."""
-    counts = fabric.counts()
-    if volume is None:
-        return counts
-    reduced = {"reduced_unknowns": 3 * volume.count}
-    return counts | (reduced_counts(fabric, volume) if reduction == "homogenized" else reduced)

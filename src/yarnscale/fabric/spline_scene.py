@@ -17,8 +17,9 @@ from yarnscale.fabric.fabric_scene import FabricScene, YarnLines
 from yarnscale.fabric.measures import fibre_extension, penetration
 from yarnscale.fabric.sheet_scene import PlannedScene, SheetScene
 from yarnscale.fabric.spline_knit import SplineFabric
-from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, Reduction, SplineMotion, YarnMotion
+from yarnscale.fabric.spline_motion import STANDARD_GRAVITY, SplineMotion, YarnMotion
 from yarnscale.fabric.spline_points import SplinePoints
+from yarnscale.fabric.volume_cells import Reduction
 from yarnscale.motion.body import Method
 from yarnscale.motion.obstacles import Obstacle
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -42,6 +42,9 @@ _STITCH_STIFFNESS = 0.3
 """Stiffness of the springs that keep stitches, over that of one radius of yarn; moduli then differ by 1 % from those
 with a hundred times as stiff springs."""
 _FORMS, _DERIVATIVES = 6, 15
+
+Reduction = Literal["published", "homogenized"]
+"""What a volume's elasticity is: that of the yarns fixed in it (LOD03), or that of periodic cells (``VolumeCells``)."""
 
 
 @cache
@@ -324,3 +327,12 @@ def _scatter(local: Array, places: Integers, blocks: Array) -> None:
     flat = (places[:, :, None] * math.isqrt(size) + places[:, None, :]).ravel()
     index = (np.arange(cells)[:, None] * size + flat).ravel()
     local += np.bincount(index, weights=blocks.ravel(), minlength=local.size).reshape(local.shape)
+
+
+def spline_counts(fabric: SplineFabric, volume: BoundingVolume | None, reduction: Reduction) -> dict[str, int]:
+    """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume, ``cell_unknowns`` if homogenized."""
+    counts = fabric.counts()
+    if volume is None:
+        return counts
+    reduced = {"reduced_unknowns": 3 * volume.count}
+    return counts | (reduced_counts(fabric, volume) if reduction == "homogenized" else reduced)
