@@ -95,6 +95,7 @@ def test_swatch_to_yarn_to_cloth_to_swatch_with_a_report_and_goes_on(
         path.unlink()
     lost[0].write_text(lost[0].read_text()[:20])
     monkeypatch.setattr("yarnscale.show.estimate.write_estimate_report", lambda *_, **__: None)
+    monkeypatch.setattr("yarnscale.cli.estimate.run_tests", lambda *_, **__: None)
     main([*arguments, "--json", "--resume"])
     second = json.loads(capsys.readouterr().out)
     for name in ("error", "parameters", "solves", "evaluations"):

@@ -91,20 +91,14 @@ def test_states_that_a_cloth_visited_are_added(outcome: tuple[Path, int], tmp_pa
 
 
 @pytest.mark.slow
-def test_the_published_form_is_hylc_json(tmp_path: Path) -> None:
+def test_the_published_form_is_hylc_json(outcome: tuple[Path, int], tmp_path: Path) -> None:
     folder = tmp_path / "out"
     command = [*COMMAND, *RANGE, "--out", str(folder), "--one-dimensional"]
     assert main(command) in (0, 1)
     material = read_material(folder / "material.json")
     assert not material.planes
     with pytest.raises(InputError, match="store of strains"):
-        fit_published(SampleStore(_loads(tmp_path)))
-
-
-def _loads(folder: Path) -> Path:
-    out = folder / "loads.zarr"
-    assert main(["sample", "plain", "--solves", "60", "--limit", "1", "--out", str(out)]) in (0, 1)
-    return out
+        fit_published(SampleStore(outcome[0] / "samples"))
 
 
 def test_options_of_the_other_form_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

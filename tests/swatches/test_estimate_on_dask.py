@@ -32,7 +32,8 @@ def cluster() -> Iterator[str]:
 
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """A short estimate of a fabric that stretches by 10 %, without its report."""
+    """A short estimate of a fabric that stretches by 10 %, without laboratory numbers and report."""
+    monkeypatch.setattr("yarnscale.cli.estimate.run_tests", lambda *_, **__: None)
     monkeypatch.setattr("yarnscale.show.estimate.write_estimate_report", lambda *_, **__: None)
     table = tmp_path / "curves.csv"
     rows = [
