@@ -66,6 +66,7 @@ def test_swatch_to_yarn_to_cloth_to_swatch_with_a_report_and_goes_on(
     assert first["error"]["largest"]["direction"] == "weft"
     page = (out / "index.html").read_text()
     assert "The fabric at rest" in page and "What the data do not tell" in page
+    assert page.count('data-pane="pane-') == 1 and '<div class="stage">\n<img' in page and len(page) < 10_000_000
     assert "Parameters" in page and "error against the measurement" in page and "shell alone" in page
     found = read_yarns(out / "pattern.json")
     assert isinstance(found, YarnMaterial)
