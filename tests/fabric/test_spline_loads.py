@@ -93,6 +93,18 @@ def test_passages_of_a_step_are_counted() -> None:
     assert touch.lasting(touch.passages(below.ravel(), x.ravel(), rows)) == 0
 
 
+def test_passages_are_counted_on_the_way_and_not_on_the_straight_line_to_its_end() -> None:
+    """The upper yarn comes below the lower one, around its end or through it."""
+    moving = SplineMotion(_cross(2.5))
+    aside, under, below = (moving.start.positions.reshape(2, -1, 3).copy() for _ in range(3))
+    away = 1.1 * np.ptp(aside[0], axis=0)
+    aside[1] += away
+    under[1] += away - [0.0, 0.0, 5e-3]
+    below[1] -= [0.0, 0.0, 5e-3]
+    through, around = (moving._passages(moving.start, path) for path in ([below], [aside, under, below]))
+    assert moving.touch.lasting(through) == 1 and moving.touch.lasting(around) == 0
+
+
 def test_handles_and_obstacles_have_their_derivatives(knit: SplineFabric) -> None:
     points, rng = SplinePoints(knit), np.random.default_rng(1)
     led, pattern = stretch(points.sheet, amount=0.1), SplineMotion(knit).energy.pattern

@@ -7,6 +7,7 @@ homogenized volume has the elasticity of ``VolumeCells`` instead of that of yarn
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import get_args
 
@@ -232,7 +233,7 @@ class SplineMotion(Body[YarnMotion]):
         if self.method == "explicit":
             step = self._explicit(state, duration)
             # In a volume counting would take longer than the steps.
-            rows = self._passages(state, step.state) if self.volume is None else state.passages
+            rows = self._passages(state, [step.state.positions]) if self.volume is None else state.passages
             return replace(step, state=replace(step.state, time=until, passages=rows))
         if not inertia and self.volume is None:  # contacts, linearised in every step, would not be satisfied
             raise InputError("steps without inertia", expected="spline yarns in a volume", found="all of them")
@@ -240,14 +241,20 @@ class SplineMotion(Body[YarnMotion]):
         limit = self.iterations if iterations is None else iterations
         if self.forces is not None:
             self.forces.begin(self.expanded(state).positions.ravel(), state.time, until)
-        step = self._implicit(state if inertia else still, duration, limit)
-        moved = replace(step.state, time=until, passages=self._passages(state, step.state))
+        path: list[Array] = []
+        step = self._implicit(state if inertia else still, duration, limit, path.append)
+        # Contact bounds the step to each iterate of all yarns, not the straight line to the last one.
+        passed = path[:-1] if self.volume is None else []
+        rows = self._passages(state, [*passed, self.yarns(step.state).positions])
+        moved = replace(step.state, time=until, passages=rows)
         return replace(step, state=moved if inertia else replace(moved, velocities=still.velocities, before=None))
 
-    def _passages(self, before: YarnMotion, after: YarnMotion) -> Array:
-        """Rows of passages up to a state, and those in the step after it."""
-        start, end = (self.yarns(motion).positions.ravel() for motion in (before, after))
-        return self.touch.passages(start, end, before.passages)
+    def _passages(self, before: YarnMotion, path: list[Array]) -> Array:
+        """Rows of passages up to a state, and those on straight lines from there through positions of the yarns."""
+        rows, start = before.passages, self.yarns(before).positions.ravel()
+        for positions in path:
+            rows, start = self.touch.passages(start, positions.ravel(), rows), positions.ravel()
+        return rows
 
     def still_to_gain(self, motion: YarnMotion, duration: float, reached: Array) -> float:
         """Energy [J] that an implicit step from ``motion`` could still save from positions (n, 3): ½ gᵀ K⁻¹ g."""
@@ -307,7 +314,9 @@ class SplineMotion(Body[YarnMotion]):
         moved = replace(motion, positions=positions, velocities=velocity.reshape(-1, 3))
         return Step(moved, status, duration)
 
-    def _implicit(self, motion: YarnMotion, duration: float, iterations: int) -> Step[YarnMotion]:
+    def _implicit(
+        self, motion: YarnMotion, duration: float, iterations: int, after: Callable[[Array], object]
+    ) -> Step[YarnMotion]:
         # Yarns extrapolated along their velocities would stretch where they turn, in their stiffest direction by far.
         rule = self._rule(motion, duration)
         weight, centre = self._balance(rule)
@@ -315,7 +324,7 @@ class SplineMotion(Body[YarnMotion]):
         options = NewtonOptions(self.tolerance, self.enough * fallen, iterations, _SHIFT, check_minimum=False)
         start, objective = motion.positions.ravel(), self._objective(weight, centre)
         bound = self.touch.bound if self.volume is None else None
-        solution = minimise(objective, start, options, linear=self._linear, bound=bound)
+        solution = minimise(objective, start, options, linear=self._linear, bound=bound, after_step=after)
         positions = solution.x.reshape(-1, 3)
         before = remembered(self.integrator, motion.positions, motion.velocities, duration)
         new = replace(motion, positions=positions, velocities=rule.velocity(positions), before=before)
