@@ -2,11 +2,16 @@
 
 yarnscale homogenize stockinette --friction 0.2 --out m
 python benchmarks/friction_paths.py m
+python benchmarks/friction_paths.py --fit 0.2 rib-1x1-wool garter-wool
+
+With --fit friction is fitted to elastic materials of the library, into folders of their names.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -14,9 +19,18 @@ from typing import NamedTuple
 import numpy as np
 
 from yarnscale.arrays import Array
-from yarnscale.files.material_json import read_material
-from yarnscale.homogenize.friction_paths import STEPS
+from yarnscale.cell import PeriodicCell
+from yarnscale.files import material_library
+from yarnscale.files.material_json import read_material, write_material
+from yarnscale.files.patterns import read_pattern, read_yarns
+from yarnscale.homogenize.friction_fit import with_friction
+from yarnscale.homogenize.friction_paths import STEPS, friction_paths
+from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.history import MaterialHistory
+from yarnscale.yarn.friction import YarnFriction
+
+LIMIT = 50.0
+"""Largest load of paths for materials of the library [N/m]."""
 
 
 class Loop(NamedTuple):
@@ -36,10 +50,14 @@ class Loop(NamedTuple):
 def main() -> None:
     """Print a table of Markdown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folders", type=Path, nargs="+", help="of homogenize --friction")
+    parser.add_argument("folders", type=Path, nargs="+", help="of homogenize --friction, or names of the library")
+    parser.add_argument("--fit", type=float, metavar="MU", help="fit friction to materials of the library first")
+    options = parser.parse_args()
     print("| fabric | path | area, smallest cycle first | force at the turn | stiffness of the smallest |")
     print("|---|---|---|---|---|")
-    for folder in parser.parse_args().folders:
+    for folder in options.folders:
+        if options.fit is not None:
+            print(fitted(folder, YarnFriction(options.fit)), file=sys.stderr, flush=True)
         material = read_material(folder / "material.json")
         for file in sorted((folder / "friction").glob("*.npz")):
             kept = np.load(file)
@@ -53,7 +71,36 @@ def main() -> None:
                 history = history.after(strain)
                 forces.append(history.force)
             shell = np.array(forces), material.stress(strains)
-            print(row(folder.name, list(loops(file.stem, strains, (kept["stresses"], kept["elastic"]), shell))))
+            print(
+                row(folder.name, list(loops(file.stem, strains, (kept["stresses"], kept["elastic"]), shell))),
+                flush=True,
+            )
+
+
+def fitted(folder: Path, friction: YarnFriction) -> str:
+    """Friction for the elastic material of the library that is called as the folder; what it took."""
+    elastic, drawn = (
+        Path(material_library.file_of(folder.name, k)) for k in (material_library.MATERIAL, material_library.PATTERN)
+    )
+    material, yarns = read_material(elastic), read_yarns(drawn)
+    assert isinstance(material, CompactMaterial) and yarns is not None
+    cell, began = PeriodicCell(read_pattern(drawn), yarns), processor()
+    paths = friction_paths(cell, material, friction, limit=LIMIT, folder=folder / "friction")
+    walked = processor() - began
+    material = with_friction(material, paths, friction.coefficient)
+    write_material(folder / "material.json", material)
+    states, lost = sum(len(p.strains) for p in paths), [p.name for p in paths if not p.complete]
+    record = material.provenance["friction"]
+    assert isinstance(record, dict)
+    return (
+        f"{folder.name}: {states} states, {walked:.0f} s of processor time for the paths, for the fit "
+        f"{processor() - began - walked:.0f} s; error {record['error']:.3f}, not to the end: {lost}"
+    )
+
+
+def processor() -> float:
+    """Time of this process and of its workers that ended [s]."""
+    return sum(os.times()[:4])
 
 
 def row(fabric: str, found: list[Loop]) -> str:

@@ -98,7 +98,7 @@ def test_a_cell_follows_cycles_of_its_material_and_paths_are_kept(monkeypatch, t
     names = [path.name for path in found]
     assert sorted(walked) == sorted(names) and "tension 45" in names and "bending 0 under tension" in names
     pulled = found[names.index("tension 0")]
-    assert pulled.complete and len(pulled.strains) == 7
+    assert pulled.complete and len(pulled.strains) == 9
     assert pulled.strains.shape == pulled.stresses.shape == pulled.elastic.shape
     friction = pulled.stresses - pulled.elastic
     assert np.abs(friction[1:]).max() > 0.0 and np.abs(friction[0]).max() == 0.0

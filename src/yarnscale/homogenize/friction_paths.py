@@ -41,12 +41,12 @@ _FIRST_STEP = 0.005
 """Stretch s_x of a first step."""
 _SMALL = 4e-4
 """Of the largest load: what counts as none where loads grow by shares."""
-_AMPLITUDES = ((0.04, 0.002), (0.2, 0.01), (1.0, 0.004))
+_AMPLITUDES = ((0.04, 0.002), (0.1, 0.005), (0.2, 0.01), (1.0, 0.004))
 """Where loads of tension turn, of the largest: above, and below."""
 _PULLS = (0.02, 0.2)
 """Tension both ways of sheared pieces, and along which bent ones, of the largest load."""
-_SHEARS = (0.0, 0.02, -0.02, 0.14, -0.14, 0.0)
-_BENDS = (0.0, 0.015, -0.015, 0.08, -0.08, 0.0)
+_SHEARS = (0.0, 0.02, -0.02, 0.06, -0.06, 0.14, -0.14, 0.0)
+_BENDS = (0.0, 0.015, -0.015, 0.035, -0.035, 0.08, -0.08, 0.0)
 """Where shear s_a turns, and curvature times the yarn radius."""
 
 Corner = tuple[Loads, Prescribed]
@@ -171,7 +171,7 @@ def _programme(radius: float, limit: float) -> Iterator[tuple[str, list[Corner]]
         straight = Prescribed() if degrees == 45.0 else Prescribed.components(s_a=0.0)
         pulls = [Loads.tension(math.radians(degrees), load) for load in (0.0, *turns)]
         yield f"tension {degrees:g}", [(load, FLAT + straight) for load in pulls]
-    yield "biaxial", [(_both(load), FLAT + Prescribed.components(s_a=0.0)) for load in (0.0, *turns[:4])]
+    yield "biaxial", [(_both(load), FLAT + Prescribed.components(s_a=0.0)) for load in (0.0, *turns[:-2])]
     for share in _PULLS:
         corners = [(_both(share * limit), FLAT + Prescribed.components(s_a=shear)) for shear in _SHEARS]
         yield f"shear under {share:g}", [(_both(0.0), corners[0][1]), *corners]
