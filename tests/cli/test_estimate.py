@@ -119,10 +119,12 @@ def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.C
         ("--holdout", "bias"): "measured: weft, warp",
         ("--homogenize", "20"): "at least 30",
         ("--directions", "weft", "--holdout", "weft"): "not held out",
+        ("--friction",): "friction; expected unloading to its end",
     }
     for extra, said in cases.items():
         assert main([*start, *extra]) == 2
-        assert said in capsys.readouterr().err
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n", error.index(said)) == 1
     with pytest.raises(SystemExit):
         main([*start, "--solver", "guess"])
     assert main(["estimate", "none.csv", *start[2:]]) == 2

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import yarnscale as ys
 from yarnscale.cli import main
+from yarnscale.files.material_toml import write_yarn_material
 from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, shapes_of
 from yarnscale.shell.materials.friction import Sliders
+from yarnscale.yarn.material import PRESETS
 
 
 @pytest.fixture
@@ -65,7 +68,10 @@ def test_a_cell_is_tested(tmp_path, capsys):
 def test_a_cell_with_friction_is_tested_in_cycles(tmp_path, capsys):
     out = tmp_path / "tested"
     options = ["--loads", "1,5", "--directions", "0", "--curvatures", "-20,20", "--as-drawn", "--json"]
-    assert main(["test", "stockinette", *options, "--friction", "0.3", "--cycles", "1", "--out", str(out)]) == 0
+    wool = PRESETS["hylc2020-stockinette"]
+    write_yarn_material(replace(wool, contact=replace(wool.contact, friction=0.3)), tmp_path / "yarn.toml")
+    options += ["--material", str(tmp_path / "yarn.toml")]  # whose friction it takes
+    assert main(["test", "stockinette", *options, "--cycles", "1", "--out", str(out)]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["friction"] == 0.3
     (cycle,) = content["cycles"]["tension"]

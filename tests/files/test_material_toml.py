@@ -35,6 +35,12 @@ def test_two_phase_stretch_is_written_and_read(tmp_path: Path) -> None:
     assert read_yarn_material(tmp_path / "m.toml").stretch == rule
 
 
+def test_friction_is_written_and_read(tmp_path: Path) -> None:
+    material = replace(PRESETS["wool"], contact=replace(PRESETS["wool"].contact, friction=0.25))
+    write_yarn_material(material, tmp_path / "m.toml")
+    assert read_yarn_material(tmp_path / "m.toml") == material
+
+
 def test_presets_are_found_by_name() -> None:
     assert read_yarn_material("hylc2020-rib") is PRESETS["hylc2020-rib"]
 
@@ -75,6 +81,7 @@ def test_the_example_in_the_documentation_reads(tmp_path: Path) -> None:
         (GOOD + "[stretch]\nknees = 1", "unknown field 'stretch.knees'; expected law, knee, stiff_modulus"),
         (GOOD + "[stretch]\nlaw = 'two_phase'", "stretch.stiff_modulus must be positive; expected > 0"),
         (GOOD + "[contact]\npoints = 4", "contact.points must be odd"),
+        (GOOD + "[contact]\nfriction = -0.1", "contact.friction must be zero or more; expected ≥ 0; found -0.1"),
         (GOOD + "[contact]\nkernel = 3", "contact.kernel is unknown"),
         (GOOD + "[contact]\nkernel = ['a']", "contact.kernel is unknown"),
         (GOOD + "name = 7", "name must be text"),

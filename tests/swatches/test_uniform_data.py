@@ -62,7 +62,8 @@ def test_clamps_are_taken_out_as_the_cloth_feels_them():
         force = np.where(converged, force * width * stress, 77.0)
         responses.append(StretchResponse(width, STRETCH, force, across * contraction, converged, np.zeros((10, 1, 3))))
     free = replace(STIFF, contraction_measured=True)
-    found = without_own_clamps(ClothCheck(JERSEY, UniformData("", (SOFT, free)), tuple(responses))).curves
+    measured = UniformData("", (SOFT, free))
+    found = without_own_clamps(ClothCheck(JERSEY, measured, tuple(responses)), measured).curves
     np.testing.assert_allclose(found[0].stress, SOFT.stress / 1.3)
     np.testing.assert_allclose(found[1].stress, STIFF.stress / 1.1)
     np.testing.assert_allclose(found[0].contraction, SOFT.contraction / 0.9)

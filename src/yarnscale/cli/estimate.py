@@ -36,6 +36,7 @@ from yarnscale.swatches.fabric_fit import check_bending, fitted_directions, refi
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.objective import ErrorWeights
 from yarnscale.swatches.uniform_data import ERRORS
+from yarnscale.swatches.uniform_loop import check_loops
 from yarnscale.swatches.yarn_estimate import FabricEstimate
 from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
 from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT, YarnModel
@@ -149,7 +150,9 @@ def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnMode
         model = replace(model, stiffest_contact=PUBLISHED_CONTACT)
     if options.homogenize is not None and options.homogenize < FEWEST:
         raise InputError("--homogenize", expected=f"at least {FEWEST}", found=options.homogenize)
-    fitted_directions(measurements, *_directions(options))
+    fitted = fitted_directions(measurements, *_directions(options))
+    if options.friction:
+        check_loops(measurements.only(*fitted))
     check_bending(measurements, ErrorWeights(bending=options.bending_weight))
     return measurements, model
 
@@ -191,7 +194,7 @@ def _estimated(options: argparse.Namespace, measurements: SwatchMeasurements, mo
         folder = stack.enter_context(results)
         found = estimate_yarn(
             measurements, model, folder, resume=options.resume, directions=chosen, holdout=holdout,
-            follow=options.follow, shell_model=options.shell_model, options=search,
+            follow=options.follow, shell_model=options.shell_model, friction=options.friction, options=search,
             weights=ErrorWeights(bending=options.bending_weight),
             executor=executor,
             progress=_progress(measurements.name, work_ahead(search, len(model.names))),
@@ -246,7 +249,8 @@ def _homogenized(options: argparse.Namespace, folder: Path, found: FabricEstimat
         return None
     folder.mkdir(exist_ok=True)
     check = homogenized_swatches(
-        found.cell, found.measurements, folder, solves=options.homogenize, workers=worker_count(options),
+        found.cell, found.measurements, folder, friction=found.friction, solves=options.homogenize,
+        workers=worker_count(options),
         dask=options.dask, resume=options.resume and (folder / "samples").is_dir(),
         progress=ProgressLine(f"sampling yarn of {found.measurements.name}").sampled,
     )  # fmt: skip
@@ -294,6 +298,13 @@ def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
         yield f"  {name}: {said}" + (f", without {failed} states that are not at rest" if failed else "")
     if (deviation := found.deviation) is not None:
         yield f"  {deviation}"
+    if (friction := found.friction) is not None:
+        yield f"  friction {friction.coefficient:.3g} ± {friction.uncertainty:.2g}"
+        for loop, own in friction.pairs:
+            yield (
+                f"  work returned along {loop.direction.value}: {_percent(own.returned)}, measured "
+                f"{_percent(loop.returned)}"
+            )
     for direction, (own, measured) in found.bending.items():
         yield f"bending rigidity along {direction.value}: {1e6 * own:.3g} µN m, measured {1e6 * measured:.3g}"
     if found.fit.evaluation.rested.relaxed:

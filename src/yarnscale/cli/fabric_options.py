@@ -98,7 +98,7 @@ def add_fabric_options(add: Add) -> None:
     option("--amount", type=number, default=0.2, metavar="SHARE", help="of the scene stretch (0.2)")
     direction = "of the scene stretch (course)"
     option("--direction", choices=("course", "wale"), default="course", help=direction)
-    friction = "of yarns on each other, not of splines (0.1); without any, loose weaves come apart"
+    friction = "of yarns on each other, not of splines (the yarn's, else 0.1); without any, loose weaves come apart"
     option("--friction", help=friction, **mu)
     option("--ball-friction", default=0.0, help="of yarns on the ball of drape (0)", **mu)
     option("--duration", type=positive, default=3.0, metavar="SECONDS", help="to simulate (3)")

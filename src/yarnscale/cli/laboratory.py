@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, plain_json, print_notice, print_status, report
 from yarnscale.cli.given_pattern import pattern_of, settled_drawing
 from yarnscale.cli.values import refuse
-from yarnscale.cli.yarn_choice import yarn_for
+from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material
@@ -29,19 +29,22 @@ def test(options: argparse.Namespace) -> int:
     """Test one fabric, or two side by side; write ``tests.json``, ``tests.csv`` and ``index.html``."""
     from yarnscale.show.laboratory import write_page
 
-    programme = Programme(
-        options.directions, options.loads or LOADS, "free" if options.free_curvature else "flat", options.curvatures,
-        None if options.friction is None else YarnFriction(options.friction), options.cycles,
-    )  # fmt: skip
     subjects = [options.subject] if options.against is None else [options.subject, options.against]
     shells = {name: read_material(name) for name in subjects if is_material(name)}
     drawn = {name: pattern_of(name, options.radius) for name in subjects if name not in shells}
     yarns = {name: yarn_for(name, pattern, options.material) for name, pattern in drawn.items()}
+    programme = Programme(
+        options.directions, options.loads or LOADS, "free" if options.free_curvature else "flat", options.curvatures,
+        _friction(options, yarns.values()), options.cycles,
+    )  # fmt: skip
     if not drawn:
         refuse(options, ("material", "radius"), "a pattern to test, not shell materials alone")
         refuse(options, ("friction",), "a pattern to test; a shell material has its own friction")
-    elif programme.cycles is not None and options.friction is None:
-        refuse(options, ("cycles",), "--friction too, for yarns")
+    elif programme.cycles is not None and programme.friction is None:
+        refuse(options, ("cycles",), "--friction too, for yarns that have none of their own")
+    for name, yarn in yarns.items():
+        if programme.cycles is None and yarn.friction:
+            print_notice(f"note: {name} is tested without the friction of its yarn, which acts in --cycles")
     for name, shell in shells.items():
         if programme.cycles is None and shell.remembers:
             print_notice(f"note: {name} is tested without its friction, which acts in --cycles")
@@ -87,6 +90,18 @@ def test(options: argparse.Namespace) -> int:
     if failed:
         print_notice(f"{failed} points have no equilibrium under their load; see status")
     return 1 if failed else 0
+
+
+def _friction(options: argparse.Namespace, yarns: Iterable[YarnChoice]) -> YarnFriction | None:
+    """That of the option; in cycles else that of the yarns. InputError where two patterns' yarns differ in it."""
+    if options.friction is not None:
+        return YarnFriction(options.friction)
+    own = {yarn.friction for yarn in yarns if yarn.friction is not None}
+    if options.cycles is None or not own:
+        return None
+    if len(own) > 1:
+        raise InputError("--friction", expected="one for the yarns of both patterns", found=sorted(own))
+    return YarnFriction(own.pop())
 
 
 def _compare(found: list[FabricTests]) -> Difference | None:

@@ -15,7 +15,7 @@ def add_material_commands(add: Add) -> None:
     about = "From a yarn pattern to a shell material, with pictures and a page."
     option = add("homogenize", "materials", about, *sampling).add_argument
     option("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
-    friction = "coefficient of friction of yarns: the material remembers how it was loaded (none)"
+    friction = "coefficient of friction of yarns: the material remembers how it was loaded (the yarn's, else none)"
     option("--friction", type=number, metavar="MU", help=friction)
     visited = "sample where this simulation went, too; with --resume"
     option("--visited", type=Path, metavar="RUN", help=visited)
@@ -88,6 +88,6 @@ def add_material_commands(add: Add) -> None:
     option("--free-curvature", action="store_true", help=free)
     friction = "coefficient of friction of yarns: tension, shear and bending in cycles, and no other test"
     option("--friction", type=number, metavar="MU", help=friction)
-    cycles = "cycles with friction (1), of yarns or of a shell material that 'homogenize --friction' made"
+    cycles = "cycles with friction (1), of yarns that have some or a shell material that 'homogenize --friction' made"
     option("--cycles", type=int, metavar="N", help=cycles)
     option("--drape", action="store_true", help="simulate the Cusick drape test (shell materials)")

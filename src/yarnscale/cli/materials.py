@@ -89,6 +89,9 @@ def homogenize(options: argparse.Namespace) -> int:
     kept = options.out / PATTERN
     begun = options.resume and kept.is_file()
     yarn = yarn_for(options.pattern, drawn, options.material, kept=read_yarns(kept) if begun else None)
+    if options.friction is None and yarn.friction and options.form == "compact":
+        settings["friction"] = YarnFriction(yarn.friction)
+        print_notice(f"friction {yarn.friction:g} is that of the yarn; --friction 0 leaves it out")
     results = results_of_homogenize(options.out, overwrite=options.overwrite, resume=options.resume)
     if options.resume and (options.out / "samples").exists():
         SampleStore(options.out / "samples")  # refuses what is no store before anything is settled

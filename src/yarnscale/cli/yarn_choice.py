@@ -35,6 +35,11 @@ class YarnChoice:
         """Entries of the JSON output."""
         return {"material": material_names(self.materials), "material_from": self.origin}
 
+    @property
+    def friction(self) -> float | None:
+        """Coefficient of the yarns, which all materials of a pattern share; None where they do not say it."""
+        return _listed(self.materials)[0].contact.friction
+
     def print_status(self) -> None:
         """One line on the console."""
         instead = "" if self.replaced is None else f", instead of {material_names(self.replaced)} that came with it"

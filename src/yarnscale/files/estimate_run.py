@@ -56,6 +56,7 @@ def estimate(
     holdout: Direction | None = None,
     follow: Follow = "measured",
     shell_model: ShellModel = "stiffening",
+    friction: bool = False,
     options: FitOptions | None = None,
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
@@ -75,7 +76,7 @@ def estimate(
     kept = None if folder is None else evaluation_folder(Path(folder) / EVALUATIONS, resume=resume)
     return fit_fabric(
         measurements, model, directions=directions, holdout=holdout, follow=follow, shell_model=shell_model,
-        options=options, weights=weights, executor=executor, progress=progress,
+        friction=friction, options=options, weights=weights, executor=executor, progress=progress,
         store=None if kept is None else lambda objective: EstimateFolder(kept, objective),
     )  # fmt: skip
 

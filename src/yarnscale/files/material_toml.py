@@ -64,7 +64,8 @@ def write_yarn_material(material: YarnMaterial, path: str | os.PathLike[str]) ->
         rule = getattr(material, name)
         lines += ["", f"[{name}]"]
         for entry in fields(rule):
-            value = getattr(rule, entry.name)
+            if (value := getattr(rule, entry.name)) is None:
+                continue
             lines.append(f"{entry.name} = {_string(value) if isinstance(value, str) else repr(value)}")
     write_text(path, "\n".join(lines) + "\n")
 

@@ -92,8 +92,10 @@ def provenance(cell: PeriodicCell, tiles: tuple[int, int] = (1, 1)) -> dict[str,
 
 
 def _plain_material(cell: PeriodicCell) -> object:
-    """The fields of the material, or a list of them where yarns have each its own."""
+    """The fields of the material, or a list of them where yarns have each its own; samples have no friction."""
     entries = [asdict(material) for material in cell.materials]
+    for entry in entries:
+        del entry["contact"]["friction"]
     return entries[0] if isinstance(cell.material, YarnMaterial) else entries
 
 

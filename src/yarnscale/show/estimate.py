@@ -24,6 +24,7 @@ from yarnscale.show.tubes import room_of, yarn_picture
 from yarnscale.swatches.measurements import COMFORT_LOAD, POWER_LOAD, StretchTest
 from yarnscale.swatches.uniform_data import UniformCurve
 from yarnscale.swatches.yarn_estimate import FabricEstimate
+from yarnscale.swatches.yarn_friction import YarnFrictionFit
 from yarnscale.swatches.yarn_model import UNITS
 from yarnscale.swatches.yarn_states import YarnCurve
 
@@ -57,6 +58,7 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, units: str 
             [_construction(estimate)],
         ),
         Section("Curves", _words(estimate), [_errors(estimate)], [Picture(folder / "curves.png", wide=True)]),
+        *([] if estimate.friction is None else [_friction(estimate.friction, estimate)]),
         Section(
             "Parameters",
             [
@@ -116,6 +118,7 @@ def curves_plot(path: Path, estimate: FabricEstimate, *, units: str = "N/m") -> 
             test = tests[target.direction]
             factor = load_factor(units, test.swatch_width, estimate.cell.area_density)
             _stress_panel(grid[0, k], test, target, shell, curve, factor)
+            _loop(grid[0, k], estimate, target, factor)
             _contraction_panel(grid[1, k], test, target, shell, curve)
             if (simulated := cloth.get(target.direction)) is not None:
                 style = {"color": _CLOTH, "linewidth": 1.4, "label": "swatches of homogenized cloth"}
@@ -154,7 +157,7 @@ def _stress_panel(
         if run.unloading is not None:
             back = run.unloading.length / run.rest_length - 1.0
             axes.plot(100 * back, factor * run.unloading.force / test.swatch_width, color=theme.MUTED, linewidth=0.7,
-                      label="unloading, not fitted" if run is test.runs[0] else None)  # fmt: skip
+                      label="unloading" if run is test.runs[0] else None)  # fmt: skip
     axes.plot(
         *_from_rest(target.stretch, factor * target.stress),
         color=_MEASURED,
@@ -167,6 +170,17 @@ def _stress_panel(
     _yarn_line(axes, target, curve, curve.stress, factor)
     axes.set_ylim(0, 1.15 * power)
     axes.set_xlim(left=0)
+
+
+def _loop(axes: Axes, estimate: FabricEstimate, target: UniformCurve, factor: float) -> None:
+    """Both branches of the yarn with friction."""
+    for loop in () if estimate.friction is None else estimate.friction.simulated:
+        if loop.direction is target.direction:
+            way = np.append(loop.stretch, loop.stretch[::-1])
+            stress = np.maximum(np.append(loop.loading, loop.unloading[::-1]), 0.0)
+            axes.plot(
+                100 * way, factor * stress, color=_YARN, linewidth=1.2, linestyle="-.", label="yarn with friction"
+            )
 
 
 def _contraction_panel(
@@ -236,8 +250,9 @@ def _construction(estimate: FabricEstimate) -> Table:
     ]
     for direction, (own, given) in estimate.bending.items():
         rows.append([f"bending rigidity B along {direction.value} [µN m]", 1e6 * own, 1e6 * given])
+    own = {} if estimate.friction is None else {loop.direction: loop for loop, _ in estimate.friction.pairs}
     for test in measured.stretch:
-        if test.lost_work is not None:
+        if test.lost_work is not None and test.direction not in own:
             rows.append([f"work lost in unloading, {test.direction.value}", None, _percent(test.lost_work)])
     return Table(["", "estimated", "measured"], rows)
 
@@ -250,6 +265,29 @@ def _errors(estimate: FabricEstimate) -> Table:
     columns = ["errors", "stress, comfort range", "stress, full range", "contraction", "states not at rest"]
     caption = "Mean errors of σ/(1 + s) and of the contraction over the largest measured value of the comfort range"
     return Table(columns, rows, caption)
+
+
+def _friction(fit: YarnFrictionFit, estimate: FabricEstimate) -> Section:
+    """Friction of the yarns, and both branches of every direction in numbers."""
+    text = [
+        f"Coefficient {fit.coefficient:.3g} ± {fit.uncertainty:.2g}: with it the cell returns as much of the work of "
+        "loading as was measured, to 2 % in the uncertainty. The elastic yarn is fitted to what the measured loading "
+        "would be without friction, in the ratio of the cell's own."
+    ]
+    missed, rows = fit.unloading_error(estimate.measured), []
+    for loop, own in fit.pairs:
+        alone = fit.by_direction.get(loop.direction)
+        rows.append(
+            [
+                loop.direction.value, alone, _percent(own.returned), _percent(loop.returned),
+                _percent(own.stretch_left), _percent(loop.stretch_left), _percent(missed[loop.direction]),
+            ]
+        )  # fmt: skip
+    columns = [
+        "direction", "friction by it alone", "work returned", "measured", "stretch left", "measured",
+        "error of unloading",
+    ]  # fmt: skip
+    return Section("Friction of the yarns", text, [Table(columns, rows)])
 
 
 def _parameters(estimate: FabricEstimate) -> Table:

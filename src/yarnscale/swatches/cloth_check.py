@@ -14,11 +14,14 @@ from yarnscale.errors import notify
 from yarnscale.homogenize.homogenize import homogenize
 from yarnscale.homogenize.rays import SOLVES, doubling_load
 from yarnscale.homogenize.sample import SamplingProgress
+from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.swatches.measurements import POWER_LOAD, SwatchMeasurements
 from yarnscale.swatches.swatch import StretchResponse, StretchSwatch
 from yarnscale.swatches.uniaxial import uniaxial
 from yarnscale.swatches.uniform_data import UniformData, UniformErrors, swatch_data
+from yarnscale.swatches.yarn_friction import YarnFrictionFit
+from yarnscale.yarn.friction import YarnFriction
 
 _DECIDED = 1.5
 """Ratio of contractions with and without clamps from which clamps decide what is measured."""
@@ -32,8 +35,8 @@ _BEYOND = 1.25
 class ClothCheck:
     """Measured swatches, and the same swatches of a shell material.
 
-    measured: loads and contractions as read between the clamps, nothing taken out. responses: of the simulated
-    swatches at the same stretches, in the same order.
+    measured: loads and contractions as read between the clamps, nothing taken out but the part of friction, where that
+    is known. responses: of the simulated swatches without friction at the same stretches, in the same order.
     """
 
     material: ShellMaterial
@@ -56,23 +59,30 @@ class ClothCheck:
         return self.measured.errors(self.loads, self.contractions)
 
 
-def check_cloth(material: ShellMaterial, measurements: SwatchMeasurements) -> ClothCheck:
-    """Simulate every measured swatch as cloth of a material."""
+def check_cloth(
+    material: ShellMaterial, measurements: SwatchMeasurements, *, friction: YarnFrictionFit | None = None
+) -> ClothCheck:
+    """Simulate every measured swatch as cloth of a material, without its friction, if any.
+
+    friction: of the yarns, whose part in the measured loads is taken out.
+    """
     measured, responses = swatch_data(measurements), []
+    measured = measured if friction is None else friction.removed_from(measured)
+    elastic = replace(material, sliders=None) if isinstance(material, CompactMaterial) else material
     for test, curve in zip(measurements.stretch, measured.curves, strict=True):
         swatch = StretchSwatch(test.direction, test.swatch_length, test.swatch_width, gauge_width=test.gauge_width)
-        responses.append(swatch.respond(material, curve.stretch))
+        responses.append(swatch.respond(elastic, curve.stretch))
     return ClothCheck(material, measured, tuple(responses))
 
 
-def without_own_clamps(check: ClothCheck) -> UniformData:
-    """The measured curves, times the simulated cloth's ratio of uniform to swatch response at the same stretch.
+def without_own_clamps(check: ClothCheck, measured: UniformData) -> UniformData:
+    """Measured curves, times the simulated cloth's ratio of uniform to swatch response at the same stretch.
 
     Where clamps change contraction by more than a factor of ``_DECIDED``, it stays as measured between them and weighs
     little: clamps of the simulation hold short, wide swatches more than real ones do.
     """
     curves = []
-    for raw, load, across in zip(check.measured.curves, check.loads, check.contractions, strict=True):
+    for raw, load, across in zip(measured.curves, check.loads, check.contractions, strict=True):
         stress, contraction = uniaxial(check.material, raw.direction.angle, raw.stretch)
         held = _filled(raw.stretch, load / stress)
         wider = _filled(raw.stretch, across / np.where(contraction > 1e-4, contraction, np.nan))
@@ -83,7 +93,7 @@ def without_own_clamps(check: ClothCheck) -> UniformData:
                 contraction_weight=1.0 if free else _LITTLE,
             )
         )  # fmt: skip
-    return replace(check.measured, curves=tuple(curves))
+    return replace(measured, curves=tuple(curves))
 
 
 def _filled(stretch: Array, ratio: Array) -> Array:
@@ -93,18 +103,20 @@ def _filled(stretch: Array, ratio: Array) -> Array:
 
 
 def homogenized_swatches(
-    cell: PeriodicCell, measurements: SwatchMeasurements, folder: Path, *, solves: int = SOLVES, workers: int = 2,
-    dask: str | None = None, resume: bool = False, progress: Callable[[SamplingProgress], None] | None = None,
+    cell: PeriodicCell, measurements: SwatchMeasurements, folder: Path, *, friction: YarnFrictionFit | None = None,
+    solves: int = SOLVES, workers: int = 2, dask: str | None = None, resume: bool = False,
+    progress: Callable[[SamplingProgress], None] | None = None,
 ) -> ClothCheck:  # fmt: skip
     """Homogenize an estimated cell for the measured loads, and simulate the swatches with the material.
 
-    folder: gets the samples. The other arguments are those of ``homogenize``.
+    folder: gets the samples. friction: of the yarns, which the material then has, too. The other arguments are those
+    of ``homogenize``.
     """
     largest = _BEYOND * max(float(test.curve.up_to(POWER_LOAD).load[-1]) for test in measurements.stretch)
     if largest > (most := doubling_load(cell)):
         notify(f"the yarn is twice as long at {most:.3g} N/m: cloth is sampled up to there, not to {largest:.3g} N/m")
     outcome = homogenize(
         cell, folder, solves=solves, limit=min(largest, most), workers=workers, dask=dask,
-        resume=resume, progress=progress,
+        resume=resume, friction=None if friction is None else YarnFriction(friction.coefficient), progress=progress,
     )  # fmt: skip
-    return check_cloth(outcome.material, measurements)
+    return check_cloth(outcome.material, measurements, friction=friction)

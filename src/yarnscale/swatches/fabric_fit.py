@@ -6,17 +6,26 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
-from yarnscale.errors import InputError
+import numpy as np
+
+from yarnscale.errors import InputError, notify
 from yarnscale.swatches.cloth_check import check_cloth, without_own_clamps
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
 from yarnscale.swatches.fabric_shell import fit_shell
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective
-from yarnscale.swatches.uniform_data import UniformData
+from yarnscale.swatches.uniform_data import UniformData, swatch_data
+from yarnscale.swatches.uniform_loop import check_loops, measured_loops
 from yarnscale.swatches.yarn_estimate import FabricEstimate, Follow
 from yarnscale.swatches.yarn_fit import FitOptions, YarnFit, fit_yarn
+from yarnscale.swatches.yarn_friction import USUAL, fit_friction
 from yarnscale.swatches.yarn_model import YarnModel
+
+_ROUNDS, _STILL = 3, 0.03
+"""How often a yarn is fitted again without the friction that was found, and change of it, relative, that is none."""
+_WORK = ("evaluations", "solves", "cpu_seconds", "seconds")
+"""Of a fit."""
 
 
 def fit_fabric(
@@ -27,6 +36,7 @@ def fit_fabric(
     holdout: Direction | None = None,
     follow: Follow = "measured",
     shell_model: ShellModel = "stiffening",
+    friction: bool = False,
     options: FitOptions | None = None,
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
@@ -36,13 +46,16 @@ def fit_fabric(
     """Fit the shell, translate to uniform data, fit the yarn, and predict the direction that was held out.
 
     directions: those to fit, all measured ones by default, but for ``holdout``. follow: what the yarn follows, see
-    ``FabricShell.uniform_data``; shell_model: see ``fit_shell``.
+    ``FabricShell.uniform_data``; shell_model: see ``fit_shell``. friction: whether that of the yarns is fitted, too
+    (``with_friction``).
 
-    Raises InputError for directions that were not measured, and for a weight of bending
-    where neither loops nor strips were bent.
+    Raises InputError for directions that were not measured, for a weight of bending
+    where neither loops nor strips were bent, and for friction where nothing was unloaded.
     """
     fitted = fitted_directions(measurements, directions, holdout)
     check_bending(measurements, weights)
+    if friction:
+        check_loops(measurements.only(*fitted))
     shell = fit_shell(measurements.only(*fitted), model=shell_model)
     data = shell.uniform_data(follow=follow)
     fit = fit_yarn(model, data, options=options, weights=weights, executor=executor, store=store, progress=progress)
@@ -55,7 +68,47 @@ def fit_fabric(
     if shell.measurements.short:
         strips = replace(shell.measurements, stretch=shell.measurements.short)
         short = check_cloth(shell.membrane.material, strips)
-    return FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, short)
+    found = FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, short)
+    run = {"weights": weights, "executor": executor, "store": store, "progress": progress}
+    return with_friction(found, **run) if friction else found
+
+
+def with_friction(
+    estimate: FabricEstimate,
+    *,
+    weights: ErrorWeights | None = None,
+    executor: Executor | None = None,
+    store: Callable[[YarnObjective], Store] | None = None,
+    progress: Callable[[Evaluations], None] | None = None,
+) -> FabricEstimate:
+    """The estimate with friction of its yarn, from loading and unloading together.
+
+    In turn the cell of the yarn gets the friction with which it returns as much work as was measured, and the yarn is
+    fitted, from the last one by Gauss–Newton, to the measured curves times the cell's ratio of stress without friction
+    to that with it on loading; until friction stands still.
+    """
+    measured, found, kept = measured_loops(estimate.measurements, estimate.measured), estimate.friction, estimate
+    for rounds in range(_ROUNDS + 1):
+        evaluation, before = estimate.fit.evaluation, found
+        guess = USUAL if before is None else before.coefficient
+        if evaluation.rested.relaxed:
+            found = fit_friction(evaluation.rested.cell, measured, evaluation.curves, guess=guess)
+        if found is before or found is None:
+            notify("the cell of the yarn cannot follow the measured cycle with friction: the yarn keeps that of before")
+            return kept
+        kept = replace(estimate, friction=replace(found, rounds=rounds))
+        change = np.inf if before is None else abs(found.coefficient / before.coefficient - 1.0)
+        if change <= _STILL or rounds == _ROUNDS:
+            break
+        fit = fit_yarn(
+            estimate.fit.model, found.removed_from(estimate.target), options=estimate.fit.options, weights=weights,
+            executor=executor, store=store, progress=progress, start=evaluation.unknowns,
+        )  # fmt: skip
+        # Of all fits together.
+        spent = {name: getattr(fit, name) + getattr(estimate.fit, name) for name in _WORK}
+        fit = replace(fit, **spent)
+        estimate = replace(estimate, fit=fit, prediction=_predicted(fit, estimate.held_out))
+    return kept
 
 
 def refitted(
@@ -73,19 +126,20 @@ def refitted(
     """
     if estimate.cloth is None:
         raise InputError("refitted yarn", expected="an estimate with cloth", found="none")
-    first, clean = estimate.fit, without_own_clamps(estimate.cloth)
+    first, friction = estimate.fit, estimate.friction
+    clean = without_own_clamps(estimate.cloth, swatch_data(estimate.measurements))
     data = replace(
         clean.only(*(curve.direction for curve in estimate.measured.curves)), bending=estimate.measured.bending
     )
-    fit = fit_yarn(
-        first.model, data, options=first.options, weights=weights, executor=executor, store=store,
-        progress=progress, start=first.evaluation.unknowns,
-    )  # fmt: skip
+    run = {"weights": weights, "executor": executor, "store": store, "progress": progress}
+    target = data if friction is None else friction.removed_from(data)
+    fit = fit_yarn(first.model, target, options=first.options, start=first.evaluation.unknowns, **run)
     held = estimate.held_out and clean.only(*(curve.direction for curve in estimate.held_out.curves))
-    return replace(
+    found = replace(
         estimate, fit=fit, measured=data, held_out=held, prediction=_predicted(fit, held), cloth=None, tests=None,
         clamps="cloth",
     )  # fmt: skip
+    return found if friction is None else with_friction(found, **run)
 
 
 def _predicted(fit: YarnFit, held_out: UniformData | None) -> Evaluation | None:

@@ -83,7 +83,8 @@ def loading(
         )
     longer = isotonic_regression(columns[1]).x
     columns, counts = _binned(columns, rising, longer)
-    return replace(_from_zero(columns, counts, float(longer[0]), remarks), unloading=unloading)
+    found, level = _from_zero(columns, counts, float(longer[0]), remarks)
+    return replace(found, unloading=unloading and replace(unloading, force=unloading.force - level))
 
 
 def _fault(force: Array, length: Array, count: int, largest_force: float) -> str:
@@ -185,8 +186,8 @@ def _binned(columns: list[Array], rising: Array, longer: Array) -> tuple[list[Ar
     return [np.bincount(place, column) / counts for column in columns], counts.astype(np.float64)
 
 
-def _from_zero(columns: list[Array], counts: Array, begin: float, remarks: list[str]) -> Loading:
-    """The loading without slack and offset of the load cell, its force monotone."""
+def _from_zero(columns: list[Array], counts: Array, begin: float, remarks: list[str]) -> tuple[Loading, float]:
+    """The loading without slack and offset of the load cell, its force monotone; and that offset [N]."""
     force, length, *width = columns
     offset, start = slack_and_offset(force, length, counts, begin)
     slack = start - begin
@@ -202,5 +203,5 @@ def _from_zero(columns: list[Array], counts: Array, begin: float, remarks: list[
         remarks.append(
             f"force begins at {force[0]:.2g} N, too much for a pretension of so soft a fabric: taken for an offset"
         )
-        force = force - force[0]
-    return Loading(force, length, width[0] if width else None, tuple(remarks))
+        offset, force = offset + float(force[0]), force - force[0]
+    return Loading(force, length, width[0] if width else None, tuple(remarks)), offset

@@ -46,7 +46,7 @@ class Direction(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Unloading:
-    """Unloading of the swatch, which no fit uses.
+    """Unloading of the swatch, which the fit of friction alone uses.
 
     force [N] and length [m] in the order of time, (n,); lost_work: share of the work of the loading that is not given
     back, None where unloading was not measured to its end.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -20,9 +20,12 @@ from yarnscale.swatches.fabric_shell import FabricShell
 from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasurements
 from yarnscale.swatches.objective import Evaluation, errors_of
 from yarnscale.swatches.uniaxial import biaxial_stress
-from yarnscale.swatches.uniform_data import UniformData, UniformErrors
+from yarnscale.swatches.uniform_data import UniformData, UniformErrors, swatch_data
+from yarnscale.swatches.uniform_loop import has_loop
 from yarnscale.swatches.yarn_fit import YarnFit
+from yarnscale.swatches.yarn_friction import YarnFrictionFit
 from yarnscale.swatches.yarn_states import bending_stiffness
+from yarnscale.yarn.material import YarnMaterial
 
 UNKNOWN_STIFFNESS = 60.0
 """k_s2 where the yarn's stiffness at 5 cN was not measured [N]: a spun hand-knitting yarn, to a factor of three.
@@ -54,6 +57,7 @@ class FabricEstimate:
     short: strips shorter than wide, simulated as cloth of the shell, if any. cloth: the swatches simulated as cloth of
     the homogenized yarn, if any. tests: of the laboratory on the fabric at rest, if any.
     clamps: with which cloth their effect on the measurement was computed, the fitted shell or that of an earlier fit.
+    friction: of the yarns, if it was fitted; the yarn of ``fit`` is fitted to the curves without its part.
     """
 
     measurements: SwatchMeasurements
@@ -67,15 +71,17 @@ class FabricEstimate:
     cloth: ClothCheck | None = None
     tests: FabricTests | None = None
     clamps: Literal["shell", "cloth"] = "shell"
+    friction: YarnFrictionFit | None = None
 
     @cached_property
     def cell(self) -> PeriodicCell:
         """The fabric at rest with the estimated yarn, whose density follows from the measured mass."""
         measured = self.measurements
-        return weighed(
+        cell = weighed(
             sized(self.fit.evaluation.rested.cell, self.scale),
             area_density=measured.area_density, yarn_count=measured.yarn_count,
         )  # fmt: skip
+        return cell if self.friction is None else with_yarn_friction(cell, self.friction.coefficient)
 
     @cached_property
     def bending(self) -> dict[Direction, tuple[float, float]]:
@@ -124,9 +130,25 @@ class FabricEstimate:
         return FabricConstruction.of(self.cell, self.fit.model.stitches)
 
     @property
+    def target(self) -> UniformData:
+        """The curves that the yarn follows, with friction in them."""
+        return self.measured if self.follow == "measured" else self.shell.uniform_data(follow="shell")
+
+    @cached_property
+    def loading(self) -> tuple[tuple[Array, Array], ...]:
+        """Stress [N/m] and contraction of the yarn, with its friction, at the stretches of ``measured``; or NaN."""
+        if self.friction is not None:
+            return tuple(self.friction.with_loading(curve) for curve in self.measured.curves)
+        return tuple(
+            (np.where(c.converged, c.stress, np.nan), np.where(c.converged, c.contraction, np.nan))
+            for c in self.fit.evaluation.curves
+        )
+
+    @property
     def error(self) -> UniformErrors:
         """Of the yarn against the measurement: the error of the estimate."""
-        return errors_of(self.fit.evaluation.curves, self.measured)
+        stresses, contractions = zip(*self.loading, strict=True)
+        return self.measured.errors(stresses, contractions)
 
     @property
     def shell_error(self) -> UniformErrors:
@@ -187,10 +209,10 @@ class FabricEstimate:
         """
         found = [
             (abs(own - target), curve.direction, stretch, own, target)
-            for curve, yarn in zip(self.measured.curves, self.fit.evaluation.curves, strict=True)
+            for curve, (stress, _) in zip(self.measured.curves, self.loading, strict=True)
             for stretch, own, target, used in zip(
-                curve.stretch.tolist(), yarn.stress.tolist(), curve.stress.tolist(),
-                (curve.comfort & yarn.converged).tolist(), strict=True,
+                curve.stretch.tolist(), stress.tolist(), curve.stress.tolist(),
+                (curve.comfort & np.isfinite(stress)).tolist(), strict=True,
             )
             if used
         ]  # fmt: skip
@@ -213,7 +235,8 @@ class FabricEstimate:
         """
         if self.cloth is None:
             return 0.0
-        own = {curve.direction: curve.stress for curve in without_own_clamps(self.cloth).curves}
+        clean = without_own_clamps(self.cloth, swatch_data(self.measurements))
+        own = {curve.direction: curve.stress for curve in clean.curves}
         return _largest((own[c.direction] / c.stress - 1.0)[c.comfort] for c in self.measured.curves)
 
     @property
@@ -245,6 +268,11 @@ class FabricEstimate:
                 f"clamps change the force by up to {100 * effect:.0f} %, as a shell says that is itself "
                 f"{100 * shell:.0f} % off the measurement in the comfort range: longer swatches depend less on clamps"
             )
+        if self.friction is not None and self.friction.at_bound:
+            found.append(
+                f"the yarn's fabric returns more of the work than was measured at any friction up to "
+                f"{self.friction.coefficient:g}"
+            )
         if self.shell.membrane.assumed_contraction:
             found.append(
                 "contraction was not measured: the usual one of knits is assumed to take out the effect of the clamps"
@@ -273,6 +301,8 @@ class FabricEstimate:
             found.append(f"contraction along {', '.join(narrow)}: no width was measured")
         if not self.bending:
             found.append("bending: it was not measured, so it follows from the yarn that the tensile curves suggest")
+        if self.friction is None and any(has_loop(test) for test in tests):
+            found.append("friction of the yarns: loading alone was fitted, of which friction is a part (--friction)")
         if self.measurements.area_density is None and self.measurements.yarn_count is None:
             found.append("mass of the yarn: neither the fabric nor its yarn was weighed, so its density is assumed")
         if self.measurements.known.stitch_area is None and self.measurements.known.yarn_in_stitch is None:
@@ -300,6 +330,7 @@ class FabricEstimate:
             },
             "warnings": [*self.warnings],
             "unknown": [*self.unknown],
+            "friction": self._friction_summary(),
             "lost_work": {t.direction.value: t.lost_work for t in self.measurements.stretch},
             "notes": [*self.measurements.notes],
             "parameters": self.parameters,
@@ -328,6 +359,32 @@ class FabricEstimate:
         if (ahead := self.held_out_error) is not None:
             found["held_out"] = ahead.summary()
         return found
+
+    def _friction_summary(self) -> dict[str, object] | None:
+        found = self.friction
+        if found is None:
+            return None
+        missed = found.unloading_error(self.measured)
+        directions = {
+            loop.direction.value: {
+                "coefficient": found.by_direction.get(loop.direction),
+                "returned": own.returned,
+                "measured_returned": loop.returned,
+                "stretch_left": own.stretch_left,
+                "unloading_error": missed[loop.direction],
+            }
+            for loop, own in found.pairs
+        }
+        return {
+            "coefficient": found.coefficient, "uncertainty": found.uncertainty, "at_bound": found.at_bound,
+            "rounds": found.rounds, "directions": directions,
+        }  # fmt: skip
+
+
+def with_yarn_friction(cell: PeriodicCell, coefficient: float) -> PeriodicCell:
+    """The cell with yarns that know their friction; its energy is the same."""
+    yarns = tuple(replace(m, contact=replace(m.contact, friction=coefficient)) for m in cell.materials)
+    return replace(cell, material=yarns[0] if isinstance(cell.material, YarnMaterial) else yarns)
 
 
 def _largest(changes: Iterable[Array]) -> float:

@@ -1,4 +1,4 @@
-"""A cell of yarn pulled along one direction and free across, and bent: stress, contraction, bending stiffness.
+"""A cell of yarn pulled along one direction and free across, with friction or without, and bent.
 
 F = U diag(1 + s, 1 − c) Uᵀ as for the shell (EST22 eq. 3 and §7.1). The contraction c is where the stress across
 vanishes: Newton's method on that stress, each state starting from where the one before points to.
@@ -14,9 +14,13 @@ import numpy as np
 
 from yarnscale.arrays import Array, Flags
 from yarnscale.cell.equilibrium import Equilibrium
+from yarnscale.cell.friction import CellHistory, Solve
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.kinematics import ShellStrain
+from yarnscale.homogeneous.histories import followed
+from yarnscale.kinematics import ShellStrain, line_stretch
 from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.uniform_loop import UniformLoop
+from yarnscale.yarn.friction import YarnFriction
 
 _STEPS = 12
 TOLERANCE = 1e-3
@@ -29,6 +33,8 @@ _BESIDE = 10.0
 """How many times that is left to the last step next to a similar cell, whose slopes and contraction are known."""
 _NEAR = 1e-4
 """Difference of the contraction from which the stiffness across is first taken."""
+_SLACK = 0.02
+"""Share of the largest stress that counts as none on the way back, and beside which the stress across does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +107,47 @@ def pulled(
     )
 
 
+def cycled(cell: PeriodicCell, direction: Direction, stretches: Array, friction: YarnFriction) -> UniformLoop | None:
+    """Stretch a cell that is at rest, with friction of its yarns, state by state in rising order, and let it go.
+
+    The way back ends where no stress is left. None where the cell cannot follow.
+    """
+    path, rest = _Path(cell, direction.angle, TOLERANCE, nearby=True), cell.relax()
+    if not rest.usable:
+        return None
+
+    def solver(stretch: float) -> Solve:
+        return lambda rubbing, near: path.follow(rubbing, stretch, near)
+
+    start, values = CellHistory.begin(cell, friction, rest), np.asarray(stretches, np.float64).tolist()
+    there = list(followed(start, 0.0, values, solver))
+    if len(there) < len(values):
+        return None
+    loading, across = np.array([_along(history.state, direction.angle) for history in there]).T
+    unloading = np.zeros(len(values) + 1)
+    unloading[-1], largest, reached = loading[-1], float(loading.max()), len(values)
+    path.floor = _SLACK * largest
+    for history in followed(there[-1], values[-1], [*values[-2::-1], 0.0], solver):
+        reached -= 1
+        unloading[reached] = _along(history.state, direction.angle)[0]
+        if unloading[reached] <= 0.0:
+            break
+    if unloading[reached] > path.floor and reached > 0:
+        return None
+    stretch, width = (np.append(0.0, part) for part in (values, across))
+    loading = np.append(_along(rest, direction.angle)[0], loading)
+    return UniformLoop(direction, stretch, loading, unloading, width)
+
+
+def _along(state: Equilibrium, angle: float) -> tuple[float, float]:
+    """Stress along [N/m] and contraction across."""
+    strain = state.strain.vector
+    length = line_stretch(strain, angle)[0]
+    area = (1.0 + strain[0]) * (1.0 + strain[2]) * math.sqrt(1.0 - strain[1] ** 2)
+    width = 1.0 - area / length
+    return float(state.stress @ pulled_strain(angle, length - 1.0, width)[1]), width
+
+
 @dataclass(frozen=True, eq=False)
 class _State:
     """An equilibrium at a contraction (width): its stress across and along, their slopes by it, whether it counts."""
@@ -112,9 +159,9 @@ class _State:
     slopes: Array
     good: bool = True
 
-    def small(self, tolerance: float) -> bool:
-        """Whether the stress across is, beside the stress along."""
-        return abs(self.across) <= tolerance * max(abs(self.along), 1e-3)
+    def small(self, tolerance: float, floor: float) -> bool:
+        """Whether the stress across is, beside the stress along, which counts as no less than ``floor``."""
+        return abs(self.across) <= tolerance * max(abs(self.along), floor)
 
     def freed(self) -> _State:
         """What is left of the stress across taken away along the slopes."""
@@ -125,11 +172,13 @@ class _State:
 
 
 class _Path:
-    """Follows the states at zero stress across from rest."""
+    """Follows the states at zero stress across from rest; nearby: as of ``PeriodicCell.relax``."""
 
-    def __init__(self, cell: PeriodicCell, angle: float, tolerance: float) -> None:
-        self.tolerance = tolerance
-        self.cell, self.angle = cell, angle
+    def __init__(
+        self, cell: PeriodicCell, angle: float, tolerance: float, *, nearby: bool = False, floor: float = 1e-3
+    ) -> None:
+        self.tolerance, self.floor = tolerance, floor
+        self.cell, self.angle, self.nearby = cell, angle, nearby
         self.last: Equilibrium | None = None
         self.slopes = np.full(2, np.nan)
         self.history: list[tuple[float, float]] = [(0.0, 0.0)]
@@ -138,6 +187,14 @@ class _Path:
     def advance(self, stretch: float) -> _State:
         """The state at the next stretch."""
         return self._found(stretch, self._ahead(stretch), self.last)
+
+    def follow(self, cell: PeriodicCell, stretch: float, near: Equilibrium) -> Equilibrium | None:
+        """The equilibrium of a cell, whose friction remembers the last one, at the next stretch; None without any."""
+        self.cell = cell
+        (before, narrow), (last, width) = self.history[-2:] if len(self.history) > 1 else [(0.0, 0.0)] * 2
+        rate = (width - narrow) / (last - before) if last != before else 0.0
+        state = self._found(stretch, width + rate * (stretch - last), near)
+        return state.equilibrium if state.good else None
 
     def beside(self, near: YarnCurve, k: int) -> _State:
         """The state next to the k-th one of another curve."""
@@ -149,7 +206,7 @@ class _Path:
         state = self._solve(stretch, width, start)
         lower, upper = -np.inf, np.inf
         for _ in range(_STEPS):
-            if not state.good or state.small(tolerance):
+            if not state.good or state.small(tolerance, self.floor):
                 break
             # The stress across, ∂ψ/∂c, rises with c at a minimum.
             lower, upper = (state.width, upper) if state.across < 0 else (lower, state.width)
@@ -163,7 +220,7 @@ class _Path:
             further = self._solve(stretch, state.width + step, state.equilibrium)
             self._keep_up(state, further)
             state = further
-        state = replace(state, slopes=self.slopes, good=state.good and state.small(_LOOSEST * tolerance))
+        state = replace(state, slopes=self.slopes, good=state.good and state.small(_LOOSEST * tolerance, self.floor))
         if state.good:
             self.last = state.equilibrium
             state = state.freed()
@@ -186,7 +243,7 @@ class _Path:
     def _solve(self, stretch: float, width: float, start: Equilibrium | None) -> _State:
         self.solves += 1
         strain, by_stretch, by_width = pulled_strain(self.angle, stretch, width)
-        found = self.cell.relax(ShellStrain.from_vector(strain), start=start)
+        found = self.cell.relax(ShellStrain.from_vector(strain), start=start, nearby=self.nearby)
         across, along = float(found.stress @ by_width), float(found.stress @ by_stretch)
         return _State(found, width, across, along, self.slopes, found.usable)
 

@@ -31,6 +31,7 @@ class ContactRule:
     outer_radius_ratio, inner_radius_ratio: R₁ and R₂ of ``est2022`` over the yarn radius [-].
     inner_stiffness: stiffness k_c2 of the inner barrier of ``est2022`` [kg/s²]; the outer one, k_c1, is the
         material's ``contact_stiffness``.
+    friction: coefficient μ where it is known, for what takes friction from the yarn; the energy has none.
     """
 
     kernel: str = "hylc2020"
@@ -40,6 +41,7 @@ class ContactRule:
     outer_radius_ratio: float = 1.0
     inner_radius_ratio: float = 0.25
     inner_stiffness: float = 1e3
+    friction: float | None = None
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -57,6 +59,8 @@ class ContactRule:
                 raise InputError(
                     f"contact.{name} is too large", expected=f"≤ {LARGEST_RATIO}", found=getattr(self, name)
                 )
+        if self.friction is not None:
+            object.__setattr__(self, "friction", _number("contact.friction", self.friction, positive=False))
 
     @property
     def quadrature_points(self) -> tuple[float, ...]:
