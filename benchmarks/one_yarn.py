@@ -71,6 +71,14 @@ class SharedEvaluations:
             for entries in zip(*columns, strict=True)
         ]
 
+    def settle(self, one: Array, other: Array) -> Array | None:
+        """As of ``Evaluations``, of every fabric."""
+        pairs = [(part, self.split(one)[k], self.split(other)[k]) for k, part in enumerate(self.parts)]
+        settled = [(part.settle(own, beside), own) for part, own, beside in pairs]
+        if any(found is own for found, own in settled):
+            return one
+        return other if any(found is not None for found, _ in settled) else None
+
 
 def with_one_yarn(models: Sequence[YarnModel]) -> list[YarnModel]:
     """The models with one radius to count from, the median of their R_est. InputError for differing k_s2."""

@@ -45,4 +45,4 @@ estimated = dict(zip(found.fit.model.names, found.fit.values, strict=True))
 assert found.error.comfort is not None and found.error.comfort < 0.01
 for name, share in {"k_s1": 0.25, "k_b": 0.02, "R_1": 0.01, "k_c1": 0.05}.items():
     assert abs(estimated[name] / KNOWN[name] - 1.0) < share
-assert found.fit.ambiguity < 1e-6  # no other rest shape is near
+assert found.fit.ambiguity < 1e-4  # no other rest shape is near

@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.objective import ErrorWeights, YarnObjective, coarser
 from yarnscale.swatches.search import race, sobol_starts
 from yarnscale.swatches.uniform_data import UniformBend, UniformCurve, UniformData
-from yarnscale.swatches.yarn_fit import FitOptions, ParameterSpread, usual_starts, work_ahead
+from yarnscale.swatches.yarn_fit import FitOptions, ParameterSpread, ambiguity, usual_starts, work_ahead
 from yarnscale.swatches.yarn_model import yarn_model
+from yarnscale.swatches.yarn_rest import RestRule
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,9 @@ class Bowl:
     residuals: np.ndarray
     solves: int = 1
     seconds: float = 0.0
+
+    def rests_lower(self, other):
+        return False
 
 
 ANSWER = np.array([0.3, 0.8, 0.55])
@@ -131,6 +136,72 @@ def test_jacobian_turns_inwards_at_bounds():
     np.testing.assert_allclose(slopes, exact, atol=5e-3)
 
 
+@dataclass(frozen=True)
+class Shaped(Bowl):
+    """An evaluation of a yarn that rests in the upper or the lower of two shapes."""
+
+    upper: bool = False
+
+    @property
+    def curves(self):
+        return (SimpleNamespace(stress=np.array([1.0 + 0.3 * self.upper]), converged=np.array([True])),)
+
+    def rests_lower(self, other):
+        return other.upper and not self.upper
+
+
+class TwoShapes(Valley):
+    """Rests in the upper shape from the drawing where the first unknown is small, beside a neighbour as that does."""
+
+    data = SimpleNamespace(stress_scale=1.0)
+
+    def evaluate(self, unknowns, *, near=None):
+        upper = unknowns[0] < 0.6 if near is None else near.upper
+        return Shaped(super().evaluate(unknowns).residuals + (3.0 if upper else 0.0), upper=bool(upper))
+
+
+def two_shapes(**others) -> Evaluations:
+    return Evaluations(TwoShapes(), **others)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_descent_stays_in_the_lower_of_two_rest_shapes():
+    evaluations = two_shapes()
+    end = gauss_newton(evaluations, np.array([0.62, 0.6, 0.5]), iterations=40)
+    np.testing.assert_allclose(end, ANSWER, atol=1e-3)
+    assert evaluations.objective.evaluate(end).upper and not evaluations.whole(end).upper  # pyright: ignore
+    # Derivatives are those of that shape.
+    np.testing.assert_allclose(jacobian(evaluations, end), jacobian(valley(), end), atol=1e-9)
+
+
+def test_yarns_near_each_other_settle_in_the_lower_shape():
+    low, high = np.array([0.61, 0.5, 0.5]), np.array([0.59, 0.5, 0.5])
+    for one, other in ((low, high), (high, low)):
+        evaluations, store = two_shapes(), Memory()
+        kept = two_shapes(store=store)
+        for own in (evaluations, kept, two_shapes(store=store)):
+            before = own.many([high])[0].objective
+            slopes = jacobian(own, high)
+            assert own.settle(one, other) is high and own.settle(one, other) is None
+            np.testing.assert_array_equal(own.residuals(high), Valley().evaluate(high).residuals)
+            assert own.residuals(high) @ own.residuals(high) < before
+            # Differences from the states of the other shape are not taken for those of this one.
+            np.testing.assert_allclose(jacobian(own, high), slopes, atol=1e-9)
+        assert (kept.count, kept.solves) == (evaluations.count, evaluations.solves)
+
+
+def test_yarns_that_rest_in_one_shape_have_nothing_to_settle():
+    evaluations = two_shapes()
+    assert evaluations.settle(np.array([0.7, 0.5, 0.5]), np.array([0.71, 0.5, 0.5])) is None
+    assert evaluations.settle(np.array([0.3, 0.5, 0.5]), np.array([0.31, 0.5, 0.5])) is None
+
+
+@pytest.mark.parametrize(("place", "change"), [(0.5995, 0.3), (0.3, 0.0)])
+def test_ambiguity_sees_a_shape_that_only_neighbours_lead_to(place, change):
+    evaluations = two_shapes()
+    inwards = np.array([1.0, 1.0, 1.0])
+    assert ambiguity(evaluations, np.array([place, 0.4, 0.4]), inwards) == pytest.approx(change)
+
+
 class Memory:
     """A store in memory that counts."""
 
@@ -173,7 +244,10 @@ def test_spread_tells_what_data_do_not_see():
 
 
 def test_a_yarn_reproduces_its_own_data_and_is_found_again():
-    """Twin: bending and contact of a stockinette from its own curves, from a start a tenth of the ranges away."""
+    """Twin: bending and contact of a stockinette from its own curves, from a start a tenth of the ranges away.
+
+    Rounds that stop on their way, as those of kept periods do, jump by 1 % of the stress between yarns.
+    """
     model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
     truth = np.array([0.35, 0.5, 0.4, 0.6, 0.6])
     stretch = np.linspace(0.05, 0.3, 5)
@@ -184,20 +258,35 @@ def test_a_yarn_reproduces_its_own_data_and_is_found_again():
                             zero if stress is None else stress, float(stretch[-1]))  # fmt: skip
 
     directions = (Direction.WEFT, Direction.WARP)
-    blank = YarnObjective(model, UniformData("twin", tuple(curve(d) for d in directions))).evaluate(truth)
+    nothing, rule = UniformData("twin", tuple(curve(d) for d in directions)), RestRule()
+    blank = YarnObjective(model, nothing, rule).evaluate(truth)
     assert blank.failed == 0
     data = UniformData("twin", tuple(curve(c.direction, c.stress, c.contraction) for c in blank.curves))
-    evaluations = Evaluations(YarnObjective(model, data))
+    evaluations = Evaluations(YarnObjective(model, data, rule))
     assert evaluations.many([truth])[0].objective < 1e-12
     found = gauss_newton(evaluations, truth + np.array([0.0, 0.0, 0.05, -0.04, 0.05]), iterations=8)
     assert evaluations.many([found])[0].objective < 1e-5
     np.testing.assert_allclose(model.values(found)[[2, 3, 4]], model.values(truth)[[2, 3, 4]], rtol=0.05)
 
 
+def test_derivatives_of_kept_periods_are_those_of_the_shape_that_the_drawing_leads_to():
+    """This stockinette has two rest shapes: rounds that stop on their way must stop at the same place for both."""
+    model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
+    stretch, here = np.array([0.05, 0.1]), np.array([0.35, 0.5, 0.4, 0.6, 0.6])
+    blank = UniformData("two", (UniformCurve(Direction.WEFT, stretch, stretch, stretch, 0.1),))
+    objective = YarnObjective(model, blank, weights=ErrorWeights(contraction=0.0))
+    base = objective.evaluate(here)
+    for k in (0, 2, 4):
+        there = here + 1e-3 * np.eye(5)[k]
+        alone, beside = objective.evaluate(there), objective.evaluate(there, near=base)
+        change = np.abs(alone.residuals - base.residuals).max()
+        np.testing.assert_allclose(beside.residuals, alone.residuals, rtol=0.0, atol=0.05 * change)
+
+
 def test_pear_loops_fix_the_bending_that_forces_leave_open():
     """Two readings of force for five unknowns: many yarns have them, one of those bends as the loops did."""
     model = yarn_model(build("stockinette"), 60.0, yarn_length=0.01128)
-    truth, stretch = np.array([0.8, 0.3, 0.5, 0.5, 0.5]), np.array([0.05, 0.1])
+    truth, stretch = np.array([0.35, 0.5, 0.4, 0.6, 0.6]), np.array([0.05, 0.1])
     forces = ErrorWeights(contraction=0.0)
     bends = tuple(UniformBend(d, 1.0) for d in (Direction.WEFT, Direction.WARP))
     blank = UniformData("twin", (UniformCurve(Direction.WEFT, stretch, stretch, stretch, 0.1),), bends)
@@ -213,8 +302,8 @@ def test_pear_loops_fix_the_bending_that_forces_leave_open():
         assert np.abs(evaluations.residuals(end)[:2]).max() < 0.01
         found.append(model.values(end)[2] / model.values(truth)[2])
         shifts.append(ParameterSpread.of(model.names, jacobian(evaluations, truth)).shift[2])
-    assert abs(found[0] - 1.0) > 0.02 and abs(found[1] - 1.0) < 0.2 * abs(found[0] - 1.0), found
-    assert shifts[0] > 0.3 and shifts[1] < 0.1 * shifts[0], shifts
+    assert abs(found[0] - 1.0) > 0.2 and abs(found[1] - 1.0) < 0.05, found
+    assert shifts[0] > 0.1 and shifts[1] < 0.1 * shifts[0], shifts
 
 
 def test_refuses_a_weight_of_bending_without_loops():

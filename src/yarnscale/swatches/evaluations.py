@@ -64,6 +64,8 @@ class Evaluations:
     best: tuple[float, Array] | None = None
     _known: dict[bytes, Residuals] = field(default_factory=dict)
     _whole: dict[bytes, Evaluation] = field(default_factory=dict)
+    _reached: dict[bytes, bytes] = field(default_factory=dict)
+    """Points that are not known from their drawings, and from which states they are."""
 
     def residuals(self, unknowns: Array) -> Array:
         """Residuals (m,) at one point."""
@@ -91,6 +93,30 @@ class Evaluations:
             if self._find(point, None) is None:
                 self._keep(point, None, self._whole[key])
         return self._whole[key]
+
+    def settle(self, one: Array, other: Array) -> Array | None:
+        """Compare two yarns near each other, each also started from the states of the other one.
+
+        Where one of them so comes to a rest shape of lower energy, that is its evaluation from here on, in ``many``
+        and ``whole``, and it is returned.
+        """
+        for point, near in ((one, other), (other, one)):
+            known, found = self.whole(point), self.beside(point, near)
+            if found.rests_lower(known):
+                # In memory alone: a resumed run makes the same comparison.
+                place, key = point.tobytes(), self._key(point, near)
+                self._known[place], self._whole[place], self._reached[place] = self._known[key], found, key
+                return point
+            if not known.rests_lower(found):
+                break
+        return None
+
+    def beside(self, point: Array, near: Array) -> Evaluation:
+        """The evaluation at a point with all its states, started from those of another one."""
+        found = next(self._run([point], self.whole(near)))[1]
+        if self._find(point, near) is None:
+            self._keep(point, near, found)
+        return found
 
     def _run(self, points: Sequence[Array], near: Evaluation | None) -> Iterator[tuple[int, Evaluation]]:
         """Evaluations and their places among the points, each as soon as it is there."""
@@ -128,7 +154,7 @@ class Evaluations:
                 yield place, evaluation
 
     def _find(self, point: Array, near: Array | None) -> Residuals | None:
-        key = _key(point, near)
+        key = self._key(point, near)
         if key not in self._known and self.store is not None:
             found = self.store.find(key)
             if found is not None:
@@ -136,11 +162,15 @@ class Evaluations:
         return self._known.get(key)
 
     def _keep(self, point: Array, near: Array | None, evaluation: Evaluation) -> None:
-        key = _key(point, near)
+        key = self._key(point, near)
         found = Residuals(evaluation.residuals, evaluation.solves, evaluation.seconds)
         if self.store is not None:
             self.store.keep(key, point, found)
         self._count(point, near, key, found)
+
+    def _key(self, point: Array, near: Array | None) -> bytes:
+        place = b"" if near is None else near.tobytes()
+        return point.tobytes() + place + self._reached.get(place, b"")
 
     def _count(self, point: Array, near: Array | None, key: bytes, found: Residuals) -> None:
         self._known[key] = found
@@ -153,10 +183,6 @@ class Evaluations:
             self.best = found.objective, np.array(point)
         if self.progress is not None:
             self.progress(self)
-
-
-def _key(point: Array, near: Array | None) -> bytes:
-    return point.tobytes() + (b"" if near is None else near.tobytes())
 
 
 @on_one_thread

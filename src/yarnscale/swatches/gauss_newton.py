@@ -106,7 +106,7 @@ class GaussNewton:
         Slopes that were kept up get one try of each damping before they are taken anew.
         """
         residuals = self._evaluations.residuals(self.here)
-        for _ in range(4 if self._age == 0 else 1):
+        for attempt in range(4 if self._age == 0 else 1):
             points = [self._damped(residuals, factor * self._damping) for factor in _FACTORS]
             values: list[float] = []
             for together in [points] if alone else [[point] for point in points]:
@@ -119,7 +119,19 @@ class GaussNewton:
                 self._damping = max(1e-6, self._damping * (0.2 if k == 0 else 6.0))
                 foreseen = residuals + self._slopes @ (points[k] - self.here)
                 return points[k], values[k], float(foreseen @ foreseen)
-            if self._age > 0 or max(np.abs(point - self.here).max() for point in points) < _SHORTEST:
+            if self._age > 0:
+                break
+            # Where slopes are right and steps fail, both ends of a step may rest in different shapes.
+            settled = self._evaluations.settle(points[-1], self.here) if attempt == 0 else None
+            if settled is self.here:
+                residuals = self._evaluations.residuals(self.here)
+                self.value = float(residuals @ residuals)
+                self._renew()
+                continue
+            if settled is not None and (value := self._evaluations.many([settled])[0].objective) < self.value:
+                foreseen = residuals + self._slopes @ (settled - self.here)
+                return settled, value, float(foreseen @ foreseen)
+            if max(np.abs(point - self.here).max() for point in points) < _SHORTEST:
                 break
             self._damping *= 900.0
         return None

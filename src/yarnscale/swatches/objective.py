@@ -22,8 +22,8 @@ from yarnscale.swatches.yarn_states import YarnCurve, bending_stiffness, pulled
 
 FAILED = 3.0
 """Error that counts for a state that did not converge."""
-_SHIFT = 1e-6
-"""Regularisation of solves from the states of a similar yarn, which are near: Newton's method takes half the steps."""
+_SAME = 1e-5
+"""Relative difference of energy below which two rest shapes are one: ways to the same shape differ by 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,10 @@ class Evaluation:
         """States that are not at rest."""
         return sum(int((~curve.converged).sum()) for curve in self.curves)
 
+    def rests_lower(self, other: Evaluation) -> bool:
+        """Whether the same yarn was found in another rest shape here, of lower energy; mirror images are the same."""
+        return self.rested.energy < (1.0 - _SAME) * other.rested.energy
+
 
 @dataclass(frozen=True, eq=False)
 class YarnObjective:
@@ -83,18 +87,23 @@ class YarnObjective:
             )
 
     def evaluate(self, unknowns: Array, *, near: Evaluation | None = None) -> Evaluation:
-        """Rest shape and states of a yarn; ``near``: of a similar yarn, whose states are started from."""
+        """Rest shape and states of a yarn; ``near``: of a similar yarn, whose states are started from.
+
+        Where that was pulled to other stretches, only its rest shape is.
+        """
         began, unknowns = time.process_time(), np.array(unknowns, np.float64)
         values = self.model.values(unknowns)
         usual = RestRule() if self.model.free_shape else KEPT_PERIODS
-        cell = self.model.cell(values) if near is None else self.model.cell(values).with_options(shift=_SHIFT)
         rested = rested_cell(
-            cell, self.rule or usual, draw_in=self.model.draw_in(values), near=None if near is None else near.rested
+            self.model.cell(values), self.rule or usual, draw_in=self.model.draw_in(values),
+            near=None if near is None else near.rested,
         )  # fmt: skip
         curves = []
         for k, target in enumerate(self.data.curves):
             if rested.relaxed:
                 start = None if near is None else near.curves[k]
+                if start is not None and not np.array_equal(start.stretch, target.stretch):
+                    start = None
                 curves.append(pulled(rested.cell, target.direction, target.stretch, near=start))
             else:
                 n, none = len(target.stretch), np.zeros(len(target.stretch))

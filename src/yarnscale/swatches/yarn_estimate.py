@@ -258,7 +258,7 @@ class FabricEstimate:
         if (ambiguity := self.fit.ambiguity) > _AMBIGUOUS:
             change = f"give stresses that differ by {100 * ambiguity:.2g} % of the largest of the comfort range"
             found.append(
-                "the rest shape of the yarns is not unique: parameters that differ by a billionth "
+                "the rest shape of the yarns is not unique: ways to it from parameters that hardly differ "
                 f"{change if np.isfinite(ambiguity) else 'do not rest in the same states'}, and another computer may "
                 "find other parameters"
             )

@@ -13,7 +13,7 @@ import numpy as np
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
-from yarnscale.swatches.gauss_newton import gauss_newton, jacobian
+from yarnscale.swatches.gauss_newton import DIFFERENCE, gauss_newton, jacobian
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective, coarser
 from yarnscale.swatches.search import PARTICLES, STEPS, cobyla, race, sobol_starts, swarm
 from yarnscale.swatches.uniform_data import UniformData
@@ -31,6 +31,8 @@ STARTS, REFINED = 64, 8
 
 _NOTHING = 1e-9
 """Change of unknowns, parts of their range, that should change nothing."""
+_OTHER = 1e-3
+"""Ambiguity from which there are two rest shapes."""
 _GROWN = 0.01
 """Growth of the root of the objective up to which unknowns count as undetermined."""
 
@@ -84,9 +86,9 @@ class YarnFit:
     """Estimated parameters: ``values`` by the names of the model, and what the yarn does with them.
 
     evaluation: at all samples of ``data``. spread: how well the values are fixed. ambiguity: largest change of the
-    stress, over the largest of the comfort range, when the unknowns change by a billionth; infinite where one of the
-    two has no equilibrium that the other has. evaluations, solves: of the search. cpu_seconds: of all processes;
-    seconds: of the clock.
+    stress, over the largest of the comfort range, when the unknowns change by a billionth, or the yarn is started from
+    the states of one a thousandth away; infinite where one has no equilibrium that the other has. evaluations, solves:
+    of the search. cpu_seconds: of all processes; seconds: of the clock.
     """
 
     model: YarnModel
@@ -139,16 +141,26 @@ def fit_yarn(
         unknowns = cobyla(searches[1], swarm(searches[0], seed=options.seed))
     else:
         unknowns = searched(searches[0], options)
-    slopes = jacobian(searches[-1], unknowns)
-    value = searches[-1].many([unknowns])[0].objective
-    nearby = unknowns + np.where(unknowns > 0.5, -_NOTHING, _NOTHING)
-    final, again = (evaluate(replace(objective, data=data), u, None) for u in (unknowns, nearby))
+    last, inwards = searches[-1], np.where(unknowns > 0.5, -1.0, 1.0)
+    ambiguous = ambiguity(last, unknowns, inwards)
+    if ambiguous > _OTHER and last.settle(unknowns, unknowns + DIFFERENCE * inwards) is unknowns:
+        # It rests lower than was known: the descent goes on there.
+        unknowns = gauss_newton(last, unknowns, iterations=options.iterations)
+    slopes = jacobian(last, unknowns)
+    value = last.many([unknowns])[0].objective
+    final = evaluate(replace(objective, data=data), unknowns, last.whole(unknowns))
     return YarnFit(
-        model, data, model.values(unknowns), final, ParameterSpread.of(model.names, slopes),
-        _difference(final, again, data), options, value, sum(s.count for s in searches) + 2,
-        sum(s.solves for s in (*searches, final, again)),
-        sum(s.seconds for s in (*searches, final, again)), time.perf_counter() - began,
+        model, data, model.values(unknowns), final, ParameterSpread.of(model.names, slopes), ambiguous, options, value,
+        sum(s.count for s in searches) + 1, sum(s.solves for s in (*searches, final)),
+        sum(s.seconds for s in (*searches, final)), time.perf_counter() - began,
     )  # fmt: skip
+
+
+def ambiguity(evaluations: Evaluations, unknowns: Array, inwards: Array) -> float:
+    """Largest change of the stress by the way to the rest shape, as of ``YarnFit``; inwards: signs of changes (n,)."""
+    known, nearby = evaluations.whole(unknowns), unknowns + DIFFERENCE * inwards
+    others = evaluations.beside(unknowns, nearby), evaluations.whole(unknowns + _NOTHING * inwards)
+    return max(_difference(known, other, evaluations.objective.data) for other in others)
 
 
 def _difference(one: Evaluation, other: Evaluation, data: UniformData) -> float:

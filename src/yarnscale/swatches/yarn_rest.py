@@ -27,6 +27,8 @@ from yarnscale.yarn.pattern import YarnPattern
 
 LENGTH_BOUND = 0.2
 """Largest change of a rest length, relative (EST22 §7.2)."""
+_SHIFT = 1e-6
+"""Regularisation of solves from the states of a similar yarn, which are near: Newton's method takes half the steps."""
 _REDRAWN, _AT_REST = 4, 1e-5
 """How often a cell is drawn anew at its released periods, until they change by less."""
 _FEW = 6
@@ -81,6 +83,12 @@ class RestedCell:
         last = self.stages[-1] if self.stages else None
         return np.full(3, np.nan) if last is None else last.state.stress[:3]
 
+    @property
+    def energy(self) -> float:
+        """Of one period at rest [J]; infinite where the cell found no rest."""
+        last = self.stages[-1] if self.relaxed and self.stages else None
+        return np.inf if last is None else last.state.energy_density * self.cell.pattern.area
+
 
 class _Stages:
     """Stages so far, and those of a neighbouring cell to start from."""
@@ -124,7 +132,7 @@ def rested_cell(
     for number in range(rule.rounds):
         # A solve that stops on its way ends elsewhere from another start: it begins anew from the drawing.
         short = number < rule.short
-        state = cell.with_options(max_iterations=_FEW).relax() if short else cell.relax(start=stages.start)
+        state = cell.with_options(max_iterations=_FEW).relax() if short else _relaxed(cell, stages)
         solves += 1
         if not (short or state.usable):
             return RestedCell(cell, periods - 1.0, solves, False)
@@ -132,7 +140,7 @@ def rested_cell(
         pattern = set_as_drawn(rebased(cell.pattern, state), share=rule.share)
         cell = replace(cell, pattern=replace(pattern, rest_length=np.clip(pattern.rest_length, low, high)))
     if not rule.release:
-        state = cell.relax(start=stages.start)
+        state = _relaxed(cell, stages)
         stages.passed.append(RestStage(state))
         cell, relaxed, solves = replace(cell, pattern=rebased(cell.pattern, state)), state.usable, solves + 1
         return RestedCell(cell, periods - 1.0, solves, relaxed, tuple(stages.passed))
@@ -166,7 +174,8 @@ def drawn_in(cell: PeriodicCell, share: float, stages: _Stages | None = None) ->
     loose, state = replace(cell, pattern=_set(drawn, 1.0 - share)), stages.start
     # From the drawing, not back from the end: yarns that have folded over each other would stay so.
     for part in np.arange(1, _DRAWING + 1) / _DRAWING if state is None and share > 0.0 else (1.0,):
-        state = loose.relax(flat_strain(part * change), start=state)
+        near = loose if stages.start is None else beside(loose)
+        state = near.relax(flat_strain(part * change), start=state)
         solves += 1
         if not state.usable:
             return RestedCell(cell, change, solves, False)
@@ -183,9 +192,22 @@ def _set(pattern: YarnPattern, share: float) -> YarnPattern:
     return replace(pattern, rest_curvature=share * pattern.rest_curvature, rest_twist=share * pattern.rest_twist)
 
 
+def beside(cell: PeriodicCell) -> PeriodicCell:
+    """The cell with options for solves that start from states of a similar one."""
+    return cell.with_options(shift=_SHIFT)
+
+
+def _relaxed(cell: PeriodicCell, stages: _Stages) -> Equilibrium:
+    """The equilibrium at the drawn periods, from the neighbour's at this stage if there is one."""
+    return cell.relax() if stages.start is None else beside(cell).relax(start=stages.start)
+
+
 def _released(cell: PeriodicCell, stages: _Stages, matrix: Array | None = None) -> Release:
     """Periods at zero stress; one stage. matrix: that of an almost equal cell, where no neighbour has one."""
     near = stages.near
-    found = released(cell, start=stages.start, matrix=matrix if near is None else near.matrix)
+    if near is None:
+        found = released(cell, matrix=matrix)
+    else:
+        found = released(beside(cell), start=near.state, matrix=near.matrix)
     stages.passed.append(RestStage(found.state, found.matrix))
-    return found
+    return replace(found, cell=replace(found.cell, options=cell.options))

@@ -20,6 +20,7 @@ from yarnscale.homogeneous.histories import followed
 from yarnscale.kinematics import ShellStrain, line_stretch
 from yarnscale.swatches.measurements import Direction
 from yarnscale.swatches.uniform_loop import UniformLoop
+from yarnscale.swatches.yarn_rest import beside
 from yarnscale.yarn.friction import YarnFriction
 
 _STEPS = 12
@@ -35,6 +36,8 @@ _NEAR = 1e-4
 """Difference of the contraction from which the stiffness across is first taken."""
 _SLACK = 0.02
 """Share of the largest stress that counts as none on the way back, and beside which the stress across does."""
+_NOISE = 1e-6
+"""Difference of the contraction below which that of the stress is no slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,8 +201,10 @@ class _Path:
 
     def beside(self, near: YarnCurve, k: int) -> _State:
         """The state next to the k-th one of another curve."""
-        self.slopes = near.slopes[k]
-        return self._found(float(near.stretch[k]), float(near.contraction[k]), near.states[k], _BESIDE)
+        usual, self.cell, self.slopes = self.cell, beside(self.cell), near.slopes[k]
+        found = self._found(float(near.stretch[k]), float(near.contraction[k]), near.states[k], _BESIDE)
+        self.cell = usual
+        return found
 
     def _found(self, stretch: float, width: float, start: Equilibrium | None, factor: float = 1.0) -> _State:
         tolerance = factor * self.tolerance
@@ -229,7 +234,7 @@ class _Path:
 
     def _keep_up(self, before: _State, after: _State) -> None:
         """Slopes from two states at one stretch."""
-        if after.good:
+        if after.good and abs(after.width - before.width) > _NOISE:
             change = np.array([after.across - before.across, after.along - before.along])
             self.slopes = change / (after.width - before.width)
 
