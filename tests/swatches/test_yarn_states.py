@@ -138,8 +138,8 @@ class Crossing:
     def __init__(self, cell, beyond):
         self.cell, self.beyond = cell, beyond
 
-    def relax(self, strain=None, *, start=None):
-        state = self.cell.relax(strain, start=start)
+    def relax(self, strain=None, *, start=None, nearby=False):
+        state = self.cell.relax(strain, start=start, nearby=nearby)
         return replace(state, passages=strain is not None and strain.s_x > self.beyond)
 
 
