@@ -93,5 +93,8 @@ def _carried(tangents: Array, offsets: Integers, starts: Array) -> tuple[Array, 
     for curve in range(len(starts)):
         low, high = offsets[curve], offsets[curve + 1]
         line = carried_along(starts[curve], np.concatenate((tangents[low:high], tangents[low : low + 1])))
-        normals[low:high], back[curve] = line[:-1], line[-1]
+        for axis in range(3):
+            back[curve, axis] = line[-1, axis]
+            for k in range(low, high):
+                normals[k, axis] = line[k - low, axis]
     return normals, back

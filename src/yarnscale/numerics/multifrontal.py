@@ -114,7 +114,10 @@ def solve_fronts(first, starts, rows, begin, factor, x, blas):
     width_at, below_at, rows_at, length_at, count_at = [size.ctypes.data + 4 * k for k in range(5)]
     count, step_at = x.shape[1], size.ctypes.data + 20
     size[3], size[4], size[5] = len(x), count, 1
-    others = np.zeros(count * np.diff(starts).max())
+    most = 0  # rows below a front; np.diff would take seconds to compile
+    for s in range(len(starts) - 1):
+        most = max(most, starts[s + 1] - starts[s])
+    others = np.zeros(count * most)
     for k in range(2 * (len(first) - 1)):
         forward = k < len(first) - 1
         s = k if forward else 2 * (len(first) - 1) - 1 - k

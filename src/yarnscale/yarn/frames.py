@@ -80,9 +80,9 @@ def carried(start: Array, end: Array, director: Array) -> Array:
 @numba.njit(cache=True, error_model="numpy")
 def carried_along(director, tangent):
     """A director (3,) of the first edge transported to all edges of a yarn in turn; tangent: (k, 3) -> (k, 3)."""
-    out = np.empty_like(tangent)
-    out[0] = director
-    axis = np.empty(3)
+    out, axis = np.empty_like(tangent), np.empty(3)
+    for a in range(3):  # as a slice it would take seconds to compile
+        out[0, a] = director[a]
     for i in range(1, len(tangent)):
         s, t, d = tangent[i - 1], tangent[i], out[i - 1]
         cosine = s[0] * t[0] + s[1] * t[1] + s[2] * t[2]

@@ -206,7 +206,8 @@ def pair_passages(before, after, ends, first, second):
                     continue
                 if found == out.shape[0]:
                     out = np.concatenate((out, np.empty((found, 6))))
-                out[found] = np.array([i, g, t, s, r, sign])
+                row = out[found]
+                row[0], row[1], row[2], row[3], row[4], row[5] = i, g, t, s, r, sign
                 found += 1
     return out[:found]
 
