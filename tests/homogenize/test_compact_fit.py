@@ -145,6 +145,20 @@ def test_sums_do_not_depend_on_threads_and_steps_that_are_too_long_are_silent(mo
             np.testing.assert_array_equal(one, same)
 
 
+def test_a_fabric_that_shears_as_it_bends_is_not_its_mirror_image():
+    """As a twill; the stress of its states in tension does not show it."""
+    material, z = known(), states(200, 0)
+    z[1::2, [1, 4]] *= 1e-3
+    moduli = material.moduli(z)
+    share = 0.12 * np.sqrt(np.abs(moduli[:, 1, 1] * moduli[:, 3, 3]))
+    moduli[:, 1, 3] += share
+    moduli[:, 3, 1] += share
+    few = CompactOptions(steps=1, springs=5, rounds=2, iterations=0)
+    args = material.energy_density(z), material.stress(z)
+    assert fit_compact_material(z, *args, material.moduli(z), density=0.2, radius=RADIUS, options=few).mirrored
+    assert not fit_compact_material(z, *args, moduli, density=0.2, radius=RADIUS, options=few).mirrored
+
+
 def test_a_buckled_state_of_rest_does_not_make_a_fabric_skewed():
     material, z = known(), states(200, 0)
     moduli = material.moduli(z)
