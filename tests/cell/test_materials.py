@@ -163,3 +163,8 @@ def test_materials_that_do_not_suit_are_named(materials: tuple[YarnMaterial, ...
     with pytest.raises(InputError, match=message):
         PeriodicCell(plated(), materials)
     PeriodicCell(plated(), SOFT)
+
+
+def test_yarns_of_different_friction_stand_in_one_fabric() -> None:
+    rubbing = replace(STIFF, contact=replace(STIFF.contact, friction=0.2))
+    assert PeriodicCell(plated(), (SOFT, rubbing)).materials == (SOFT, rubbing)

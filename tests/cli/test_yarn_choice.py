@@ -13,8 +13,9 @@ import pytest
 
 from yarnscale.cell import PeriodicCell
 from yarnscale.cli.cloth import MATERIAL
-from yarnscale.cli.yarn_choice import same_yarns, yarn_for
+from yarnscale.cli.yarn_choice import YarnChoice, same_yarns, yarn_for
 from yarnscale.drawing import library
+from yarnscale.errors import InputError
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import write_material
 from yarnscale.files.material_toml import write_yarn_material as write_yarn
@@ -152,3 +153,12 @@ def test_equal_yarns_may_have_other_names() -> None:
     assert same_yarns(WOOL, (replace(WOOL, name="mine"),))
     assert not same_yarns(WOOL, replace(WOOL, density=1.0))
     assert not same_yarns(WOOL, (WOOL, WOOL))
+
+
+def test_yarns_of_different_friction_stand_in_one_fabric_but_have_none_in_common() -> None:
+    rubbing = replace(WOOL, contact=replace(WOOL.contact, friction=0.2))
+    assert YarnChoice("plain", rubbing, "").friction == YarnChoice("plain", (rubbing, rubbing), "").friction == 0.2
+    mixed = YarnChoice("plain", (rubbing, WOOL), "")
+    assert mixed.rubs and not YarnChoice("plain", WOOL, "").rubs
+    with pytest.raises(InputError, match="--friction, one for all"):
+        _ = mixed.friction

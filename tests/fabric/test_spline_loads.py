@@ -24,7 +24,7 @@ from yarnscale.motion.body import Method
 from yarnscale.motion.run import simulate
 from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
-from yarnscale.numerics.newton import Status
+from yarnscale.numerics.newton import Solution, Status
 from yarnscale.numerics.regularisation import ShiftedHessian
 from yarnscale.yarn.material import YarnMaterial
 
@@ -93,16 +93,25 @@ def test_passages_of_a_step_are_counted() -> None:
     assert touch.lasting(touch.passages(below.ravel(), x.ravel(), rows)) == 0
 
 
-def test_passages_are_counted_on_the_way_and_not_on_the_straight_line_to_its_end() -> None:
-    """The upper yarn comes below the lower one, around its end or through it."""
+@pytest.mark.parametrize(("detour", "passed"), [(False, 1), (True, 0)])
+def test_passages_are_counted_along_the_iterates_of_a_step(
+    detour: bool, passed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The upper yarn comes below the lower one in one step: through it, or aside, down and back."""
     moving = SplineMotion(_cross(2.5))
     aside, under, below = (moving.start.positions.reshape(2, -1, 3).copy() for _ in range(3))
     away = 1.1 * np.ptp(aside[0], axis=0)
     aside[1] += away
     under[1] += away - [0.0, 0.0, 5e-3]
     below[1] -= [0.0, 0.0, 5e-3]
-    through, around = (moving._passages(moving.start, path) for path in ([below], [aside, under, below]))
-    assert moving.touch.lasting(through) == 1 and moving.touch.lasting(around) == 0
+
+    def minimised(objective, start, options, *, linear, bound, after_step):  # type: ignore[no-untyped-def]
+        for x in [aside, under, below] if detour else [below]:
+            after_step(x.ravel())
+        return Solution(below.ravel(), 0.0, 0.0 * start, 0.0, Status.CONVERGED, 1, 1, ())
+
+    monkeypatch.setattr("yarnscale.fabric.spline_motion.minimise", minimised)
+    assert moving.touch.lasting(moving.step(moving.start, 1e-3).state.passages) == passed
 
 
 def test_handles_and_obstacles_have_their_derivatives(knit: SplineFabric) -> None:

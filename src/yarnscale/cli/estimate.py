@@ -117,7 +117,9 @@ def _every(options: argparse.Namespace) -> int:
 def _asked(options: argparse.Namespace, measurements: SwatchMeasurements, model: YarnModel) -> str:
     """What decides an estimate: curves, model, options and code."""
     chosen = {name: repr(value) for name, value in vars(options).items() if name not in _NO_MATTER}
-    return fingerprint(measurements, model, chosen) + code_fingerprint(*EVALUATING, "homogenize", "shell")
+    return fingerprint(measurements, model, chosen) + code_fingerprint(
+        *EVALUATING, "homogeneous", "homogenize", "shell"
+    )
 
 
 def _done(options: argparse.Namespace, asked: str) -> dict[str, Any] | None:

@@ -172,8 +172,8 @@ def _rods(options: argparse.Namespace) -> int:
         if plan is not None:
             fabric = replace(fabric, sheet=plan.laid(fabric.sheet))
         loads = _loads(options, fabric.sheet) if plan is None else plan.of(fabric.sheet)
-        known = USUAL_FRICTION if yarn.friction is None else yarn.friction
-        friction = known if options.friction is None else options.friction
+        friction = options.friction if options.friction is not None else yarn.friction
+        friction = USUAL_FRICTION if friction is None else friction
         return RodScene(fabric, loads, friction=friction, volume=_volume(options, fabric.sheet), **method)
 
     mesh = None if options.on is None else read_source(options.on, any_encoding=True)

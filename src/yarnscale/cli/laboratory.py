@@ -43,7 +43,7 @@ def test(options: argparse.Namespace) -> int:
     elif programme.cycles is not None and programme.friction is None:
         refuse(options, ("cycles",), "--friction too, for yarns that have none of their own")
     for name, yarn in yarns.items():
-        if programme.cycles is None and yarn.friction:
+        if programme.cycles is None and yarn.rubs:
             print_notice(f"note: {name} is tested without the friction of its yarn, which acts in --cycles")
     for name, shell in shells.items():
         if programme.cycles is None and shell.remembers:
@@ -96,12 +96,12 @@ def _friction(options: argparse.Namespace, yarns: Iterable[YarnChoice]) -> YarnF
     """That of the option; in cycles else that of the yarns. InputError where two patterns' yarns differ in it."""
     if options.friction is not None:
         return YarnFriction(options.friction)
-    own = {yarn.friction for yarn in yarns if yarn.friction is not None}
-    if options.cycles is None or not own:
-        return None
+    own = set() if options.cycles is None else {yarn.friction for yarn in yarns}
     if len(own) > 1:
-        raise InputError("--friction", expected="one for the yarns of both patterns", found=sorted(own))
-    return YarnFriction(own.pop())
+        found = ", ".join("none" if one is None else f"{one:g}" for one in own)
+        raise InputError("--friction", expected="one for the yarns of both patterns", found=found)
+    known = own.pop() if own else None
+    return None if known is None else YarnFriction(known)
 
 
 def _compare(found: list[FabricTests]) -> Difference | None:

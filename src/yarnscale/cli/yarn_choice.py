@@ -7,6 +7,7 @@ from pathlib import Path
 
 from yarnscale.cli.console import print_status
 from yarnscale.drawing import library
+from yarnscale.errors import InputError
 from yarnscale.files.material_toml import read_yarn_material
 from yarnscale.files.patterns import read_yarns
 from yarnscale.yarn.material import PRESETS, YarnMaterial
@@ -37,8 +38,19 @@ class YarnChoice:
 
     @property
     def friction(self) -> float | None:
-        """Coefficient of the yarns, which all materials of a pattern share; None where they do not say it."""
-        return _listed(self.materials)[0].contact.friction
+        """Coefficient of the yarns; None where none says it. InputError where they differ in it."""
+        own = {material.contact.friction for material in _listed(self.materials)}
+        if len(own) > 1:
+            found = ", ".join("none" if one is None else f"{one:g}" for one in own)
+            raise InputError(
+                f"friction of the yarns of {self.pattern}", expected="--friction, one for all", found=found
+            )
+        return own.pop()
+
+    @property
+    def rubs(self) -> bool:
+        """Whether some yarn is known to have friction."""
+        return any(material.contact.friction for material in _listed(self.materials))
 
     def print_status(self) -> None:
         """One line on the console."""

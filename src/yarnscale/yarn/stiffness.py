@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -76,12 +76,13 @@ def materials_of(pattern: Yarns, material: Materials) -> tuple[YarnMaterial, ...
             if len(given) > asked or asked == 1 else f"{asked} materials, or one that is not in a sequence",
             found=len(given),
         )  # fmt: skip
-    for k, entry in enumerate(given):
-        if entry.contact != given[0].contact:
+    elastic = [replace(entry.contact, friction=None) for entry in given]
+    for k, contact in enumerate(elastic):
+        if contact != elastic[0]:
             raise InputError(
                 f"materials of one pattern must count contact alike; number {k} does not",
-                expected=given[0].contact,
-                found=entry.contact,
+                expected=elastic[0],
+                found=contact,
             )
     return given
 
