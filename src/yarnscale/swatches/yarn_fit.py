@@ -141,11 +141,12 @@ def fit_yarn(
         unknowns = cobyla(searches[1], swarm(searches[0], seed=options.seed))
     else:
         unknowns = searched(searches[0], options)
-    last, inwards = searches[-1], np.where(unknowns > 0.5, -1.0, 1.0)
-    ambiguous = ambiguity(last, unknowns, inwards)
-    if ambiguous > _OTHER and last.settle(unknowns, unknowns + DIFFERENCE * inwards) is unknowns:
+    last, ambiguous = searches[-1], ambiguity(searches[-1], unknowns)
+    lower = ambiguous > _OTHER and last.settle(unknowns, unknowns + DIFFERENCE * _inwards(unknowns)) is unknowns
+    if lower and options.solver != "paper":
         # It rests lower than was known: the descent goes on there.
         unknowns = gauss_newton(last, unknowns, iterations=options.iterations)
+        ambiguous = ambiguity(last, unknowns)
     slopes = jacobian(last, unknowns)
     value = last.many([unknowns])[0].objective
     final = evaluate(replace(objective, data=data), unknowns, last.whole(unknowns))
@@ -156,9 +157,15 @@ def fit_yarn(
     )  # fmt: skip
 
 
-def ambiguity(evaluations: Evaluations, unknowns: Array, inwards: Array) -> float:
-    """Largest change of the stress by the way to the rest shape, as of ``YarnFit``; inwards: signs of changes (n,)."""
-    known, nearby = evaluations.whole(unknowns), unknowns + DIFFERENCE * inwards
+def _inwards(unknowns: Array) -> Array:
+    """Signs of changes that stay within the ranges."""
+    return np.where(unknowns > 0.5, -1.0, 1.0)
+
+
+def ambiguity(evaluations: Evaluations, unknowns: Array) -> float:
+    """Largest change of the stress where the rest shape is found from another start, as of ``YarnFit``."""
+    known, inwards = evaluations.whole(unknowns), _inwards(unknowns)
+    nearby = unknowns + DIFFERENCE * inwards
     others = evaluations.beside(unknowns, nearby), evaluations.whole(unknowns + _NOTHING * inwards)
     return max(_difference(known, other, evaluations.objective.data) for other in others)
 
