@@ -11,8 +11,10 @@ import pytest
 from yarnscale.swatches.construction import KnownConstruction
 from yarnscale.swatches.measurements import Direction, StretchRun, StretchTest, SwatchMeasurements
 from yarnscale.swatches.objective import errors_of
+from yarnscale.swatches.uniform_cycle import UniformCycle
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData
 from yarnscale.swatches.yarn_estimate import FabricEstimate
+from yarnscale.swatches.yarn_friction import YarnFrictionFit
 from yarnscale.swatches.yarn_states import YarnCurve
 
 STRETCH = np.linspace(0.05, 0.5, 10)
@@ -128,3 +130,79 @@ def test_what_the_data_do_not_tell_is_said():
     known = KnownConstruction(wales=1400, courses=2000, area_density=0.2)
     told = replace(found, measurements=found.measurements.knowing(known))
     assert not any("weighed" in sentence or "stitches" in sentence for sentence in told.unknown)
+
+
+def rubbing(*along: Direction, missed: float = 0.0, coefficient: float = 0.25) -> YarnFrictionFit:
+    """Friction with which loading takes 1.2 and unloading 0.8 times the elastic stress, as measured but for a share."""
+    stretch, elastic = np.append(0.0, STRETCH), np.append(0.0, STRESS)
+    measured = UniformCycle(Direction.WEFT, stretch, 1.2 * elastic, 0.7 * elastic)
+    simulated = tuple(UniformCycle(d, stretch, 1.2 * elastic, 0.8 * elastic, 0.4 * stretch) for d in along)
+    curves = (yarn(Direction.WEFT, 1.0), yarn(Direction.WARP, 1.0))
+    alone = {Direction.WEFT: coefficient}
+    return YarnFrictionFit(coefficient, 0.01, missed, alone, (measured,), simulated, curves, rounds=1)
+
+
+def test_with_friction_errors_are_those_of_loading_and_stages_are_called_without_it():
+    plain = replace(estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured"), short=None)
+    found = replace(plain, friction=rubbing(Direction.WEFT, Direction.WARP))
+    assert found.error.comfort == pytest.approx(relative(1.2)) and found.failed == 0 and not found.warnings
+    names = [name for name, _, _ in found.error_rows()]
+    assert names[0] == "yarn against the measurement"
+    assert names[-1] == "stage 2: yarn against the measurement, both without friction"
+    assert [name for name, _, _ in plain.error_rows()][-1] == "stage 2: yarn against the measurement"
+    summary = found._friction_summary()
+    assert summary is not None
+    assert (summary["coefficient"], summary["missed"], summary["rounds"]) == (0.25, 0.0, 1)
+    weft = summary["directions"]["weft"]  # type: ignore[index]
+    assert weft["returned"] == pytest.approx(0.8 / 1.2) and weft["measured_returned"] == pytest.approx(0.7 / 1.2)
+    second = np.append(0.0, STRESS / (1 + STRETCH))
+    scale = found.measured.stress_scale
+    assert weft["unloading_error"] == pytest.approx(0.1 * second.mean() / scale)
+    assert plain._friction_summary() is None
+
+
+def test_a_direction_that_is_not_followed_with_friction_is_warned_of_and_counts_as_failed():
+    found = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured")
+    found = replace(found, friction=rubbing(Direction.WEFT), short=None)
+    assert found.failed == 10 and next(iter(found.error_rows()))[2] == 10
+    (warning,) = found.warnings
+    assert "cannot be loaded and unloaded along warp" in warning
+
+
+def test_the_held_out_direction_is_predicted_with_friction():
+    found = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured")
+    weft, warp = found.measured.curves
+    ahead = SimpleNamespace(curves=(yarn(Direction.WARP, 1.0),), failed=0)
+    apart = {"measured": UniformData("fabric", (weft,)), "held_out": UniformData("fabric", (warp,))}
+    found = replace(found, **apart, prediction=ahead)
+    assert found.held_out_error is not None and found.held_out_error.comfort == pytest.approx(0.0, abs=1e-12)
+    found = replace(found, friction=rubbing(Direction.WEFT, Direction.WARP))
+    assert found.held_out_error is not None and found.held_out_error.comfort == pytest.approx(relative(1.2))
+
+
+@pytest.mark.parametrize(
+    ("missed", "coefficient", "page", "warning"),
+    [
+        (0.0, 0.25, "returns as much of the work of loading as was measured", None),
+        (0.12, 0.25, "returns 12.0 % more of the work of loading than was measured", "12.0 % of the work more than"),
+        (-0.05, 0.001, "returns 5.0 % less of the work of loading than was measured", "5.0 % of the work less than"),
+        (0.12, 0.8, "12.0 % more of the work", "more of the work than was measured at any friction up to 0.8"),
+    ],
+)
+def test_page_and_warnings_say_whether_the_work_was_matched(missed, coefficient, page, warning):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    from yarnscale.show.estimate import _cycle, _friction
+
+    found = estimate(shell=1.0, weft=1.0, warp=1.0, follow="measured")
+    friction = rubbing(Direction.WEFT, Direction.WARP, missed=missed, coefficient=coefficient)
+    found = replace(found, friction=friction, short=None)
+    assert [warning in said for said in found.warnings] == ([] if warning is None else [True])
+    section = _friction(friction, found)
+    assert page in section.text[0]
+    (row,) = section.tables[0].rows
+    assert row[0] == "weft" and str(row[2]).startswith("66.7") and str(row[3]).startswith("58.3")
+    figure, axes = plt.subplots()
+    _cycle(axes, found, found.measured.curves[0], 2.0)
+    (line,) = axes.lines
+    assert line.get_ydata().max() == pytest.approx(2.0 * 1.2 * STRESS[-1])
+    plt.close(figure)

@@ -35,8 +35,8 @@ from yarnscale.swatches.evaluations import Evaluations
 from yarnscale.swatches.fabric_fit import check_bending, fitted_directions, refitted
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.objective import ErrorWeights
+from yarnscale.swatches.uniform_cycle import check_unloading
 from yarnscale.swatches.uniform_data import ERRORS
-from yarnscale.swatches.uniform_loop import check_loops
 from yarnscale.swatches.yarn_estimate import FabricEstimate
 from yarnscale.swatches.yarn_fit import FitOptions, work_ahead
 from yarnscale.swatches.yarn_model import PUBLISHED_CONTACT, YarnModel
@@ -75,7 +75,7 @@ def estimate(options: argparse.Namespace) -> int:
     if not options.json:
         for warning in found.warnings:
             print_notice(f"warning: {warning}")
-    return 0 if found.fit.evaluation.failed == 0 else 1
+    return 0 if found.failed == 0 else 1
 
 
 def _every(options: argparse.Namespace) -> int:
@@ -154,7 +154,7 @@ def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnMode
         raise InputError("--homogenize", expected=f"at least {FEWEST}", found=options.homogenize)
     fitted = fitted_directions(measurements, *_directions(options))
     if options.friction:
-        check_loops(measurements.only(*fitted))
+        check_unloading(measurements.only(*fitted))
     check_bending(measurements, ErrorWeights(bending=options.bending_weight))
     return measurements, model
 
@@ -200,6 +200,7 @@ def _estimated(options: argparse.Namespace, measurements: SwatchMeasurements, mo
             weights=ErrorWeights(bending=options.bending_weight),
             executor=executor,
             progress=_progress(measurements.name, work_ahead(search, len(model.names))),
+            on_cycle=_cycling(measurements.name),
         )  # fmt: skip
         found = replace(found, tests=_tested(found))
         _write(options, found)  # before what takes long and may fail
@@ -226,7 +227,7 @@ def _as_cloth(options: argparse.Namespace, found: FabricEstimate, executor: Exec
     again = refitted(
         found, weights=ErrorWeights(bending=options.bending_weight), executor=executor,
         store=lambda objective: EstimateFolder(options.out / EVALUATIONS, objective),
-        progress=_progress(found.measurements.name, ahead),
+        progress=_progress(found.measurements.name, ahead), on_cycle=_cycling(found.measurements.name),
     )  # fmt: skip
     again = replace(again, cloth=_homogenized(options, place / "refitted", again))
     if again.cloth is None or not again.cloth.errors.comfort < found.cloth.errors.comfort:
@@ -270,6 +271,11 @@ def _progress(name: str, ahead: int) -> Callable[[Evaluations], None]:
     return show
 
 
+def _cycling(name: str) -> Callable[[float], None]:
+    line = ProgressLine(f"friction of {name}")
+    return lambda coefficient: line.note(f"loading and unloading with {coefficient:.3g}")
+
+
 def _write(options: argparse.Namespace, found: FabricEstimate) -> None:
     """The yarn, the page and the numbers."""
     folder, units = options.out, options.units
@@ -302,10 +308,10 @@ def _lines(folder: Path, found: FabricEstimate) -> Iterator[str]:
         yield f"  {deviation}"
     if (friction := found.friction) is not None:
         yield f"  friction {friction.coefficient:.3g} ± {friction.uncertainty:.2g}"
-        for loop, own in friction.pairs:
+        for cycle, own in friction.pairs:
             yield (
-                f"  work returned along {loop.direction.value}: {_percent(own.returned)}, measured "
-                f"{_percent(loop.returned)}"
+                f"  work returned along {cycle.direction.value}: {_percent(own.returned)}, measured "
+                f"{_percent(cycle.returned)}"
             )
     for direction, (own, measured) in found.bending.items():
         yield f"bending rigidity along {direction.value}: {1e6 * own:.3g} µN m, measured {1e6 * measured:.3g}"

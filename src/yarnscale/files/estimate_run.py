@@ -61,6 +61,7 @@ def estimate(
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
     progress: Callable[[Evaluations], None] | None = None,
+    on_cycle: Callable[[float], None] | None = None,
 ) -> FabricEstimate:
     """Estimate the yarn with which a pattern has the measured tensile curves: fit a shell, remove the effect of the
     clamps, fit the yarn.
@@ -76,7 +77,7 @@ def estimate(
     kept = None if folder is None else evaluation_folder(Path(folder) / EVALUATIONS, resume=resume)
     return fit_fabric(
         measurements, model, directions=directions, holdout=holdout, follow=follow, shell_model=shell_model,
-        friction=friction, options=options, weights=weights, executor=executor, progress=progress,
+        friction=friction, options=options, weights=weights, executor=executor, progress=progress, on_cycle=on_cycle,
         store=None if kept is None else lambda objective: EstimateFolder(kept, objective),
     )  # fmt: skip
 

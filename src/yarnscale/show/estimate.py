@@ -78,17 +78,17 @@ def write_estimate_report(folder: Path, estimate: FabricEstimate, *, units: str 
         sections.append(replace(numbers_section(estimate.tests), title="Laboratory numbers of the estimated fabric"))
     if pictures:
         sections.append(Section("Pictures of the fabric", _shape(estimate), (), _cells(folder, estimate)))
-    error = estimate.error
+    error, apart = estimate.error, estimate.without_friction
     facts: dict[str, Cell] = {
         "error against the measurement, comfort range": _percent(error.comfort),
         "full range": _percent(error.full),
         "contraction": _percent(error.compression),
         "shell alone, comfort range": _percent(estimate.shell_error.comfort),
-        f"yarn against {_followed(estimate)}": _percent(estimate.yarn_error.comfort),
+        f"yarn against {estimate.followed}": _percent(estimate.yarn_error.comfort),
         **(
             {}
             if estimate.cloth is None
-            else {"simulated cloth against the swatches": _percent(estimate.cloth.errors.comfort)}
+            else {f"simulated cloth against the swatches{apart}": _percent(estimate.cloth.errors.comfort)}
         ),
         "equilibria": fit.solves,
         "seconds": round(float(str(summary["seconds"]))),
@@ -118,7 +118,7 @@ def curves_plot(path: Path, estimate: FabricEstimate, *, units: str = "N/m") -> 
             test = tests[target.direction]
             factor = load_factor(units, test.swatch_width, estimate.cell.area_density)
             _stress_panel(grid[0, k], test, target, shell, curve, factor)
-            _loop(grid[0, k], estimate, target, factor)
+            _cycle(grid[0, k], estimate, target, factor)
             _contraction_panel(grid[1, k], test, target, shell, curve)
             if (simulated := cloth.get(target.direction)) is not None:
                 style = {"color": _CLOTH, "linewidth": 1.4, "label": "swatches of homogenized cloth"}
@@ -172,15 +172,14 @@ def _stress_panel(
     axes.set_xlim(left=0)
 
 
-def _loop(axes: Axes, estimate: FabricEstimate, target: UniformCurve, factor: float) -> None:
+def _cycle(axes: Axes, estimate: FabricEstimate, target: UniformCurve, factor: float) -> None:
     """Both branches of the yarn with friction."""
-    for loop in () if estimate.friction is None else estimate.friction.simulated:
-        if loop.direction is target.direction:
-            way = np.append(loop.stretch, loop.stretch[::-1])
-            stress = np.maximum(np.append(loop.loading, loop.unloading[::-1]), 0.0)
-            axes.plot(
-                100 * way, factor * stress, color=_YARN, linewidth=1.2, linestyle="-.", label="yarn with friction"
-            )
+    for cycle in () if estimate.friction is None else estimate.friction.simulated:
+        if cycle.direction is target.direction:
+            stretch = np.append(cycle.stretch, cycle.stretch[::-1])
+            stress = np.maximum(np.append(cycle.loading, cycle.unloading[::-1]), 0.0)
+            style = {"color": _YARN, "linewidth": 1.2, "linestyle": "-.", "label": "yarn with friction"}
+            axes.plot(100 * stretch, factor * stress, **style)
 
 
 def _contraction_panel(
@@ -226,11 +225,6 @@ def spread_plot(path: Path, estimate: FabricEstimate) -> None:
         figure.colorbar(image, ax=right, label="share of the unknown")
 
 
-def _followed(estimate: FabricEstimate) -> str:
-    """What the yarn was fitted to."""
-    return "the measurement" if estimate.follow == "measured" else "the shell"
-
-
 def _sentences(parts: Sequence[str]) -> list[str]:
     return [part[:1].upper() + part[1:] for part in parts] or ["Nothing stands out"]
 
@@ -250,7 +244,7 @@ def _construction(estimate: FabricEstimate) -> Table:
     ]
     for direction, (own, given) in estimate.bending.items():
         rows.append([f"bending rigidity B along {direction.value} [µN m]", 1e6 * own, 1e6 * given])
-    own = {} if estimate.friction is None else {loop.direction: loop for loop, _ in estimate.friction.pairs}
+    own = set() if estimate.friction is None else {cycle.direction for cycle, _ in estimate.friction.pairs}
     for test in measured.stretch:
         if test.lost_work is not None and test.direction not in own:
             rows.append([f"work lost in unloading, {test.direction.value}", None, _percent(test.lost_work)])
@@ -269,18 +263,21 @@ def _errors(estimate: FabricEstimate) -> Table:
 
 def _friction(fit: YarnFrictionFit, estimate: FabricEstimate) -> Section:
     """Friction of the yarns, and both branches of every direction in numbers."""
+    share = "as much"
+    if not fit.matched:
+        share = f"{100 * abs(fit.missed):.1f} % {'more' if fit.missed > 0 else 'less'}"
     text = [
-        f"Coefficient {fit.coefficient:.3g} ± {fit.uncertainty:.2g}: with it the cell returns as much of the work of "
-        "loading as was measured, to 2 % in the uncertainty. The elastic yarn is fitted to what the measured loading "
-        "would be without friction, in the ratio of the cell's own."
+        f"Coefficient {fit.coefficient:.3g} ± {fit.uncertainty:.2g}: with it the cell returns {share} of the work of "
+        f"loading {'as' if fit.matched else 'than'} was measured; the uncertainty is that of 2 % of the work. The "
+        "elastic yarn is fitted to what the measured loading would be without friction, in the ratio of the cell's own."
     ]
     missed, rows = fit.unloading_error(estimate.measured), []
-    for loop, own in fit.pairs:
-        alone = fit.by_direction.get(loop.direction)
+    for cycle, own in fit.pairs:
+        alone = fit.by_direction.get(cycle.direction)
         rows.append(
             [
-                loop.direction.value, alone, _percent(own.returned), _percent(loop.returned),
-                _percent(own.stretch_left), _percent(loop.stretch_left), _percent(missed[loop.direction]),
+                cycle.direction.value, alone, _percent(own.returned), _percent(cycle.returned),
+                _percent(own.stretch_left), _percent(cycle.stretch_left), _percent(missed[cycle.direction]),
             ]
         )  # fmt: skip
     columns = [
@@ -311,11 +308,12 @@ def _words(estimate: FabricEstimate) -> list[str]:
     )
     if (deviation := estimate.deviation) is not None:
         text.append(f"{deviation[0].upper()}{deviation[1:]}.")
-    if fit.evaluation.failed:
-        text.append(f"{fit.evaluation.failed} states are not at rest; they are left out of curves and errors.")
+    if estimate.failed:
+        text.append(f"{estimate.failed} states are not at rest; they are left out of curves and errors.")
     if estimate.biaxial is not None:
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in estimate.biaxial.items())
-        text.append(f"Weft and warp pulled at once, mean error over the largest load: {shares}.")
+        apart = "" if estimate.friction is None else ", yarn without friction"
+        text.append(f"Weft and warp pulled at once, mean error over the largest load{apart}: {shares}.")
     if fit.at_bounds:
         text.append("At the ends of their ranges: " + ", ".join(fit.at_bounds) + ".")
     return text + list(estimate.measurements.notes)

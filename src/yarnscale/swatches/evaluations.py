@@ -97,7 +97,7 @@ class Evaluations:
     def settle(self, one: Array, other: Array) -> Array | None:
         """Compare two yarns near each other, each also started from the states of the other one.
 
-        Where one of them so comes to a rest shape of lower energy, that is its evaluation from here on, in ``many``
+        Where one of them so converges to a rest shape of lower energy, that is its evaluation from here on, in ``many``
         and ``whole``, and it is returned.
         """
         for point, near in ((one, other), (other, one)):

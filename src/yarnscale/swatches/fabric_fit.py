@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
 
-from yarnscale.errors import InputError, notify
+from yarnscale.errors import InputError
 from yarnscale.swatches.cloth_check import check_cloth, without_own_clamps
 from yarnscale.swatches.evaluations import Evaluations, Store, evaluate
 from yarnscale.swatches.fabric_shell import fit_shell
 from yarnscale.swatches.measurements import Direction, SwatchMeasurements
 from yarnscale.swatches.membrane_constants import ShellModel
 from yarnscale.swatches.objective import ErrorWeights, Evaluation, YarnObjective
+from yarnscale.swatches.uniform_cycle import check_unloading, measured_cycles
 from yarnscale.swatches.uniform_data import UniformData, swatch_data
-from yarnscale.swatches.uniform_loop import check_loops, measured_loops
 from yarnscale.swatches.yarn_estimate import FabricEstimate, Follow
 from yarnscale.swatches.yarn_fit import FitOptions, YarnFit, fit_yarn
 from yarnscale.swatches.yarn_friction import USUAL, fit_friction
@@ -42,12 +43,13 @@ def fit_fabric(
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
     progress: Callable[[Evaluations], None] | None = None,
+    on_cycle: Callable[[float], None] | None = None,
 ) -> FabricEstimate:
     """Fit the shell, translate to uniform data, fit the yarn, and predict the direction that was held out.
 
     directions: those to fit, all measured ones by default, but for ``holdout``. follow: what the yarn follows, see
     ``FabricShell.uniform_data``; shell_model: see ``fit_shell``. friction: whether that of the yarns is fitted, too
-    (``with_friction``).
+    (``fit_with_friction``). on_cycle: called with the coefficient before every simulated cycle with friction.
 
     Raises InputError for directions that were not measured, for a weight of bending
     where neither loops nor strips were bent, and for friction where nothing was unloaded.
@@ -55,7 +57,7 @@ def fit_fabric(
     fitted = fitted_directions(measurements, directions, holdout)
     check_bending(measurements, weights)
     if friction:
-        check_loops(measurements.only(*fitted))
+        check_unloading(measurements.only(*fitted))
     shell = fit_shell(measurements.only(*fitted), model=shell_model)
     data = shell.uniform_data(follow=follow)
     fit = fit_yarn(model, data, options=options, weights=weights, executor=executor, store=store, progress=progress)
@@ -69,46 +71,76 @@ def fit_fabric(
         strips = replace(shell.measurements, stretch=shell.measurements.short)
         short = check_cloth(shell.membrane.material, strips)
     found = FabricEstimate(measurements, follow, shell, fit, measured, held_out, prediction, short)
-    run = {"weights": weights, "executor": executor, "store": store, "progress": progress}
-    return with_friction(found, **run) if friction else found
+    if not friction:
+        return found
+    return fit_with_friction(
+        found, weights=weights, executor=executor, store=store, progress=progress, on_cycle=on_cycle
+    )
 
 
-def with_friction(
+def fit_with_friction(
     estimate: FabricEstimate,
     *,
+    guess: float | None = None,
     weights: ErrorWeights | None = None,
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
     progress: Callable[[Evaluations], None] | None = None,
+    on_cycle: Callable[[float], None] | None = None,
 ) -> FabricEstimate:
     """The estimate with friction of its yarn, from loading and unloading together.
 
     In turn the cell of the yarn gets the friction with which it returns as much work as was measured, and the yarn is
     fitted, from the last one by Gauss–Newton, to the measured curves times the cell's ratio of stress without friction
-    to that with it on loading; until friction stands still.
+    to that with it on loading; until the coefficient changes by less than 3 %. guess: the coefficient without whose
+    part the yarn was fitted, if any. on_cycle: see ``fit_fabric``. Where the cell cannot follow the measured cycle, the
+    last estimate whose cell can is returned, or else this one, with a remark.
     """
-    measured, found, kept = measured_loops(estimate.measurements, estimate.measured), estimate.friction, estimate
+    measured, last, kept = measured_cycles(estimate.measurements, estimate.measured), guess, None
     for rounds in range(_ROUNDS + 1):
-        evaluation, before = estimate.fit.evaluation, found
-        guess = USUAL if before is None else before.coefficient
+        began = time.process_time(), time.perf_counter()
+        evaluation, ahead, found = estimate.fit.evaluation, estimate.prediction, None
         if evaluation.rested.relaxed:
-            found = fit_friction(evaluation.rested.cell, measured, evaluation.curves, guess=guess)
-        if found is before or found is None:
-            notify("the cell of the yarn cannot follow the measured cycle with friction: the yarn keeps that of before")
-            return kept
+            elastic = (*evaluation.curves, *(() if ahead is None else ahead.curves))
+            found = fit_friction(
+                evaluation.rested.cell, measured, elastic, guess=USUAL if last is None else last, on_cycle=on_cycle
+            )
+        cycling = time.process_time() - began[0], time.perf_counter() - began[1]
+        spent = replace(
+            estimate.fit, cpu_seconds=estimate.fit.cpu_seconds + cycling[0], seconds=estimate.fit.seconds + cycling[1]
+        )
+        estimate = replace(estimate, fit=spent)
+        if found is None:
+            return _without_cycle(estimate, kept)
         kept = replace(estimate, friction=replace(found, rounds=rounds))
-        change = np.inf if before is None else abs(found.coefficient / before.coefficient - 1.0)
+        change = np.inf if last is None else abs(found.coefficient / last - 1.0)
         if change <= _STILL or rounds == _ROUNDS:
             break
+        last = found.coefficient
         fit = fit_yarn(
             estimate.fit.model, found.removed_from(estimate.target), options=estimate.fit.options, weights=weights,
             executor=executor, store=store, progress=progress, start=evaluation.unknowns,
         )  # fmt: skip
-        # Of all fits together.
-        spent = {name: getattr(fit, name) + getattr(estimate.fit, name) for name in _WORK}
-        fit = replace(fit, **spent)
+        fit = _with_work_of(fit, estimate.fit)
         estimate = replace(estimate, fit=fit, prediction=_predicted(fit, estimate.held_out))
+    assert kept is not None
     return kept
+
+
+def _without_cycle(estimate: FabricEstimate, kept: FabricEstimate | None) -> FabricEstimate:
+    """What is returned where the cell of an estimate cannot follow the measured cycle; kept: the last that could."""
+    what = "the cell of the yarn cannot follow the measured cycle with friction"
+    if kept is None:
+        remark = f"{what}: friction was not fitted, and is a part of the yarn's stiffness"
+        return replace(estimate, remarks=(*estimate.remarks, remark))
+    remark = f"{what} after the yarn was fitted again without it: yarn and friction are those before"
+    fit = replace(kept.fit, **{name: getattr(estimate.fit, name) for name in _WORK})
+    return replace(kept, fit=fit, remarks=(*kept.remarks, remark))
+
+
+def _with_work_of(fit: YarnFit, before: YarnFit) -> YarnFit:
+    """A fit that counts the work of the ones before, too."""
+    return replace(fit, **{name: getattr(fit, name) + getattr(before, name) for name in _WORK})
 
 
 def refitted(
@@ -118,6 +150,7 @@ def refitted(
     executor: Executor | None = None,
     store: Callable[[YarnObjective], Store] | None = None,
     progress: Callable[[Evaluations], None] | None = None,
+    on_cycle: Callable[[float], None] | None = None,
 ) -> FabricEstimate:
     """The yarn fitted again, with the effect of the clamps that its own cloth has: Gauss–Newton from the first fit.
 
@@ -137,9 +170,11 @@ def refitted(
     held = estimate.held_out and clean.only(*(curve.direction for curve in estimate.held_out.curves))
     found = replace(
         estimate, fit=fit, measured=data, held_out=held, prediction=_predicted(fit, held), cloth=None, tests=None,
-        clamps="cloth",
+        clamps="cloth", friction=None, remarks=(),
     )  # fmt: skip
-    return found if friction is None else with_friction(found, **run)
+    if friction is None:
+        return found
+    return fit_with_friction(found, guess=friction.coefficient, on_cycle=on_cycle, **run)
 
 
 def _predicted(fit: YarnFit, held_out: UniformData | None) -> Evaluation | None:

@@ -136,11 +136,11 @@ class StretchCurve:
 
     def load_at(self, stretch: Array) -> Array:
         """Line load at stretches inside the curve [N/m], by monotone cubics."""
-        return _between(stretch, self.stretch, self.load)
+        return between(stretch, self.stretch, self.load)
 
     def contraction_at(self, stretch: Array) -> Array | None:
         """Contraction at stretches inside the curve."""
-        return None if self.contraction is None else _between(stretch, self.stretch, self.contraction)
+        return None if self.contraction is None else between(stretch, self.stretch, self.contraction)
 
     def stretch_at(self, load: float) -> float:
         """Stretch at a line load [N/m], the largest measured one where the load is beyond the curve."""
@@ -353,7 +353,7 @@ class SwatchMeasurements:
         return replace(self, **chosen, biaxial=None if left_out else self.biaxial)
 
 
-def _between(points: Array, x: Array, y: Array) -> Array:
+def between(points: Array, x: Array, y: Array) -> Array:
     """Monotone cubic interpolation, constant outside."""
     from scipy.interpolate import PchipInterpolator
 

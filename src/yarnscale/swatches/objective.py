@@ -15,6 +15,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.errors import InputError
+from yarnscale.swatches.measurements import between
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData, UniformErrors
 from yarnscale.swatches.yarn_model import YarnModel
 from yarnscale.swatches.yarn_rest import KEPT_PERIODS, RestedCell, RestRule, rested_cell
@@ -23,7 +24,7 @@ from yarnscale.swatches.yarn_states import YarnCurve, bending_stiffness, pulled
 FAILED = 3.0
 """Error that counts for a state that did not converge."""
 _SAME = 1e-5
-"""Relative difference of energy below which two rest shapes are one: ways to the same shape differ by 1e-6."""
+"""Relative difference of energy below which two rest shapes are one; other starts of one shape change it by 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -173,12 +174,7 @@ def coarser(data: UniformData, samples: int) -> UniformData:
         at = np.argmin(np.abs(stretch - curve.comfort_stretch))
         stretch[at] = min(curve.comfort_stretch, stretch[at]) if at == samples - 1 else curve.comfort_stretch
 
-        def between(values: Array, stretch: Array = stretch, old: Array = curve.stretch) -> Array:
-            from scipy.interpolate import PchipInterpolator
-
-            return PchipInterpolator(np.append(0.0, old), np.append(0.0, values))(stretch)
-
-        curves.append(
-            replace(curve, stretch=stretch, stress=between(curve.stress), contraction=between(curve.contraction))
-        )
+        known, stress, across = (np.append(0.0, part) for part in (curve.stretch, curve.stress, curve.contraction))
+        stress, across = between(stretch, known, stress), between(stretch, known, across)
+        curves.append(replace(curve, stretch=stretch, stress=stress, contraction=across))
     return replace(data, curves=tuple(curves))

@@ -18,10 +18,10 @@ from yarnscale.swatches.cloth_check import ClothCheck, without_own_clamps
 from yarnscale.swatches.construction import FabricConstruction, sized, weighed
 from yarnscale.swatches.fabric_shell import FabricShell
 from yarnscale.swatches.measurements import POWER_LOAD, Direction, SwatchMeasurements
-from yarnscale.swatches.objective import Evaluation, errors_of
+from yarnscale.swatches.objective import Evaluation
 from yarnscale.swatches.uniaxial import biaxial_stress
+from yarnscale.swatches.uniform_cycle import has_unloading
 from yarnscale.swatches.uniform_data import UniformData, UniformErrors, swatch_data
-from yarnscale.swatches.uniform_loop import has_loop
 from yarnscale.swatches.yarn_fit import YarnFit
 from yarnscale.swatches.yarn_friction import YarnFrictionFit
 from yarnscale.swatches.yarn_states import bending_stiffness
@@ -57,7 +57,8 @@ class FabricEstimate:
     short: strips shorter than wide, simulated as cloth of the shell, if any. cloth: the swatches simulated as cloth of
     the homogenized yarn, if any. tests: of the laboratory on the fabric at rest, if any.
     clamps: with which cloth their effect on the measurement was computed, the fitted shell or that of an earlier fit.
-    friction: of the yarns, if it was fitted; the yarn of ``fit`` is fitted to the curves without its part.
+    friction: of the yarns, if it was fitted; the yarn of ``fit`` is fitted to the curves without its part. remarks: on
+    how they were fitted, which are warnings.
     """
 
     measurements: SwatchMeasurements
@@ -72,6 +73,7 @@ class FabricEstimate:
     tests: FabricTests | None = None
     clamps: Literal["shell", "cloth"] = "shell"
     friction: YarnFrictionFit | None = None
+    remarks: tuple[str, ...] = ()
 
     @cached_property
     def cell(self) -> PeriodicCell:
@@ -96,7 +98,7 @@ class FabricEstimate:
 
     @cached_property
     def biaxial(self) -> dict[str, float] | None:
-        """Mean errors of shell and yarn over the largest load, where weft and warp were pulled at once."""
+        """Mean errors of shell and yarn, without friction, over the largest load of weft and warp pulled at once."""
         if self.measurements.biaxial is None or not self.fit.evaluation.rested.relaxed:
             return None
         measured = self.measurements.biaxial.up_to(POWER_LOAD, _BIAXIAL)
@@ -137,12 +139,35 @@ class FabricEstimate:
     @cached_property
     def loading(self) -> tuple[tuple[Array, Array], ...]:
         """Stress [N/m] and contraction of the yarn, with its friction, at the stretches of ``measured``; or NaN."""
+        return self._loading(self.fit.evaluation, self.measured)
+
+    def _loading(self, evaluation: Evaluation, data: UniformData) -> tuple[tuple[Array, Array], ...]:
         if self.friction is not None:
-            return tuple(self.friction.with_loading(curve) for curve in self.measured.curves)
+            return tuple(self.friction.loading_at(curve) for curve in data.curves)
         return tuple(
             (np.where(c.converged, c.stress, np.nan), np.where(c.converged, c.contraction, np.nan))
-            for c in self.fit.evaluation.curves
+            for c in evaluation.curves
         )
+
+    @property
+    def failed(self) -> int:
+        """States of the measured directions at which the yarn is not at rest, or which it cannot follow with friction.
+
+        Those beyond the measured cycle are left out of the errors, but did not fail.
+        """
+        return self._failed(self.fit.evaluation)
+
+    def _failed(self, evaluation: Evaluation) -> int:
+        lost = [] if self.friction is None else [c for c in evaluation.curves if c.direction in self._not_followed]
+        return evaluation.failed + sum(int(curve.converged.sum()) for curve in lost)
+
+    @property
+    def _not_followed(self) -> list[Direction]:
+        """Directions along which the yarn has curves, but no cycle with its friction."""
+        if self.friction is None:
+            return []
+        followed = [cycle.direction for cycle in self.friction.simulated]
+        return [curve.direction for curve in self.friction.elastic if curve.direction not in followed]
 
     @property
     def error(self) -> UniformErrors:
@@ -167,27 +192,34 @@ class FabricEstimate:
         """Of the yarn against the measurement in the directions that it was not fitted to."""
         if self.prediction is None or self.held_out is None:
             return None
-        return errors_of(self.prediction.curves, self.held_out)
+        stresses, contractions = zip(*self._loading(self.prediction, self.held_out), strict=True)
+        return self.held_out.errors(stresses, contractions)
 
     def error_rows(self) -> Iterator[tuple[str, UniformErrors, int | None]]:
         """Every error, its name, and the number of states without equilibrium."""
-        yield "yarn against the measurement", self.error, self.fit.evaluation.failed
+        yield "yarn against the measurement", self.error, self.failed
         for along, errors in self.error.directions.items():
             yield f"{along.value} alone", errors, None
         if self.held_out_error is not None and self.prediction is not None:
-            yield "held out, predicted", self.held_out_error, self.prediction.failed
+            yield "held out, predicted", self.held_out_error, self._failed(self.prediction)
         yield "stage 1: shell against the measurement", self.shell_error, None
         if self.short is not None:
             yield "shell against strips shorter than wide, not fitted", self.short.errors, None
-        yield (
-            f"stage 2: yarn against the {'shell' if self.follow == 'shell' else 'measurement'}",
-            self.yarn_error,
-            None,
-        )
-
+        yield f"stage 2: yarn against {self.followed}", self.yarn_error, None
         if self.cloth is not None:
             lost = sum(int((~response.converged).sum()) for response in self.cloth.responses)
-            yield "stage 3: simulated cloth against the measured swatches", self.cloth.errors, lost
+            swatches = f"the measured swatches{self.without_friction}"
+            yield f"stage 3: simulated cloth against {swatches}", self.cloth.errors, lost
+
+    @property
+    def followed(self) -> str:
+        """What the yarn was fitted to, in words."""
+        return ("the measurement" if self.follow == "measured" else "the shell") + self.without_friction
+
+    @property
+    def without_friction(self) -> str:
+        """What is said of curves from which the part of friction was taken, nothing where it was not fitted."""
+        return "" if self.friction is None else ", both without friction"
 
     @property
     def deviation(self) -> str | None:
@@ -257,10 +289,11 @@ class FabricEstimate:
             )
         if (ambiguity := self.fit.ambiguity) > _AMBIGUOUS:
             change = f"give stresses that differ by {100 * ambiguity:.2g} % of the largest of the comfort range"
+            if not np.isfinite(ambiguity):
+                change = "do not converge to the same states"
             found.append(
-                "the rest shape of the yarns is not unique: ways to it from parameters that hardly differ "
-                f"{change if np.isfinite(ambiguity) else 'do not rest in the same states'}, and another computer may "
-                "find other parameters"
+                "the rest shape of the yarns is not unique: load paths from parameters that hardly differ "
+                f"{change}, and another computer may find other parameters"
             )
         effect = self.clamp_effect
         if self.clamps == "shell" and (effect > _LARGE_EFFECT or (effect > _OFF and shell > _OFF)):
@@ -268,11 +301,24 @@ class FabricEstimate:
                 f"clamps change the force by up to {100 * effect:.0f} %, as a shell says that is itself "
                 f"{100 * shell:.0f} % off the measurement in the comfort range: longer swatches depend less on clamps"
             )
-        if self.friction is not None and self.friction.at_bound:
-            found.append(
-                f"the yarn's fabric returns more of the work than was measured at any friction up to "
-                f"{self.friction.coefficient:g}"
-            )
+        if (friction := self.friction) is not None:
+            if not friction.matched and friction.at_bound:
+                found.append(
+                    f"the yarn's fabric returns more of the work than was measured at any friction up to "
+                    f"{friction.coefficient:g}"
+                )
+            elif not friction.matched:
+                found.append(
+                    f"with the friction of {friction.coefficient:.3g} the yarn's fabric returns "
+                    f"{100 * abs(friction.missed):.1f} % of the work {'more' if friction.missed > 0 else 'less'} than "
+                    "was measured: no other coefficient that was tried, and that its cell can follow, is nearer"
+                )
+            if lost := self._not_followed:
+                found.append(
+                    f"with friction the yarn's cell cannot be loaded and unloaded along "
+                    f"{', '.join(along.value for along in lost)}, which errors do not include"
+                )
+        found.extend(self.remarks)
         if self.shell.membrane.assumed_contraction:
             found.append(
                 "contraction was not measured: the usual one of knits is assumed to take out the effect of the clamps"
@@ -301,7 +347,7 @@ class FabricEstimate:
             found.append(f"contraction along {', '.join(narrow)}: no width was measured")
         if not self.bending:
             found.append("bending: it was not measured, so it follows from the yarn that the tensile curves suggest")
-        if self.friction is None and any(has_loop(test) for test in tests):
+        if self.friction is None and any(has_unloading(test) for test in tests):
             found.append("friction of the yarns: loading alone was fitted, of which friction is a part (--friction)")
         if self.measurements.area_density is None and self.measurements.yarn_count is None:
             found.append("mass of the yarn: neither the fabric nor its yarn was weighed, so its density is assumed")
@@ -344,7 +390,7 @@ class FabricEstimate:
             "seconds": fit.seconds + self.shell.membrane.seconds,
             "evaluations": fit.evaluations,
             "cpu_seconds": fit.cpu_seconds,
-            "failed_states": fit.evaluation.failed,
+            "failed_states": self.failed,
             "ambiguity": fit.ambiguity,
             "at_bounds": list(fit.at_bounds),
             "period": self.cell.pattern.period.tolist(),
@@ -366,18 +412,18 @@ class FabricEstimate:
             return None
         missed = found.unloading_error(self.measured)
         directions = {
-            loop.direction.value: {
-                "coefficient": found.by_direction.get(loop.direction),
+            cycle.direction.value: {
+                "coefficient": found.by_direction.get(cycle.direction),
                 "returned": own.returned,
-                "measured_returned": loop.returned,
+                "measured_returned": cycle.returned,
                 "stretch_left": own.stretch_left,
-                "unloading_error": missed[loop.direction],
+                "unloading_error": missed[cycle.direction],
             }
-            for loop, own in found.pairs
+            for cycle, own in found.pairs
         }
         return {
             "coefficient": found.coefficient, "uncertainty": found.uncertainty, "at_bound": found.at_bound,
-            "rounds": found.rounds, "directions": directions,
+            "missed": found.missed, "rounds": found.rounds, "directions": directions,
         }  # fmt: skip
 
 

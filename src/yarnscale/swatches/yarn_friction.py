@@ -15,9 +15,9 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.cell.periodic import PeriodicCell
-from yarnscale.swatches.measurements import Direction
+from yarnscale.swatches.measurements import Direction, between
+from yarnscale.swatches.uniform_cycle import UniformCycle
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData
-from yarnscale.swatches.uniform_loop import UniformLoop
 from yarnscale.swatches.yarn_states import YarnCurve, cycled
 from yarnscale.yarn.friction import YarnFriction
 
@@ -29,42 +29,51 @@ _EVALUATIONS, _CLOSE = 6, 0.004
 """Coefficients that are tried, and difference of the share of work that is none."""
 _NOISE = 0.02
 """Uncertainty of a measured share of work."""
+_SAME = 1e-9
+"""Relative difference of stretches that is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class YarnFrictionFit:
     """Friction of a yarn.
 
-    coefficient: μ. uncertainty: change of μ that changes the share of work by 0.02. by_direction: coefficient of each
-    direction by itself, where one within the range was found. measured: loops of the fabric; simulated: of the cell
-    with the coefficient, along all directions that were fitted. elastic: curves of the cell without friction. rounds:
-    how often the yarn was fitted again.
+    coefficient: μ. uncertainty: change of μ that changes the share of work by 0.02. missed: share of work that the cell
+    returns with it less the measured one, means over the measured directions. by_direction: coefficient of each
+    direction by itself, where one within the range was found. measured: cycles of the fabric; simulated: of the cell
+    with the coefficient, along all directions of ``elastic`` that it can follow. elastic: curves of the cell without
+    friction. rounds: how often the yarn was fitted again.
     """
 
     coefficient: float
     uncertainty: float
+    missed: float
     by_direction: Mapping[Direction, float]
-    measured: tuple[UniformLoop, ...]
-    simulated: tuple[UniformLoop, ...]
+    measured: tuple[UniformCycle, ...]
+    simulated: tuple[UniformCycle, ...]
     elastic: tuple[YarnCurve, ...]
     rounds: int = 0
 
     @property
+    def matched(self) -> bool:
+        """Whether the cell returns as much work as was measured, to 0.004."""
+        return abs(self.missed) < _CLOSE
+
+    @property
     def at_bound(self) -> bool:
-        """Whether the cell returns more work than was measured, whatever its friction."""
+        """Whether the coefficient is the largest that is sought."""
         return self.coefficient >= LARGEST * (1 - 1e-9)
 
     @property
-    def pairs(self) -> list[tuple[UniformLoop, UniformLoop]]:
-        """Measured and simulated loops of the same directions."""
-        simulated = {loop.direction: loop for loop in self.simulated}
-        return [(loop, simulated[loop.direction]) for loop in self.measured if loop.direction in simulated]
+    def pairs(self) -> list[tuple[UniformCycle, UniformCycle]]:
+        """Measured and simulated cycles of the same directions."""
+        simulated = {cycle.direction: cycle for cycle in self.simulated}
+        return [(cycle, simulated[cycle.direction]) for cycle in self.measured if cycle.direction in simulated]
 
-    def with_loading(self, curve: UniformCurve) -> tuple[Array, Array]:
-        """Stress [N/m] and contraction of the simulated loading at the stretches of a curve, NaN without one."""
-        for loop in self.simulated:
-            if loop.direction is curve.direction and loop.contraction is not None:
-                return _between(loop, loop.loading, curve.stretch), _between(loop, loop.contraction, curve.stretch)
+    def loading_at(self, curve: UniformCurve) -> tuple[Array, Array]:
+        """Stress [N/m] and contraction of the simulated loading at a curve's stretches, NaN beyond its cycle."""
+        for cycle in self.simulated:
+            if cycle.direction is curve.direction and cycle.contraction is not None:
+                return _on(cycle, cycle.loading, curve.stretch), _on(cycle, cycle.contraction, curve.stretch)
         return np.full(len(curve.stretch), np.nan), np.full(len(curve.stretch), np.nan)
 
     def removed_from(self, data: UniformData) -> UniformData:
@@ -74,14 +83,14 @@ class YarnFrictionFit:
         """
         elastic, curves = {curve.direction: curve for curve in self.elastic}, []
         for curve in data.curves:
-            stress, contraction = self.with_loading(curve)
+            stress, contraction = self.loading_at(curve)
             own = elastic.get(curve.direction)
             if own is not None and own.converged.any():
                 good = own.converged
                 stretch = np.append(0.0, own.stretch[good])
                 plain = np.interp(curve.stretch, stretch, np.append(0.0, own.stress[good]))
                 across = np.interp(curve.stretch, stretch, np.append(0.0, own.contraction[good]))
-                known = np.isfinite(stress) & (stress > 0.0) & (curve.stretch <= stretch[-1] * (1 + 1e-9))
+                known = np.isfinite(stress) & (stress > 0.0) & (curve.stretch <= stretch[-1] * (1 + _SAME))
                 ratio = np.where(known, plain / np.where(known, stress, 1.0), 1.0)
                 curve = replace(
                     curve, stress=ratio * curve.stress,
@@ -91,7 +100,7 @@ class YarnFrictionFit:
         return replace(data, curves=tuple(curves))
 
     def unloading_error(self, data: UniformData) -> dict[Direction, float]:
-        """Mean error of σ/(1 + s) on the way back over the largest of the comfort range of ``data``, by direction."""
+        """Mean error of σ/(1 + s) in unloading over the largest of the comfort range of ``data``, by direction."""
         return {
             measured.direction: float(
                 np.mean(np.abs(np.maximum(own.unloading, 0.0) - measured.unloading) / (1.0 + measured.stretch))
@@ -101,51 +110,61 @@ class YarnFrictionFit:
         }
 
 
-def _between(loop: UniformLoop, values: Array, stretch: Array) -> Array:
-    from scipy.interpolate import PchipInterpolator
-
-    return PchipInterpolator(loop.stretch, values, extrapolate=False)(np.minimum(stretch, loop.stretch[-1]))
+def _on(cycle: UniformCycle, values: Array, stretch: Array) -> Array:
+    """Values of a cycle at stretches, NaN beyond it; to rounding, its end is within."""
+    within = stretch <= cycle.stretch[-1] * (1 + _SAME)
+    return np.where(within, between(stretch, cycle.stretch, values), np.nan)
 
 
 def fit_friction(
     cell: PeriodicCell,
-    measured: Sequence[UniformLoop],
+    measured: Sequence[UniformCycle],
     elastic: Sequence[YarnCurve],
     *,
     guess: float = USUAL,
+    on_cycle: Callable[[float], None] | None = None,
 ) -> YarnFrictionFit | None:
     """The friction with which a cell at rest returns as much of the work as the fabric; None where it cannot follow.
 
-    elastic: the cell's curves along all directions that were fitted. guess: coefficient to begin with.
+    A coefficient counts where the cell follows the cycles of all measured directions. elastic: the cell's curves along
+    all directions that are compared. guess: coefficient to begin with. on_cycle: called with the coefficient before
+    every cycle.
     """
-    loops: dict[float, dict[Direction, UniformLoop | None]] = {}
-    wanted = float(np.mean([loop.returned for loop in measured]))
+    cycles: dict[float, dict[Direction, UniformCycle]] = {}
+    wanted = float(np.mean([cycle.returned for cycle in measured]))
+
+    def simulated(direction: Direction, stretch: Array, coefficient: float) -> UniformCycle | None:
+        if on_cycle is not None:
+            on_cycle(coefficient)
+        return cycled(cell, direction, stretch, YarnFriction(coefficient))
 
     def mean_returned(coefficient: float) -> float:
-        friction = YarnFriction(coefficient)
-        loops[coefficient] = {m.direction: cycled(cell, m.direction, m.stretch[1:], friction) for m in measured}
-        # Of the directions that the cell can follow with this friction.
-        more = [own.returned - m.returned for m in measured if (own := loops[coefficient][m.direction]) is not None]
-        return wanted + float(np.mean(more)) if more else np.nan
+        found = cycles[coefficient] = {}
+        for cycle in measured:
+            if (own := simulated(cycle.direction, cycle.stretch[1:], coefficient)) is None:
+                return np.nan
+            found[cycle.direction] = own
+        return float(np.mean([own.returned for own in found.values()]))
 
     shares = searched_friction(mean_returned, wanted, guess)
-    reached = {mu: share for mu, share in shares.items() if mu in loops and np.isfinite(share)}
+    reached = {mu: share for mu, share in shares.items() if np.isfinite(share)}
     if not reached:
         return None
     best = min(reached, key=lambda mu: (abs(reached[mu] - wanted), mu))
     by_direction = {}
-    for loop in measured:
-        known = {mu: found.returned for mu, kept in loops.items() if (found := kept[loop.direction]) is not None}
-        if (own := _crossing({0.0: 1.0} | known, loop.returned)) is not None:
-            by_direction[loop.direction] = own
-    simulated = [loop for loop in loops[best].values() if loop is not None]
+    for cycle in measured:
+        known = {mu: found[cycle.direction].returned for mu, found in cycles.items() if cycle.direction in found}
+        if (alone := _crossing({0.0: 1.0} | known, cycle.returned)) is not None:
+            by_direction[cycle.direction] = alone
+    along = dict(cycles[best])
     for curve in elastic:
-        if curve.direction not in loops[best] and curve.converged.all():
-            further = cycled(cell, curve.direction, curve.stretch, YarnFriction(best))
-            simulated += [] if further is None else [further]
-    slope = _slope({0.0: 1.0} | reached, best)
-    uncertainty = min(_NOISE / slope, LARGEST) if slope > 0 else LARGEST
-    return YarnFrictionFit(best, uncertainty, by_direction, tuple(measured), tuple(simulated), tuple(elastic))
+        if curve.direction not in along and curve.converged.all():
+            further = simulated(curve.direction, curve.stretch, best)
+            along |= {} if further is None else {curve.direction: further}
+    return YarnFrictionFit(
+        best, _uncertainty(best, reached[best]), reached[best] - wanted, by_direction, tuple(measured),
+        tuple(along.values()), tuple(elastic),
+    )  # fmt: skip
 
 
 def searched_friction(returned: Callable[[float], float], wanted: float, guess: float) -> dict[float, float]:
@@ -194,7 +213,12 @@ def _crossing(shares: Mapping[float, float], wanted: float) -> float | None:
     return None
 
 
-def _slope(shares: Mapping[float, float], at: float) -> float:
-    """Decrease of the share by the coefficient there, from the nearest other one."""
-    other = min((mu for mu in shares if mu != at), key=lambda mu: abs(mu - at))
-    return -(shares[at] - shares[other]) / (at - other)
+def _uncertainty(coefficient: float, returned: float) -> float:
+    """Change of a coefficient that changes the share of work by 0.02, by the R of the module with λ = a μ.
+
+    dR/dμ = −2/(1 + λ)² λ/μ.
+    """
+    lost = _lost(returned)
+    if not lost > 0:
+        return LARGEST
+    return min(_NOISE * (1.0 + lost) ** 2 / 2.0 * coefficient / lost, LARGEST)

@@ -19,7 +19,7 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.homogeneous.histories import followed
 from yarnscale.kinematics import ShellStrain, line_stretch
 from yarnscale.swatches.measurements import Direction
-from yarnscale.swatches.uniform_loop import UniformLoop
+from yarnscale.swatches.uniform_cycle import UniformCycle
 from yarnscale.swatches.yarn_rest import beside
 from yarnscale.yarn.friction import YarnFriction
 
@@ -35,7 +35,7 @@ _BESIDE = 10.0
 _NEAR = 1e-4
 """Difference of the contraction from which the stiffness across is first taken."""
 _SLACK = 0.02
-"""Share of the largest stress that counts as none on the way back, and beside which the stress across does."""
+"""Share of the largest stress that counts as none in unloading, and beside which the stress across does."""
 _NOISE = 1e-6
 """Difference of the contraction below which that of the stress is no slope."""
 
@@ -110,10 +110,10 @@ def pulled(
     )
 
 
-def cycled(cell: PeriodicCell, direction: Direction, stretches: Array, friction: YarnFriction) -> UniformLoop | None:
-    """Stretch a cell that is at rest, with friction of its yarns, state by state in rising order, and let it go.
+def cycled(cell: PeriodicCell, direction: Direction, stretches: Array, friction: YarnFriction) -> UniformCycle | None:
+    """Stretch a cell that is at rest, with friction of its yarns, state by state in rising order, and unload it.
 
-    The way back ends where no stress is left. None where the cell cannot follow.
+    Unloading ends where no stress is left. None where the cell cannot follow.
     """
     path, rest = _Path(cell, direction.angle, TOLERANCE, nearby=True), cell.relax()
     if not rest.usable:
@@ -139,7 +139,7 @@ def cycled(cell: PeriodicCell, direction: Direction, stretches: Array, friction:
         return None
     stretch, width = (np.append(0.0, part) for part in (values, across))
     loading = np.append(_along(rest, direction.angle)[0], loading)
-    return UniformLoop(direction, stretch, loading, unloading, width)
+    return UniformCycle(direction, stretch, loading, unloading, width)
 
 
 def _along(state: Equilibrium, angle: float) -> tuple[float, float]:
