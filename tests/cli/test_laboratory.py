@@ -85,6 +85,25 @@ def test_a_cell_with_friction_is_tested_in_cycles(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("options", "friction"),
+    [(["--cycles", "1"], 0.3), (["--cycles", "1", "--friction", "0.1"], 0.1), (["--friction", "0.1"], 0.1), ([], None)],
+)
+def test_friction_is_that_of_the_option_or_in_cycles_that_of_the_yarn(tmp_path, monkeypatch, options, friction):
+    wool, programmes = PRESETS["hylc2020-stockinette"], []
+    write_yarn_material(replace(wool, contact=replace(wool.contact, friction=0.3)), tmp_path / "yarn.toml")
+
+    def stopped(subject, *, programme, **_):
+        programmes.append(programme)
+        raise ys.InputError("enough")
+
+    monkeypatch.setattr("yarnscale.cli.laboratory.run_tests", stopped)
+    command = ["test", "stockinette", "--as-drawn", "--curvatures", "-20,20", "--out", str(tmp_path / "tested")]
+    assert main([*command, "--material", str(tmp_path / "yarn.toml"), *options]) == 2
+    (programme,) = programmes
+    assert (None if programme.friction is None else programme.friction.coefficient) == friction
+
+
+@pytest.mark.parametrize(
     ("options", "reason"),
     [
         (["stockinette", "--friction", "-0.1"], "friction"),

@@ -275,3 +275,5 @@ def test_a_yarn_that_is_fitted_again_has_its_own_friction_or_none(
         assert found.friction.coefficient == pytest.approx(0.2, abs=0.005) and not found.warnings
     else:
         assert found.friction is None and "was not fitted" in found.warnings[-1]
+        # Where friction was sought in vain before, that is still said.
+        assert refitted(replace(first, friction=None, remarks=("in vain",))).warnings == ("in vain",)

@@ -170,7 +170,7 @@ def refitted(
     held = estimate.held_out and clean.only(*(curve.direction for curve in estimate.held_out.curves))
     found = replace(
         estimate, fit=fit, measured=data, held_out=held, prediction=_predicted(fit, held), cloth=None, tests=None,
-        clamps="cloth", friction=None, remarks=(),
+        clamps="cloth", friction=None, remarks=estimate.remarks if friction is None else (),
     )  # fmt: skip
     if friction is None:
         return found
