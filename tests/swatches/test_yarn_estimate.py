@@ -184,6 +184,7 @@ def test_the_held_out_direction_is_predicted_with_friction():
     ("missed", "coefficient", "page", "warning"),
     [
         (0.0, 0.25, "returns as much of the work of loading as was measured", None),
+        (0.0, 0.8, "returns as much of the work of loading as was measured", None),
         (0.12, 0.25, "returns 12.0 % more of the work of loading than was measured", "12.0 % of the work more than"),
         (-0.05, 0.001, "returns 5.0 % less of the work of loading than was measured", "5.0 % of the work less than"),
         (0.12, 0.8, "12.0 % more of the work", "more of the work than was measured at any friction up to 0.8"),
