@@ -119,7 +119,7 @@ def test_refuses_what_cannot_be(measured: Path, tmp_path: Path, capsys: pytest.C
         ("--holdout", "bias"): "measured: weft, warp",
         ("--homogenize", "20"): "at least 30",
         ("--directions", "weft", "--holdout", "weft"): "not held out",
-        ("--friction",): "friction; expected unloading to its end",
+        ("--fit-friction",): "friction; expected unloading to its end",
     }
     for extra, said in cases.items():
         assert main([*start, *extra]) == 2

@@ -153,7 +153,7 @@ def _prepared(options: argparse.Namespace) -> tuple[SwatchMeasurements, YarnMode
     if options.homogenize is not None and options.homogenize < FEWEST:
         raise InputError("--homogenize", expected=f"at least {FEWEST}", found=options.homogenize)
     fitted = fitted_directions(measurements, *_directions(options))
-    if options.friction:
+    if options.fit_friction:
         check_unloading(measurements.only(*fitted))
     check_bending(measurements, ErrorWeights(bending=options.bending_weight))
     return measurements, model
@@ -196,7 +196,7 @@ def _estimated(options: argparse.Namespace, measurements: SwatchMeasurements, mo
         folder = stack.enter_context(results)
         found = estimate_yarn(
             measurements, model, folder, resume=options.resume, directions=chosen, holdout=holdout,
-            follow=options.follow, shell_model=options.shell_model, friction=options.friction, options=search,
+            follow=options.follow, shell_model=options.shell_model, friction=options.fit_friction, options=search,
             weights=ErrorWeights(bending=options.bending_weight),
             executor=executor,
             progress=_progress(measurements.name, work_ahead(search, len(model.names))),

@@ -71,7 +71,7 @@ def add_estimate_options(add: Add) -> None:
         "(stiffening)",
     )  # fmt: skip
     friction = "fit the friction of the yarns, too, from loading and unloading together; some minutes more"
-    option("--friction", action="store_true", help=friction)
+    option("--fit-friction", action="store_true", help=friction)
     option(
         "--shape", choices=SHAPES,
         help="drawn: the pattern has the fabric's stitch density; free: its width over height and its tightness are "

@@ -348,7 +348,9 @@ class FabricEstimate:
         if not self.bending:
             found.append("bending: it was not measured, so it follows from the yarn that the tensile curves suggest")
         if self.friction is None and any(has_unloading(test) for test in tests):
-            found.append("friction of the yarns: loading alone was fitted, of which friction is a part (--friction)")
+            found.append(
+                "friction of the yarns: loading alone was fitted, of which friction is a part (--fit-friction)"
+            )
         if self.measurements.area_density is None and self.measurements.yarn_count is None:
             found.append("mass of the yarn: neither the fabric nor its yarn was weighed, so its density is assumed")
         if self.measurements.known.stitch_area is None and self.measurements.known.yarn_in_stitch is None:
