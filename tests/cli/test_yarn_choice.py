@@ -152,6 +152,8 @@ def test_a_run_knows_its_pattern_and_yarn(
 def test_equal_yarns_may_have_other_names() -> None:
     assert same_yarns(WOOL, (replace(WOOL, name="mine"),))
     assert not same_yarns(WOOL, replace(WOOL, density=1.0))
+    # Samples of a yarn with friction are those of the yarn without.
+    assert same_yarns(WOOL, replace(WOOL, contact=replace(WOOL.contact, friction=0.2)))
     assert not same_yarns(WOOL, (WOOL, WOOL))
 
 

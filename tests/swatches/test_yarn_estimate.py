@@ -150,8 +150,8 @@ def test_with_friction_errors_are_those_of_loading_and_stages_are_called_without
     assert names[0] == "yarn against the measurement"
     assert names[-1] == "stage 2: yarn against the measurement, both without friction"
     assert [name for name, _, _ in plain.error_rows()][-1] == "stage 2: yarn against the measurement"
-    summary = found._friction_summary()
-    assert summary is not None
+    assert found.friction is not None
+    summary = found.friction.summary(found.measured)
     assert (summary["coefficient"], summary["missed"], summary["rounds"]) == (0.25, 0.0, 1)
     weft = summary["directions"]["weft"]  # type: ignore[index]
     assert weft["returned"] == pytest.approx(0.8 / 1.2) and weft["measured_returned"] == pytest.approx(0.7 / 1.2)

@@ -10,7 +10,7 @@ from yarnscale.cell import PeriodicCell
 from yarnscale.cli.console import ProgressLine, plain_json, print_notice, print_status, report
 from yarnscale.cli.given_pattern import pattern_of, settled_drawing
 from yarnscale.cli.values import refuse
-from yarnscale.cli.yarn_choice import YarnChoice, yarn_for
+from yarnscale.cli.yarn_choice import YarnChoice, common_friction, yarn_for
 from yarnscale.errors import InputError
 from yarnscale.files.atomic import write_text
 from yarnscale.files.material_json import is_material, read_material
@@ -96,11 +96,9 @@ def _friction(options: argparse.Namespace, yarns: Iterable[YarnChoice]) -> YarnF
     """That of the option; in cycles else that of the yarns. InputError where two patterns' yarns differ in it."""
     if options.friction is not None:
         return YarnFriction(options.friction)
-    own = set() if options.cycles is None else {yarn.friction for yarn in yarns}
-    if len(own) > 1:
-        found = ", ".join("none" if one is None else f"{one:g}" for one in own)
-        raise InputError("--friction", expected="one for the yarns of both patterns", found=found)
-    known = own.pop() if own else None
+    if options.cycles is None:
+        return None
+    known = common_friction((yarn.friction for yarn in yarns), "both patterns")
     return None if known is None else YarnFriction(known)
 
 

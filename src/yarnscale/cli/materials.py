@@ -89,7 +89,7 @@ def homogenize(options: argparse.Namespace) -> int:
     kept = options.out / PATTERN
     begun = options.resume and kept.is_file()
     yarn = yarn_for(options.pattern, drawn, options.material, kept=read_yarns(kept) if begun else None)
-    if options.friction is None and yarn.friction and options.form == "compact":
+    if options.friction is None and options.form == "compact" and yarn.friction:
         settings["friction"] = YarnFriction(yarn.friction)
         print_notice(f"friction {yarn.friction:g} is that of the yarn; --friction 0 leaves it out")
     results = results_of_homogenize(options.out, overwrite=options.overwrite, resume=options.resume)

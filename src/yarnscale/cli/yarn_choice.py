@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from yarnscale.cli.console import print_status
@@ -39,13 +40,7 @@ class YarnChoice:
     @property
     def friction(self) -> float | None:
         """Coefficient of the yarns; None where none says it. InputError where they differ in it."""
-        own = {material.contact.friction for material in _listed(self.materials)}
-        if len(own) > 1:
-            found = ", ".join("none" if one is None else f"{one:g}" for one in own)
-            raise InputError(
-                f"friction of the yarns of {self.pattern}", expected="--friction, one for all", found=found
-            )
-        return own.pop()
+        return common_friction((material.contact.friction for material in _listed(self.materials)), self.pattern)
 
     @property
     def rubs(self) -> bool:
@@ -63,12 +58,22 @@ def material_names(materials: Materials) -> str:
     return " + ".join(m.name for m in _listed(materials))
 
 
+def common_friction(coefficients: Iterable[float | None], whose: str) -> float | None:
+    """The one coefficient of some yarns; InputError where they differ."""
+    own = list(dict.fromkeys(coefficients))
+    if len(own) > 1:
+        found = ", ".join("none" if one is None else f"{one:g}" for one in own)
+        raise InputError(f"friction of the yarns of {whose}", expected="--friction, one for all", found=found)
+    return own[0] if own else None
+
+
 def same_yarns(one: Materials, other: Materials) -> bool:
-    """Whether materials are equal in all but their names."""
-    mine, others = _listed(one), _listed(other)
-    return len(mine) == len(others) and all(
-        {**vars(a), "name": ""} == {**vars(b), "name": ""} for a, b in zip(mine, others, strict=True)
-    )
+    """Whether materials are equal in all but their names and their friction, of which samples have none."""
+
+    def elastic(material: YarnMaterial) -> YarnMaterial:
+        return replace(material, name="", contact=replace(material.contact, friction=None))
+
+    return [elastic(m) for m in _listed(one)] == [elastic(m) for m in _listed(other)]
 
 
 def yarn_for(

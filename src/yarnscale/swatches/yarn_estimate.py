@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -22,10 +22,9 @@ from yarnscale.swatches.objective import Evaluation
 from yarnscale.swatches.uniaxial import biaxial_stress
 from yarnscale.swatches.uniform_cycle import has_unloading
 from yarnscale.swatches.uniform_data import UniformData, UniformErrors, swatch_data
-from yarnscale.swatches.yarn_fit import YarnFit
-from yarnscale.swatches.yarn_friction import YarnFrictionFit
+from yarnscale.swatches.yarn_fit import AMBIGUOUS, YarnFit
+from yarnscale.swatches.yarn_friction import YarnFrictionFit, with_yarn_friction
 from yarnscale.swatches.yarn_states import bending_stiffness
-from yarnscale.yarn.material import YarnMaterial
 
 UNKNOWN_STIFFNESS = 60.0
 """k_s2 where the yarn's stiffness at 5 cN was not measured [N]: a spun hand-knitting yarn, to a factor of three.
@@ -39,8 +38,6 @@ _BIAXIAL = 7
 """Biaxial states at which the yarn is compared, at most."""
 _FREE = 0.5
 """Share of its range through which a parameter can move that counts as unknown."""
-_AMBIGUOUS = 1e-3
-"""Change of stresses that needs a warning, when parameters change by nothing."""
 _LARGE_EFFECT = 0.3
 """Effect of clamps that needs a warning however good the shell is."""
 
@@ -158,16 +155,10 @@ class FabricEstimate:
         return self._failed(self.fit.evaluation)
 
     def _failed(self, evaluation: Evaluation) -> int:
-        lost = [] if self.friction is None else [c for c in evaluation.curves if c.direction in self._not_followed]
+        lost = (
+            [] if self.friction is None else [c for c in evaluation.curves if c.direction in self.friction.not_followed]
+        )
         return evaluation.failed + sum(int(curve.converged.sum()) for curve in lost)
-
-    @property
-    def _not_followed(self) -> list[Direction]:
-        """Directions along which the yarn has curves, but no cycle with its friction."""
-        if self.friction is None:
-            return []
-        followed = [cycle.direction for cycle in self.friction.simulated]
-        return [curve.direction for curve in self.friction.elastic if curve.direction not in followed]
 
     @property
     def error(self) -> UniformErrors:
@@ -287,7 +278,7 @@ class FabricEstimate:
                 f"yarns set as drawn leave a coarse stress of {left:.2g} N/m in the fabric at rest, "
                 f"{100 * left / scale:.0f} % of the largest of the comfort range: it would change its periods"
             )
-        if (ambiguity := self.fit.ambiguity) > _AMBIGUOUS:
+        if (ambiguity := self.fit.ambiguity) > AMBIGUOUS:
             change = f"give stresses that differ by {100 * ambiguity:.2g} % of the largest of the comfort range"
             if not np.isfinite(ambiguity):
                 change = "do not converge to the same states"
@@ -301,23 +292,8 @@ class FabricEstimate:
                 f"clamps change the force by up to {100 * effect:.0f} %, as a shell says that is itself "
                 f"{100 * shell:.0f} % off the measurement in the comfort range: longer swatches depend less on clamps"
             )
-        if (friction := self.friction) is not None:
-            if not friction.matched and friction.at_bound:
-                found.append(
-                    f"the yarn's fabric returns more of the work than was measured at any friction up to "
-                    f"{friction.coefficient:g}"
-                )
-            elif not friction.matched:
-                found.append(
-                    f"with the friction of {friction.coefficient:.3g} the yarn's fabric returns "
-                    f"{100 * abs(friction.missed):.1f} % of the work {'more' if friction.missed > 0 else 'less'} than "
-                    "was measured: no other coefficient that was tried, and that its cell can follow, is nearer"
-                )
-            if lost := self._not_followed:
-                found.append(
-                    f"with friction the yarn's cell cannot be loaded and unloaded along "
-                    f"{', '.join(along.value for along in lost)}, which errors do not include"
-                )
+        if self.friction is not None:
+            found.extend(self.friction.warnings)
         found.extend(self.remarks)
         if self.shell.membrane.assumed_contraction:
             found.append(
@@ -378,7 +354,7 @@ class FabricEstimate:
             },
             "warnings": [*self.warnings],
             "unknown": [*self.unknown],
-            "friction": self._friction_summary(),
+            "friction": None if self.friction is None else self.friction.summary(self.measured),
             "lost_work": {t.direction.value: t.lost_work for t in self.measurements.stretch},
             "notes": [*self.measurements.notes],
             "parameters": self.parameters,
@@ -407,32 +383,6 @@ class FabricEstimate:
         if (ahead := self.held_out_error) is not None:
             found["held_out"] = ahead.summary()
         return found
-
-    def _friction_summary(self) -> dict[str, object] | None:
-        found = self.friction
-        if found is None:
-            return None
-        missed = found.unloading_error(self.measured)
-        directions = {
-            cycle.direction.value: {
-                "coefficient": found.by_direction.get(cycle.direction),
-                "returned": own.returned,
-                "measured_returned": cycle.returned,
-                "stretch_left": own.stretch_left,
-                "unloading_error": missed[cycle.direction],
-            }
-            for cycle, own in found.pairs
-        }
-        return {
-            "coefficient": found.coefficient, "uncertainty": found.uncertainty, "at_bound": found.at_bound,
-            "missed": found.missed, "rounds": found.rounds, "directions": directions,
-        }  # fmt: skip
-
-
-def with_yarn_friction(cell: PeriodicCell, coefficient: float) -> PeriodicCell:
-    """The cell with yarns that know their friction; its energy is the same."""
-    yarns = tuple(replace(m, contact=replace(m.contact, friction=coefficient)) for m in cell.materials)
-    return replace(cell, material=yarns[0] if isinstance(cell.material, YarnMaterial) else yarns)
 
 
 def _largest(changes: Iterable[Array]) -> float:

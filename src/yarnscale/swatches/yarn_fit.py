@@ -31,7 +31,7 @@ STARTS, REFINED = 64, 8
 
 _NOTHING = 1e-9
 """Change of unknowns, parts of their range, that should change nothing."""
-_OTHER = 1e-3
+AMBIGUOUS = 1e-3
 """Ambiguity from which there are two rest shapes."""
 _GROWN = 0.01
 """Growth of the root of the objective up to which unknowns count as undetermined."""
@@ -142,7 +142,7 @@ def fit_yarn(
     else:
         unknowns = searched(searches[0], options)
     last, ambiguous = searches[-1], ambiguity(searches[-1], unknowns)
-    lower = ambiguous > _OTHER and last.settle(unknowns, unknowns + DIFFERENCE * _inwards(unknowns)) is unknowns
+    lower = ambiguous > AMBIGUOUS and last.settle(unknowns, unknowns + DIFFERENCE * _inwards(unknowns)) is unknowns
     if lower and options.solver != "paper":
         # It rests lower than was known: the descent goes on there.
         unknowns = gauss_newton(last, unknowns, iterations=options.iterations)

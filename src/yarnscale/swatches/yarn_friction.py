@@ -20,6 +20,7 @@ from yarnscale.swatches.uniform_cycle import UniformCycle
 from yarnscale.swatches.uniform_data import UniformCurve, UniformData
 from yarnscale.swatches.yarn_states import YarnCurve, cycled
 from yarnscale.yarn.friction import YarnFriction
+from yarnscale.yarn.material import YarnMaterial
 
 LARGEST = 0.8
 """Largest coefficient of friction that is sought."""
@@ -69,6 +70,52 @@ class YarnFrictionFit:
         simulated = {cycle.direction: cycle for cycle in self.simulated}
         return [(cycle, simulated[cycle.direction]) for cycle in self.measured if cycle.direction in simulated]
 
+    @property
+    def not_followed(self) -> list[Direction]:
+        """Directions along which the cell has curves, but no cycle with its friction."""
+        followed = [cycle.direction for cycle in self.simulated]
+        return [curve.direction for curve in self.elastic if curve.direction not in followed]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences on what the coefficient does not explain."""
+        found = []
+        if not self.matched and self.at_bound:
+            found.append(
+                "the yarn's fabric returns more of the work than was measured at any friction up to "
+                f"{self.coefficient:g}"
+            )
+        elif not self.matched:
+            found.append(
+                f"with the friction of {self.coefficient:.3g} the yarn's fabric returns "
+                f"{100 * abs(self.missed):.1f} % of the work {'more' if self.missed > 0 else 'less'} than "
+                "was measured: no other coefficient that was tried, and that its cell can follow, is nearer"
+            )
+        if lost := self.not_followed:
+            found.append(
+                f"with friction the yarn's cell cannot be loaded and unloaded along "
+                f"{', '.join(along.value for along in lost)}, which errors do not include"
+            )
+        return found
+
+    def summary(self, data: UniformData) -> dict[str, object]:
+        """Plain numbers; data: of loading, in whose comfort range errors of unloading are measured."""
+        missed = self.unloading_error(data)
+        directions = {
+            cycle.direction.value: {
+                "coefficient": self.by_direction.get(cycle.direction),
+                "returned": own.returned,
+                "measured_returned": cycle.returned,
+                "stretch_left": own.stretch_left,
+                "unloading_error": missed[cycle.direction],
+            }
+            for cycle, own in self.pairs
+        }
+        return {
+            "coefficient": self.coefficient, "uncertainty": self.uncertainty, "at_bound": self.at_bound,
+            "missed": self.missed, "rounds": self.rounds, "directions": directions,
+        }  # fmt: skip
+
     def loading_at(self, curve: UniformCurve) -> tuple[Array, Array]:
         """Stress [N/m] and contraction of the simulated loading at a curve's stretches, NaN beyond its cycle."""
         for cycle in self.simulated:
@@ -108,6 +155,12 @@ class YarnFrictionFit:
             / data.stress_scale
             for measured, own in self.pairs
         }
+
+
+def with_yarn_friction(cell: PeriodicCell, coefficient: float) -> PeriodicCell:
+    """The cell with yarns that know their friction; its energy is the same."""
+    yarns = tuple(replace(m, contact=replace(m.contact, friction=coefficient)) for m in cell.materials)
+    return replace(cell, material=yarns[0] if isinstance(cell.material, YarnMaterial) else yarns)
 
 
 def _on(cycle: UniformCycle, values: Array, stretch: Array) -> Array:
@@ -168,7 +221,7 @@ def fit_friction(
 
 
 def searched_friction(returned: Callable[[float], float], wanted: float, guess: float) -> dict[float, float]:
-    """Shares of work by the coefficients that were tried, of which the nearest is within 0.004 of the wanted one.
+    """Shares of work by the coefficients that were tried, six at most; one within 0.004 of the wanted is the last.
 
     A coefficient whose share is not a number is too large. Where the share stays above the wanted one, the largest
     coefficient is tried last.
