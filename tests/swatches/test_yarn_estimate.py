@@ -158,7 +158,6 @@ def test_with_friction_errors_are_those_of_loading_and_stages_are_called_without
     second = np.append(0.0, STRESS / (1 + STRETCH))
     scale = found.measured.stress_scale
     assert weft["unloading_error"] == pytest.approx(0.1 * second.mean() / scale)
-    assert plain._friction_summary() is None
 
 
 def test_a_direction_that_is_not_followed_with_friction_is_warned_of_and_counts_as_failed():
