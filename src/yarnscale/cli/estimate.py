@@ -71,11 +71,17 @@ def estimate(options: argparse.Namespace) -> int:
     if options.measurements.is_dir():
         return _every(options)
     found = _estimated(options, *_prepared(options))
-    report(options, found.summary(), *_lines(options.out, found))
+    summary = found.summary()
+    report(options, summary, *_lines(options.out, found))
     if not options.json:
         for warning in found.warnings:
             print_notice(f"warning: {warning}")
-    return 0 if found.failed == 0 else 1
+    return _status(options, summary)
+
+
+def _status(options: argparse.Namespace, summary: dict[str, Any]) -> int:
+    """1 where the yarn has states without equilibrium, or its friction was asked for and not found."""
+    return int(summary["failed_states"] > 0 or (options.fit_friction and summary["friction"] is None))
 
 
 def _every(options: argparse.Namespace) -> int:
@@ -111,7 +117,7 @@ def _every(options: argparse.Namespace) -> int:
         for name, done in summaries.items():
             for warning in done["warnings"]:
                 print_notice(f"warning: {name}: {warning}")
-    return max(int(done["failed_states"] > 0) for done in summaries.values())
+    return max(_status(options, done) for done in summaries.values())
 
 
 def _asked(options: argparse.Namespace, measurements: SwatchMeasurements, model: YarnModel) -> str:

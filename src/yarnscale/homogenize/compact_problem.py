@@ -296,7 +296,8 @@ class Problem:
         if not np.all(np.isfinite(size)):
             return np.inf
         near = np.minimum(size, _HUBER)
-        return float((near * (2 * size - near)).sum())
+        with np.errstate(over="ignore"):  # a trial far off; infinite is rejected, too
+            return float((near * (2 * size - near)).sum())
 
     def _normal(self, unknowns: Array, weights: Array, residuals: Array) -> Array:
         """Upper triangle of the matrix of the Gauss–Newton step, in single precision."""
