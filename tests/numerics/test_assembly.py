@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from yarnscale.numerics.affine import CopiedNodes
 from yarnscale.numerics.assembly import StencilSet
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.energy import StencilEnergy
+from yarnscale.numerics.energy import Steadied, StencilEnergy
 from yarnscale.numerics.factor import SymmetricPattern
-from yarnscale.numerics.kernel import BLOCK
+from yarnscale.numerics.kernel import BLOCK, run_columns
 
 
 def _function(v, p):  # type: ignore[no-untyped-def]
@@ -179,3 +179,22 @@ def test_infinite_elements_make_the_sum_infinite_and_not_nan() -> None:
     full = np.ones(15)
     full[6:9] = 0.0
     assert stencils.value(full) == np.inf
+
+
+def test_a_steadied_hessian_leaves_out_a_share_of_the_softening() -> None:
+    def energy(share: float) -> StencilEnergy:
+        def function(v, p):
+            return Steadied(ca.dot(v["a"], v["a"]), lambda square: ca.sqrt(1.0 + square), share)
+
+        return StencilEnergy(f"steadied_{10 * share:.0f}", {"a": 3}, {}, function)
+
+    a, none = np.array([[0.3, -0.5, 2.0]]), np.empty((1, 0))
+    square = float(a[0] @ a[0])
+    root = np.sqrt(1.0 + square)
+    for share in (0.0, 0.6, 1.0):
+        value, gradient, lower = (column.ravel() for column in run_columns(energy(share).hessian, a, none))
+        assert value == pytest.approx(root)
+        np.testing.assert_allclose(gradient, a[0] / root)
+        softening = np.outer(a[0], a[0]) / root**3
+        expected = np.eye(3) / root - (1.0 - share) * softening
+        np.testing.assert_allclose(lower, expected[np.tril_indices(3)], atol=1e-14)

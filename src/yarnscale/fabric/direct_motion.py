@@ -73,7 +73,7 @@ class MotionSettings:
 
     An implicit step is done where forces left over fall below ``tolerance`` times the weight of the fabric, or with the
     first Newton iteration that gains less than ``enough`` of the energy m (g Δt)²/2 of the fabric after a step of free
-    fall: velocities are then off by about its root, 10 %, of g Δt. iterations: the most of Newton in a step. method: of
+    fall: velocities are then off by about its root, 5 %, of g Δt. iterations: the most of Newton in a step. method: of
     steps; explicit ones are as long as is stable. integrator: of implicit ones; BDF2 is of second order without damping
     and friction.
     """

@@ -28,7 +28,7 @@ from yarnscale.kinematics import GRAVITY
 
 Integrator = Literal["euler", "bdf2"]
 
-ENOUGH = 0.01
+ENOUGH = 0.003
 """Steps of yarns that are moved end where an iteration gains less than this share of ``fall_energy``."""
 LARGEST_GROWTH = 1.0 + math.sqrt(2.0)
 """Ratio of two steps from which BDF2 with variable steps is unstable."""

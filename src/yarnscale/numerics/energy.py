@@ -25,7 +25,20 @@ class LinearTerms:
     terms: Sequence[tuple[ca.DM, Callable[[Symbol], Symbol | LinearTerms]]]
 
 
-EnergyFunction = Callable[[Mapping[str, Symbol], Mapping[str, Symbol]], "Symbol | LinearTerms"]
+@dataclass(frozen=True)
+class Steadied:
+    """Energy outer(inner(v)), with a Hessian that leaves out a share of the second derivative of ``outer``.
+
+    Where ``outer`` is concave, as the work of a slider by the square of its way, the exact Hessian is soft along
+    motion that the energy soon resists, and Newton's method overshoots; with the whole share left out it never does.
+    """
+
+    inner: Symbol
+    outer: Callable[[Symbol], Symbol]
+    share: float
+
+
+EnergyFunction = Callable[[Mapping[str, Symbol], Mapping[str, Symbol]], "Symbol | LinearTerms | Steadied"]
 _Lower = dict[tuple[int, int], Symbol]
 
 
@@ -39,7 +52,7 @@ class StencilEnergy:
     """A scalar energy of a stencil: named variables, named per-element parameters, one symbolic function.
 
     variables, parameters: name → number of components, in the order of the columns of a stencil.
-    function(variables, parameters): the energy as a CasADi scalar (or ``LinearTerms``) of those names.
+    function(variables, parameters): the energy as a CasADi scalar (or ``LinearTerms``, ``Steadied``) of those names.
     """
 
     name: str
@@ -97,7 +110,7 @@ class StencilEnergy:
         mixed = ca.jacobian(by_parameter, q)
         return self._compile("mixed_" + "_".join(names), [q, p], [by_parameter, ca.vec(ca.densify(mixed))])
 
-    def _symbolic(self) -> tuple[Symbol, Symbol, Symbol | LinearTerms]:
+    def _symbolic(self) -> tuple[Symbol, Symbol, Symbol | LinearTerms | Steadied]:
         q, p = ca.SX.sym("q", self.variable_count), ca.SX.sym("p", self.parameter_count)
         return q, p, self.function(_named(q, self.variables), _named(p, self.parameters))
 
@@ -114,8 +127,10 @@ def _named(column: Symbol, sizes: Mapping[str, int]) -> dict[str, Symbol]:
     return parts
 
 
-def _scalar(energy: Symbol | LinearTerms, variables: Symbol) -> Symbol:
+def _scalar(energy: Symbol | LinearTerms | Steadied, variables: Symbol) -> Symbol:
     """The energy as one scalar of ``variables``."""
+    if isinstance(energy, Steadied):
+        return energy.outer(energy.inner)
     if not isinstance(energy, LinearTerms):
         return energy
     total = ca.SX(0)
@@ -125,13 +140,16 @@ def _scalar(energy: Symbol | LinearTerms, variables: Symbol) -> Symbol:
     return total
 
 
-def _derivatives(energy: Symbol | LinearTerms, variables: Symbol) -> tuple[Symbol, Symbol, _Lower]:
+def _derivatives(energy: Symbol | LinearTerms | Steadied, variables: Symbol) -> tuple[Symbol, Symbol, _Lower]:
     """Value, gradient and lower Hessian entries with respect to ``variables`` (a column of plain symbols)."""
     n = variables.numel()
     if not isinstance(energy, LinearTerms):
-        hessian, gradient = ca.hessian(energy, variables)
+        value = _scalar(energy, variables)
+        hessian, gradient = (
+            _steadied(energy, variables) if isinstance(energy, Steadied) else ca.hessian(value, variables)
+        )
         entries = {(i, j): hessian[i, j] for i, j in lower_triangle(n) if hessian.sparsity().has_nz(i, j)}
-        return energy, gradient, entries
+        return value, gradient, entries
     value, gradient, entries = ca.SX(0), ca.SX.zeros(n), {}
     for matrix, inner in energy.terms:
         mapped = ca.SX.sym("u", matrix.size1())
@@ -145,6 +163,15 @@ def _derivatives(energy: Symbol | LinearTerms, variables: Symbol) -> tuple[Symbo
         for (row, column), entry in zip(inner_entries, placed, strict=True):
             _accumulate(entries, matrix, row, column, entry)
     return value, gradient, entries
+
+
+def _steadied(energy: Steadied, variables: Symbol) -> tuple[Symbol, Symbol]:
+    """Hessian, without the share that is left out, and gradient."""
+    argument = ca.SX.sym("u")
+    second, first = ca.hessian(energy.outer(argument), argument)
+    second, first = (ca.substitute(part, argument, energy.inner) for part in (second, first))
+    hessian, gradient = ca.hessian(energy.inner, variables)
+    return first * hessian + (1.0 - energy.share) * second * (gradient @ gradient.T), first * gradient
 
 
 def _accumulate(entries: _Lower, matrix: ca.DM, row: int, column: int, entry: Symbol) -> None:

@@ -7,6 +7,7 @@ do), which takes energy away whatever the step.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -16,32 +17,38 @@ import numpy as np
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import not_negative
 from yarnscale.numerics.assembly import StencilSet
-from yarnscale.numerics.energy import StencilEnergy, Symbol
+from yarnscale.numerics.energy import Steadied, StencilEnergy, Symbol
 from yarnscale.numerics.kernel import run_columns
 
 _SWEEPS = 10
 """Rounds over all pairs that rub in an explicit step."""
 
 
-def _rub(v: dict[str, Symbol], p: dict[str, Symbol]) -> Symbol:
-    s, t = p["place"][0], p["place"][1]
-    slip = (1 - s) * v["a0"] + s * v["a1"] - (1 - t) * v["b0"] - t * v["b1"] - p["offset"]
-    across = slip - p["normal"] * ca.dot(p["normal"], slip)
-    square, limit = ca.dot(across, across), p["smooth"] ** 2
-    return p["force"] * (0.5 * ca.fmin(square, limit) / p["smooth"] + ca.sqrt(ca.fmax(square, limit)) - p["smooth"])
+def _rubbing(share: float) -> Callable[[dict[str, Symbol], dict[str, Symbol]], Steadied]:
+    def rub(v: dict[str, Symbol], p: dict[str, Symbol]) -> Steadied:
+        s, t = p["place"][0], p["place"][1]
+        slip = (1 - s) * v["a0"] + s * v["a1"] - (1 - t) * v["b0"] - t * v["b1"] - p["offset"]
+        across = slip - p["normal"] * ca.dot(p["normal"], slip)
+
+        def work(square: Symbol) -> Symbol:
+            most, limit = p["smooth"], p["smooth"] ** 2
+            return p["force"] * (0.5 * ca.fmin(square, limit) / most + ca.sqrt(ca.fmax(square, limit)) - most)
+
+        return Steadied(ca.dot(across, across), work, share)
+
+    return rub
 
 
-FRICTION = StencilEnergy(
-    "yarn_friction",
-    {"a0": 3, "a1": 3, "b0": 3, "b1": 3},
-    {"place": 2, "offset": 3, "normal": 3, "force": 1, "smooth": 1},
-    _rub,  # type: ignore[arg-type]
-)
+_POINTS = {"a0": 3, "a1": 3, "b0": 3, "b1": 3}
+_PAIR = {"place": 2, "offset": 3, "normal": 3, "force": 1, "smooth": 1}
+FRICTION = StencilEnergy("yarn_friction", _POINTS, _PAIR, _rubbing(0.0))  # type: ignore[arg-type]
 """Spring and slider: μ N |u|²/2h where |u| < h, μ N (|u| − h/2) beyond; ``force`` μ N, ``smooth`` h.
 
 u is the slip across the pressure since ``offset``. It is the least, over the slid way p, of ½ k |u − p|² + μ N |p| with
 k = μ N/h, and the force is never more than μ N.
 """
+STEADY_FRICTION = StencilEnergy("steady_yarn_friction", _POINTS, _PAIR, _rubbing(0.6))  # type: ignore[arg-type]
+"""The same with a Hessian for steps of large fabrics, in which many pairs begin to slide or turn back at once."""
 
 
 @dataclass(frozen=True, eq=False)

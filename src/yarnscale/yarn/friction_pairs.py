@@ -13,6 +13,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.numerics.assembly import StencilSet, position_variables
+from yarnscale.numerics.energy import StencilEnergy
 from yarnscale.yarn.friction import FRICTION, Rubbing, YarnFriction
 from yarnscale.yarn.strands import Strands
 
@@ -88,17 +89,18 @@ class FrictionPairs:
         apart, normal, spring = np.einsum("kij,kvj->vki", frames[self.pairs[:, 0]], vectors)
         return replace(self, apart=apart, normal=normal, spring=spring)
 
-    def stencils(self, strands: Strands, frames: Array) -> StencilSet:
+    def stencils(self, strands: Strands, frames: Array, energy: StencilEnergy = FRICTION) -> StencilSet:
         """Friction since the state, on nodes of copies; frames: (n, 3, 3) rotations at the primary vertices.
 
-        Pairs whose copy is not among the strands are left out, and those that slide without any force.
+        energy: ``FRICTION`` or ``STEADY_FRICTION``. Pairs whose copy is not among the strands are left out, and those
+        that slide without any force.
         """
         kept, nodes = self._nodes(strands)
         turn = frames[self.pairs[kept, 0]]
         offset, normal = (np.einsum("kij,kj->ki", turn, v[kept]) for v in (self.apart - self.spring, self.normal))
         limit = self.limit[kept]
         parameters = np.column_stack([self.place[kept], offset, normal, limit, limit / self.stiffness[kept]])
-        return StencilSet(FRICTION, position_variables(nodes), parameters, 4)
+        return StencilSet(energy, position_variables(nodes), parameters, 4)
 
     def turned(self, strands: Strands) -> tuple[Integers, Array]:
         """Vertices (k,) whose frames the stencils turn with, and the vectors (k, 2, 3) in them: offset and normal."""
