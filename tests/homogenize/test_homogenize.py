@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from yarnscale.errors import InputError
 from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material
 from yarnscale.files.visited import visited_strains
+from yarnscale.homogenize.compact_fit import CompactOptions
 from yarnscale.homogenize.homogenize import errors_at, fit, fit_published
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
@@ -22,6 +25,15 @@ from yarnscale.shell.state import ClothState
 
 COMMAND = ["homogenize", "plain", "--solves", "60", "--workers", "2"]
 RANGE = ["--form", "hylc2020", "--stretch", "-0.05,0.2", "--shear", "0.15", "--curvature", "0.03"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_fit() -> Iterator[None]:
+    """Fits of few numbers and steps."""
+    few = partial(CompactOptions, steps=6, springs=16, rounds=10, iterations=40, starts=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("yarnscale.homogenize.compact_fit.CompactOptions", few)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any
 
@@ -33,18 +34,60 @@ _THREADS = (
 )
 
 
+_KEPT: ContextVar[dict[int, ProcessPoolExecutor] | None] = ContextVar("kept", default=None)
+
+
+def _pool(count: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=prepare)
+
+
+def _living(pools: dict[int, ProcessPoolExecutor], count: int) -> ProcessPoolExecutor:
+    """The pool of so many processes, a new one where there is none or its processes died."""
+    if count in pools:
+        with suppress(BrokenProcessPool):
+            pools[count].submit(int).result()
+            return pools[count]
+    pools[count] = _pool(count)
+    return pools[count]
+
+
+@contextmanager
+def _ending(pools: Collection[ProcessPoolExecutor]) -> Iterator[Collection[ProcessPoolExecutor]]:
+    """Shut pools down in the end, without waiting for what is left to do where the block fails."""
+    try:
+        yield pools
+    except BaseException:
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    for pool in pools:
+        pool.shutdown()
+
+
+@contextmanager
+def kept_workers() -> Iterator[None]:
+    """Within, processes of ``local_workers`` serve one use of it after the other: each takes seconds to start."""
+    pools: dict[int, ProcessPoolExecutor] = {}
+    token = _KEPT.set(pools)
+    try:
+        with _ending(pools.values()):
+            yield
+    finally:
+        _KEPT.reset(token)
+
+
 @contextmanager
 def local_workers(count: int) -> Iterator[Executor]:
     """Processes on this machine, spawned (never forked), one numerical thread each."""
     kept = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=prepare) as pool:
-            try:
+        kept_pools = _KEPT.get()
+        if kept_pools is not None:
+            yield _living(kept_pools, count)
+        else:
+            with _ending([_pool(count)]) as (pool,):
                 yield pool
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
     finally:
         for name, value in kept.items():
             if value is None:

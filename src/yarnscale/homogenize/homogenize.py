@@ -14,6 +14,7 @@ from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.checked import checked
 from yarnscale.errors import InputError
 from yarnscale.homogenize.compact_fit import CompactOptions, StressErrors, fit_compact_material
+from yarnscale.homogenize.executors import kept_workers
 from yarnscale.homogenize.friction_fit import with_friction
 from yarnscale.homogenize.friction_paths import check_friction, friction_paths
 from yarnscale.homogenize.load_samples import UNSEEN_SHARE, sample_loads
@@ -97,6 +98,7 @@ def _states_of(store: SampleStore) -> FabricStates:
 
 
 @checked
+@kept_workers()
 def homogenize(
     cell: PeriodicCell,
     folder: Path,

@@ -60,7 +60,8 @@ class Directional:
     """
 
     def __init__(self, x: Array, directions: Array, *, mirrored: bool) -> None:
-        self.x, self.directions = x, directions
+        # Of one layout, for which loops are compiled once.
+        self.x, self.directions = np.ascontiguousarray(x), np.ascontiguousarray(directions)
         self.signs = np.array(images_of(mirrored), dtype=x.dtype)
 
     def part(self, states: slice) -> Directional:
@@ -104,7 +105,7 @@ class Directional:
         tail[:6] *= springs.background
         result = np.zeros(sum(sizes_of(*network.bends.shape)), self.x.dtype)
         result[-7:] = tail
-        _add_pulled_back(self.x, self.directions, self.signs, network, adjoint, result)
+        _add_pulled_back(self.x, self.directions, self.signs, network, np.ascontiguousarray(adjoint), result)
         return result
 
 
@@ -140,8 +141,9 @@ def _forward(x, v, network, layers):
     sigma, a1, h1, h2, psi, u1, u2 = layers
     steps, springs = network.bends.shape
     u = psi[0]
-    u[:] = network.spring_offsets
     u1[:], u2[:] = 0.0, 0.0
+    for k in range(springs):  # numba compiles an array's assignment with all that its error may say
+        u[k] = network.spring_offsets[k]
     for i in range(6):
         for k in range(springs):
             u[k] += network.springs[i, k] * x[i]
