@@ -130,7 +130,7 @@ class PairContact:
         count = len(close.distances)
         pairs = close.vertices if grip is None else np.concatenate([close.vertices, grip.close.vertices])
         graph, vertices = self._graph(pairs)
-        slots = graph.slots(vertices).transpose(0, 2, 1).reshape(-1, 10)[: len(pairs)]
+        slots = np.ascontiguousarray(graph.slots(vertices).transpose(0, 2, 1).reshape(-1, 10)[: len(pairs)])
         blocks = np.zeros((graph.pattern.entries, 9))
         self._add_repulsion(close, everything, slots[:count], blocks)
         if grip is not None:
