@@ -10,7 +10,7 @@ import numpy as np
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.checked import checked
-from yarnscale.errors import InputError
+from yarnscale.errors import InputError, positive
 from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import MeshObstacle, Obstacle, Sphere
 from yarnscale.motion.rigid import Motion
@@ -23,9 +23,6 @@ from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import SHEET, SPACING, Scene, measure_sheet
 from yarnscale.shell.scenes.thickness import cloth_thickness
 from yarnscale.shell.state import ClothState
-
-_KNEE = 0.02
-"""Radius of the ball that makes a bag [m]."""
 
 
 def _scene(
@@ -70,23 +67,30 @@ def drape_on_ball(material: ShellMaterial, *, spacing: float = SPACING, duration
 
 
 @checked
-def bagging(material: ShellMaterial, *, spacing: float = 0.006, depth: float = 0.03, duration: float = 2.0) -> Scene:
-    """A sheet of 12 cm held at its edges, through which a ball swings like a knee; what remains is its bag.
+def bagging(
+    material: ShellMaterial, *, size: float = 0.12, spacing: float | None = None, depth: float | None = None,
+    duration: float = 2.0,
+) -> Scene:  # fmt: skip
+    """A square sheet held at its edges, through which a ball swings like a knee; what remains is its bag.
 
-    depth: of the ball's lowest point [m], below 0.045; 0: it passes above. Measures: ``sag``, depth of the middle, and
-    ``mean_sag`` of the whole sheet [m]. An elastic sheet hangs as if there had been no ball.
+    size: of the sheet [m], six times the radius of the ball. spacing: [m], default a twentieth of the size. depth: of
+    the ball's lowest point [m], default a quarter, at most 3/8 of the size; 0: it passes above. Measures: ``sag``,
+    depth of the middle, and ``mean_sag`` of the whole sheet [m]. An elastic sheet hangs as if there had been no ball.
     """
-    if not (math.isfinite(depth) and 0.0 <= depth <= 0.045):
-        raise InputError("depth of the ball", expected="between 0 and 0.045 m", found=depth)
-    mesh = rectangle(0.12, 0.12, spacing)
+    positive("size", size)
+    spacing = size / 20 if spacing is None else spacing
+    depth, most = size / 4 if depth is None else depth, 0.375 * size
+    if not (math.isfinite(depth) and 0.0 <= depth <= most):
+        raise InputError("depth of the ball", expected=f"between 0 and {most:g} m", found=depth)
+    mesh = rectangle(size, size, spacing)
     start = ClothState.flat(mesh)
     settings = ContactSettings(cloth_thickness(material, mesh), friction=0.2)
-    rim = np.flatnonzero(np.abs(mesh.panel).max(axis=1) > 0.06 - 0.5 * spacing)
-    height = _KNEE + 0.005
-    arm = height - _KNEE + depth if depth else 0.01
-    pivot = (0.0, 0.0, height if depth else height + arm)
+    rim = np.flatnonzero(np.abs(mesh.panel).max(axis=1) > 0.5 * size - 0.5 * spacing)
+    above, radius = size / 24, size / 6
+    arm = above + depth if depth else size / 12
+    pivot = (0.0, 0.0, radius + above + (0.0 if depth else arm))
     swing = Motion((0.0, 0.0, 0.0), 0.2 * duration, 0.4 * duration, rotation=(0.0, -math.pi, 0.0), pivot=pivot)
-    ball = Sphere((-arm, 0.0, pivot[2]), _KNEE, swing)
+    ball = Sphere((-arm, 0.0, pivot[2]), radius, swing)
     handle = Handle("rim", rim, start.positions[rim])
     scene = _scene("bagging", mesh, start, material, duration, settings, (handle,), (ball,))
     middle = mesh.nearest_vertex(np.zeros(2))
