@@ -85,7 +85,7 @@ def fitted(folder: Path, friction: YarnFriction) -> str:
     material, yarns = read_material(elastic), read_yarns(drawn)
     assert isinstance(material, CompactMaterial) and yarns is not None
     cell, began = PeriodicCell(read_pattern(drawn), yarns), processor()
-    paths = friction_paths(cell, material, friction, limit=LIMIT, folder=folder / "friction")
+    paths = friction_paths(cell, friction, limit=LIMIT, folder=folder / "friction")
     walked = processor() - began
     material = with_friction(material, paths, friction.coefficient)
     write_material(folder / "material.json", material)

@@ -123,7 +123,8 @@ def test_friction_that_cannot_be_tested_is_refused_in_one_line(shell, tmp_path, 
 def test_a_shell_that_remembers_is_tested_in_cycles_and_exported_without_friction(tmp_path, capsys):
     none = SpringNetwork(*(np.zeros(tuple(shape)) for shape in shapes_of(1, 1, 1)))
     springs = none._replace(background=np.array([8.0, 8.0, 8.0, 0.1, 0.1, 0.1]))
-    sliders = Sliders.checked(np.eye(6), np.zeros((6, 1)), np.full(6, 4.0), np.zeros(6), 0.02 * np.eye(6))
+    growth = 0.02 * np.eye(6)
+    sliders = Sliders.checked(np.eye(6), np.zeros((6, 1)), np.full(6, 4.0), np.zeros(6), growth, growth)
     scale = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
     file, out = tmp_path / "felt.json", tmp_path / "tested"
     ys.write_material(file, CompactMaterial(0.0, scale, springs, density=0.2, sliders=sliders))

@@ -66,17 +66,17 @@ def test_a_compact_material_comes_back_to_the_last_bit(tmp_path, counts):
 
 
 def test_friction_comes_back_and_is_refused_where_it_is_broken(tmp_path):
-    sliders = Sliders.checked(np.eye(6)[:2], [[0.5], [-0.1]], [3.0, 1 / 3], [0.0, 0.02], np.full((2, 6), 0.01))
+    sliders = Sliders.checked(np.eye(6)[:2], [[0.5], [-0.1]], [3.0, 1 / 3], [0.0, 0.02], *np.full((2, 2, 6), 0.01))
     material, path = replace(compact_material(1, 1, 0), sliders=sliders), tmp_path / "material.json"
     write_material(path, material)
     back = read_material(path)
     assert isinstance(back, CompactMaterial) and back.sliders is not None
     for ours, theirs in zip(sliders, back.sliders, strict=True):
         np.testing.assert_allclose(theirs, ours, rtol=1e-8)
-    write_changed(path, material, lambda c: c["friction"].update(growth=[[1.0]]))
-    with pytest.raises(InputError, match="growth"):
+    write_changed(path, material, lambda c: c["friction"].update(along=[[1.0]]))
+    with pytest.raises(InputError, match="along"):
         read_material(path)
-    write_changed(path, material, lambda c: c["friction"]["units"].update(growth="m/N"))
+    write_changed(path, material, lambda c: c["friction"]["units"].update({"along, against": "m/N"}))
     with pytest.raises(InputError, match="m\\^2/J"):
         read_material(path)
 

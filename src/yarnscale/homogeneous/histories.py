@@ -58,19 +58,23 @@ class _RareModuli(CellFabric):
         return self.known[-1]
 
 
-def under_loads(loads: Loads, prescribed: Prescribed) -> Callable[[Any, Any], Any]:
+def under_loads(loads: Loads, prescribed: Prescribed, *, rough: float | None = None) -> Callable[[Any, Any], Any]:
     """The solve of a step (``step`` of either history) under loads with some strains prescribed.
 
-    Iterations of a cell use moduli of earlier responses; whether it ends at a minimum, its own moduli decide.
+    Iterations of a cell use moduli of earlier responses; whether it ends at a minimum, its own moduli decide. rough:
+    share of the loads that a cell may miss instead, at any equilibrium of its yarns.
     """
     known: list[Array] = []
 
     def of_cell(cell: PeriodicCell, near: Equilibrium) -> Equilibrium | None:
         fabric = _RareModuli(cell, known)
         start = fabric.response(near.strain.vector, Response.of(near))
-        found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start)
+        tolerance = {} if rough is None else {"tolerance": rough}
+        found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start, **tolerance)
         if not found.converged:
             return None
+        if rough is not None:
+            return found.response.state
         known[:] = [moduli_or_nan(CellFabric(cell), found.response)]
         found = replace(found, moduli=known[0])
         found = equilibrium_under(CellFabric(cell), loads, prescribed=prescribed, start=found)

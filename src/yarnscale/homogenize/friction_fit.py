@@ -47,8 +47,9 @@ class _Trace:
     """A path over scaled strains.
 
     features: of each image (I, n, 6 + R), the scaled strains and the steps of the energy, and their derivatives
-    (I, n, 6 + R, 6) by the strains; pressures: one and the elastic stresses (n, 7); stress of friction and weights
-    (n, 6); works: matrices (legs, n, 6) that give weighted work of a stress.
+    (I, n, 6 + R, 6) by the strains; pressures: of each image, for springs that are pulled and pushed (I, 2, n, 13), one
+    and the elastic stresses along them and against them; stress of friction and weights (n, 6); works: matrices
+    (legs, n, 6) that give weighted work of a stress.
     """
 
     features: Array
@@ -98,10 +99,16 @@ def _trace(material: CompactMaterial, path: FrictionPath) -> _Trace:
     weights = (_AT_REST + moved / max(float(moved.max()), 1e-300)) / size[:, None]
     weights /= max(float(np.linalg.norm(weights * wanted)), _LEAST)
     # Limits grow with the elastic stresses that the cloth will have.
-    pressures = np.concatenate([np.ones((len(x), 1)), np.abs(fitted)], axis=1)
-    features, slopes = zip(*(_features(material, sign, x) for sign in images_of(material.mirrored)), strict=True)
+    images = images_of(material.mirrored)
+    pressures = np.array([[_pressures(side * sign * fitted) for side in (1.0, -1.0)] for sign in images])
+    features, slopes = zip(*(_features(material, sign, x) for sign in images), strict=True)
     works = _works(moves, wanted + elastic)
     return _Trace(np.array(features), np.array(slopes), pressures, wanted, weights, works)
+
+
+def _pressures(stress: Array) -> Array:
+    """One and the parts of a stress (n, 6) along a spring and against it, (n, 13)."""
+    return np.concatenate([np.ones((len(stress), 1)), np.maximum(stress, 0.0), np.maximum(-stress, 0.0)], axis=1)
 
 
 def _features(material: CompactMaterial, sign: Array, x: Array) -> tuple[Array, Array]:
@@ -135,26 +142,27 @@ def _works(moves: Array, stress: Array) -> Array:
 
 
 def _start(rng: np.random.Generator, width: int) -> Array:
-    """Unknowns (COUNT, width + 7) of random directions, from sliders that move at once to ones that hardly do."""
+    """Unknowns (COUNT, width + 13) of random directions, from sliders that move at once to ones that hardly do."""
     directions = rng.normal(size=(COUNT, width))
     directions[:, 6:] *= 0.1
     slips = np.geomspace(_NARROW, _WIDE, COUNT)
     roots = np.sqrt(_GUESS / slips / COUNT)
     directions *= (roots / np.linalg.norm(directions[:, :6], axis=1))[:, None]
-    growth = np.sqrt(slips * roots / np.sqrt(6.0))[:, None] * np.ones((1, 6))
+    growth = np.sqrt(slips * roots / np.sqrt(6.0))[:, None] * np.ones((1, 12))
     rest = np.sqrt(_AT_REST_LIMIT) * growth[:, :1]
     return np.concatenate([directions, rest, growth], axis=1)
 
 
 def sliders_of(unknowns: Array) -> Sliders:
-    """Sliders of unknowns (COUNT, 6 + R + 7)."""
+    """Sliders of unknowns (COUNT, 6 + R + 13)."""
     roots = np.maximum(np.linalg.norm(unknowns[:, :6], axis=1), 1e-9)  # those that faded away are zero
-    directions, limits = unknowns[:, :-7] / roots[:, None], unknowns[:, -7:] ** 2 / roots[:, None]
-    return Sliders.checked(directions[:, :6], directions[:, 6:], roots**2, limits[:, 0], limits[:, 1:])
+    directions, limits = unknowns[:, :-13] / roots[:, None], unknowns[:, -13:] ** 2 / roots[:, None]
+    parts = limits[:, 0], limits[:, 1:7], limits[:, 7:]
+    return Sliders.checked(directions[:, :6], directions[:, 6:], roots**2, *parts)
 
 
 class _Problem:
-    """Unknowns of each slider: √c a (6), √c b (R), and the roots (7) of √c y at rest and of its growth."""
+    """Unknowns of each slider: √c a (6), √c b (R), and the roots (13) of √c y at rest and of its growth."""
 
     def __init__(self, traces: Sequence[_Trace]) -> None:
         self.traces = traces
@@ -221,13 +229,14 @@ def _followed(features: NDArray, slopes: NDArray, pressures: NDArray, unknowns: 
             pull = 0.0
             slope[:] = 0.0
             for i in range(1, n):
-                u, y = pull, LEAST_LIMIT
+                u = pull
                 for j in range(f):
                     step[j] = features[image, i, j] - features[image, i - 1, j]
                     u += numbers[j] * step[j]
+                sign, side, y = (1.0, 0, LEAST_LIMIT) if u >= 0.0 else (-1.0, 1, LEAST_LIMIT)
                 for j in range(size - f):
-                    y += numbers[f + j] ** 2 * pressures[i - 1, j]
-                sign, width = 1.0 if u >= 0.0 else -1.0, 2.0 * ROUNDING * y
+                    y += numbers[f + j] ** 2 * pressures[image, side, i - 1, j]
+                width = 2.0 * ROUNDING * y
                 over = abs(u) - (1.0 - ROUNDING) * y
                 share, beyond = min(max(over / width, 0.0), 1.0), max(over - width, 0.0)
                 pull = u - sign * (0.5 * width * share * share + beyond)
@@ -240,7 +249,7 @@ def _followed(features: NDArray, slopes: NDArray, pressures: NDArray, unknowns: 
                     slope[j] = (1.0 - share) * (slope[j] + step[j])
                 for j in range(size - f):
                     slope[f + j] *= 1.0 - share
-                    slope[f + j] += 2.0 * by_limit * numbers[f + j] * pressures[i - 1, j]
+                    slope[f + j] += 2.0 * by_limit * numbers[f + j] * pressures[image, side, i - 1, j]
                 direction[:] = 0.0
                 for j in range(f):
                     for c in range(6):

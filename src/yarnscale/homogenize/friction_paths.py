@@ -1,15 +1,15 @@
 """Paths of a cell with friction for a shell material: tension, shear and bending in cycles of growing amplitude.
 
-Strains are those of the elastic material with a guess of friction under cycles of loads: friction keeps fabric off the
-states into which a frictionless one slips. The cell follows them with friction, and once more without.
+The cell goes through cycles of loads with friction, and along the same strains without. States of a frictionless
+fabric under the same loads would not do: friction keeps fabric off the states into which that slips.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from zipfile import BadZipFile
@@ -17,26 +17,24 @@ from zipfile import BadZipFile
 import numpy as np
 
 from yarnscale.arrays import Array
+from yarnscale.cell.equilibrium import Equilibrium
 from yarnscale.cell.friction import CellHistory
 from yarnscale.cell.periodic import PeriodicCell
 from yarnscale.errors import InputError
-from yarnscale.homogeneous.histories import followed, history_of, loaded_state, path_with_friction, under_loads
+from yarnscale.homogeneous.histories import followed, history_of, path_with_friction, under_loads
 from yarnscale.homogeneous.loads import FLAT, Loads, Prescribed
 from yarnscale.homogenize.sample import SamplingProgress, work_off
 from yarnscale.homogenize.units import Task
 from yarnscale.homogenize.worker import peak_megabytes
 from yarnscale.kinematics import ShellStrain
-from yarnscale.shell.materials.compact import CompactMaterial
-from yarnscale.shell.materials.friction import Sliders
 from yarnscale.yarn.friction import YarnFriction
 
 COUNT = 10
 """Sliders of a fitted material."""
 STEPS = 12
 """Steps between two turns."""
-_GUESS, _SLIP, _ACROSS = 0.3, 0.02, 0.1
-"""Of the guess: limits over elastic stresses, scaled strain at which sliders move under 1 J/m², and share
-of other stresses in the limit."""
+_ROUGH = 0.03
+"""Share of the loads that a state may miss: its strain and stress are what counts."""
 _FIRST_STEP = 0.005
 """Stretch s_x of a first step."""
 _SMALL = 4e-4
@@ -65,17 +63,22 @@ class FrictionPath:
     elastic: Array
     complete: bool
 
+    @classmethod
+    def none(cls, name: str) -> FrictionPath:
+        """A path that could not begin."""
+        return cls(name, *np.zeros((3, 0, 6)), complete=False)
+
 
 def check_friction(cell: PeriodicCell, friction: YarnFriction) -> None:
     """InputError where a cell has no first step with friction, before anything long begins."""
-    first = _walked(cell, friction, "first step", np.outer([0.0, _FIRST_STEP], np.eye(6)[0]))
-    if not first.complete:
+    rest = cell.relax()
+    first = ShellStrain.from_vector(rest.strain.vector + _FIRST_STEP * np.eye(6)[0])
+    if not rest.usable or not list(path_with_friction(CellHistory.begin(cell, friction, rest), [first])):
         raise InputError("paths with friction", expected="a cell that rests and can be stretched", found="none")
 
 
 def friction_paths(
     cell: PeriodicCell,
-    material: CompactMaterial,
     friction: YarnFriction,
     *,
     limit: float,
@@ -84,30 +87,28 @@ def friction_paths(
     dask: str | None = None,
     progress: Callable[[SamplingProgress], None] | None = None,
 ) -> list[FrictionPath]:
-    """Paths of a cell for its elastic material, up to loads of ``limit`` [N/m].
+    """Paths of a cell up to loads of ``limit`` [N/m].
 
-    folder: where each path is kept once it is done; those of the same strains and friction are not walked again.
+    folder: where each path is kept once it is done; those of the same loads and friction are not walked again.
     workers, dask, progress: as of ``sample``.
     """
-    guessed = replace(material, sliders=_guess(material))
-    planned = {name: _strains(guessed, corners) for name, corners in _programme(cell.pattern.radius, limit)}
-    work = _PathUnits(folder, planned, friction)
+    work = _PathUnits(folder, dict(_programme(cell.pattern.radius, limit)), friction)
     work_off(work, cell, workers=workers, dask=dask, progress=progress)
-    missing = [FrictionPath(name, *np.zeros((3, 0, 6)), complete=False) for name in planned]
+    missing = [FrictionPath.none(name) for name in work.names]
     return [work.found.get(unit, path) for unit, path in enumerate(missing)]
 
 
 class _PathUnits:
     """Paths to walk, each on its own; kept as ``NAME.npz`` with what was asked for."""
 
-    def __init__(self, folder: Path, planned: Mapping[str, Array], friction: YarnFriction) -> None:
+    def __init__(self, folder: Path, planned: Mapping[str, Sequence[Corner]], friction: YarnFriction) -> None:
         self.folder, self.planned, self.friction = folder, planned, friction
         self.names, self.total = list(planned), len(planned)
         self.found = {unit: path for unit, name in enumerate(planned) if (path := self._kept(name)) is not None}
 
     def _asked(self, name: str) -> dict[str, Array]:
         return {
-            "planned": self.planned[name],
+            "corners": np.array([_numbers(*corner) for corner in self.planned[name]]),
             "friction": np.array(self.friction.coefficient),
         }
 
@@ -119,7 +120,7 @@ class _PathUnits:
                 arrays = [kept[key] for key in ("strains", "stresses", "elastic")]
         except (OSError, KeyError, ValueError, BadZipFile):
             return None
-        return FrictionPath(name, *arrays, complete=0 < len(arrays[0]) == len(self.planned[name]))
+        return FrictionPath(name, *arrays, complete=len(arrays[0]) == _length(self.planned[name]))
 
     def _file(self, name: str) -> Path:
         return self.folder / f"{name.replace(' ', '-')}.npz"
@@ -155,15 +156,6 @@ class _PathUnits:
         return sum(path.complete for path in self.found.values())
 
 
-def _guess(material: CompactMaterial) -> Sliders:
-    # As many sliders as the fitted material has, so that both share their kernels.
-    directions, stiffnesses, growth = np.zeros((COUNT, 6)), np.zeros(COUNT), np.full((COUNT, 6), _ACROSS * _SLIP)
-    directions[:6], stiffnesses[:6] = np.eye(6), _GUESS / _SLIP
-    growth[:6] += (1.0 - _ACROSS) * _SLIP * np.eye(6)
-    bends = np.zeros((COUNT, len(material.springs.steps)))
-    return Sliders.checked(directions, bends, stiffnesses, np.zeros(COUNT), growth)
-
-
 def _programme(radius: float, limit: float) -> Iterator[tuple[str, list[Corner]]]:
     """Names and corners of the cycles."""
     turns = [limit * share for pair in _AMPLITUDES for share in pair]
@@ -187,24 +179,14 @@ def _both(load: float) -> Loads:
     return Loads.tension(0.0, load) + Loads.tension(0.5 * math.pi, load)
 
 
-def _strains(material: CompactMaterial, corners: list[Corner]) -> Array:
-    """Strains (n, 6) of a material with friction through corners of loads, as far as it finds equilibria."""
-    here = history_of(material, None, corners[0][1])
-    if here is None:
-        return np.zeros((0, 6))
-    found = [loaded_state(here).strain]
-    for (loads, held), (next_loads, next_held) in pairwise(corners):
+def _length(corners: Sequence[Corner]) -> int:
+    """States of a path that is complete."""
+    return 1 + STEPS * (len(corners) - 1)
 
-        def solver(share: float) -> Callable:
-            values = held.values + share * (next_held.values - held.values)  # noqa: B023
-            return under_loads(_between(loads, next_loads, share), Prescribed(next_held.matrix, values))  # noqa: B023
 
-        leg = list(followed(here, 0.0, np.linspace(0.0, 1.0, STEPS + 1)[1:].tolist(), solver))
-        found += [loaded_state(history).strain for history in leg]
-        if len(leg) < STEPS:
-            break
-        here = leg[-1]
-    return np.array(found)
+def _numbers(loads: Loads, held: Prescribed) -> Array:
+    """A corner as numbers; those of a path have the same shape."""
+    return np.concatenate([np.ravel(loads.tensions), held.matrix.ravel(), held.values])
 
 
 def _between(first: Loads, last: Loads, share: float) -> Loads:
@@ -217,23 +199,39 @@ def _between(first: Loads, last: Loads, share: float) -> Loads:
     return Loads(tensions=tuple(mixed))
 
 
-def _walk(cell: PeriodicCell, friction: YarnFriction, name: str, strains: Array) -> tuple[FrictionPath, float]:
-    """``_walked`` as a worker calls it, with its peak memory [MB]."""
-    return _walked(cell, friction, name, strains), peak_megabytes()
+def _walk(
+    cell: PeriodicCell, friction: YarnFriction, name: str, corners: Sequence[Corner]
+) -> tuple[FrictionPath, float]:
+    """A path as a worker calls it, with its peak memory [MB]."""
+    return _walked(cell, friction, name, corners), peak_megabytes()
 
 
-def _walked(cell: PeriodicCell, friction: YarnFriction, name: str, strains: Array) -> FrictionPath:
-    """The cell along strains (n, 6), with friction and without."""
-    states = [ShellStrain.from_vector(strain) for strain in strains]
-    rest = cell.relax(states[0]) if states else None
-    if rest is None or not rest.usable:
-        return FrictionPath(name, *np.zeros((3, 0, 6)), complete=False)
-    start = CellHistory.begin(cell, friction, rest)
-    histories = [start, *path_with_friction(start, states[1:])]
-    elastic, here = [rest.stress], rest
-    for state in states[1 : len(histories)]:
-        found = cell.relax(state, start=here, nearby=True)
+def _walked(cell: PeriodicCell, friction: YarnFriction, name: str, corners: Sequence[Corner]) -> FrictionPath:
+    """The cell through corners of loads with friction, as far as it finds equilibria, and along its strains without."""
+    states = _under_loads(cell, friction, corners)
+    if not states:
+        return FrictionPath.none(name)
+    elastic, here = [states[0].stress], states[0]
+    for state in states[1:]:
+        found = cell.relax(state.strain, start=here, nearby=True)
         here = found if found.usable else here
         elastic.append(found.stress if found.usable else np.full(6, np.nan))
-    stresses = np.array([history.state.stress for history in histories])
-    return FrictionPath(name, strains[: len(histories)], stresses, np.array(elastic), len(histories) == len(states))
+    strains, stresses = (np.array(rows) for rows in zip(*((s.strain.vector, s.stress) for s in states), strict=True))
+    return FrictionPath(name, strains, stresses, np.array(elastic), complete=len(states) == _length(corners))
+
+
+def _under_loads(cell: PeriodicCell, friction: YarnFriction, corners: Sequence[Corner]) -> list[Equilibrium]:
+    """Equilibria of the cell with friction from corner to corner."""
+    here = history_of(cell, friction, corners[0][1])
+    found = [] if here is None else [here]
+    for number, ((loads, held), (next_loads, next_held)) in enumerate(pairwise(corners)):
+        if len(found) <= number * STEPS:
+            break
+
+        def solver(share: float) -> Callable:
+            values = held.values + share * (next_held.values - held.values)  # noqa: B023
+            at = Prescribed(next_held.matrix, values)  # noqa: B023
+            return under_loads(_between(loads, next_loads, share), at, rough=_ROUGH)  # noqa: B023
+
+        found += followed(found[-1], 0.0, np.linspace(0.0, 1.0, STEPS + 1)[1:].tolist(), solver)
+    return [history.state for history in found]

@@ -144,7 +144,7 @@ def homogenize(
         samples, unseen, summary = found.samples, found.unseen, found.summary
         if rubbing is not None:
             largest = limit or largest_load(cell)
-            paths = friction_paths(cell, material, rubbing, limit=largest, folder=folder / FRICTION, **run)
+            paths = friction_paths(cell, rubbing, limit=largest, folder=folder / FRICTION, **run)
             material = with_friction(material, paths, rubbing.coefficient)
     else:
         if friction is not None:

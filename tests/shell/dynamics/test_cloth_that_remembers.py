@@ -31,7 +31,7 @@ def material() -> CompactMaterial:
     """10 N/m along the course, and a slider of 3/10 of the elastic stress."""
     none = SpringNetwork(*(np.zeros(tuple(shape)) for shape in shapes_of(1, 1, 1)))
     growth = 0.01 * np.eye(6)[:1]
-    sliders = Sliders.checked(np.eye(6)[:1], np.zeros((1, 1)), np.array([30.0]), np.zeros(1), growth)
+    sliders = Sliders.checked(np.eye(6)[:1], np.zeros((1, 1)), np.array([30.0]), np.zeros(1), growth, growth)
     return CompactMaterial(0.0, SCALE, none._replace(background=np.full(6, 2.5)), density=0.2, sliders=sliders)
 
 

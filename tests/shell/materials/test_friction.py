@@ -30,10 +30,10 @@ def material(sliders: Sliders | None) -> CompactMaterial:
 def some_sliders(count: int = 5) -> Sliders:
     random = np.random.default_rng(3)
     directions, stiffnesses, growth = (
-        random.normal(size=(count, 6)), random.uniform(1, 20, count), random.uniform(0, 0.02, (count, 6)),
+        random.normal(size=(count, 6)), random.uniform(1, 20, count), random.uniform(0, 0.02, (2, count, 6)),
     )  # fmt: skip
     return Sliders.checked(
-        directions, random.normal(size=(count, 1)), stiffnesses, random.uniform(0, 0.01, count), growth
+        directions, random.normal(size=(count, 1)), stiffnesses, random.uniform(0, 0.01, count), *growth
     )
 
 
@@ -76,7 +76,7 @@ def test_random_paths_of_a_thousand_steps_lose_energy_in_every_step_and_stay_bou
     friction = np.array([history.force for history in found]) - fabric.stress(strain)
     pressure = np.abs(fabric.stress(strain) * SCALE).max()
     slopes = np.abs(sliders.directions) + np.abs(sliders.bends) @ np.abs(fabric.springs.steps)
-    limits = sliders.rest + sliders.growth.sum(axis=1) * pressure
+    limits = sliders.rest + np.maximum(sliders.along, sliders.against).sum(axis=1) * pressure
     most = sliders.stiffnesses @ (slopes * limits[:, None])
     assert (np.abs(friction * SCALE) <= most).all()
 
@@ -96,9 +96,9 @@ def test_work_is_energy_and_dissipation() -> None:
 
 
 def plain(directions: np.ndarray, stiffnesses: np.ndarray, growth: np.ndarray, rest: float = 0.0) -> Sliders:
-    """Sliders of constant directions."""
+    """Sliders of constant directions, whose limits are the same on either side."""
     count = len(stiffnesses)
-    return Sliders.checked(directions, np.zeros((count, 1)), stiffnesses, np.full(count, rest), growth)
+    return Sliders.checked(directions, np.zeros((count, 1)), stiffnesses, np.full(count, rest), growth, growth)
 
 
 def one_slider(limit: float = 0.1) -> tuple[CompactMaterial, float]:
@@ -126,6 +126,22 @@ def test_a_small_cycle_sticks_and_a_large_one_loses_what_a_slider_takes() -> Non
     large = cycled(0.4)
     loss = sum(h.dissipated for h in large[200:])
     assert loss == pytest.approx(4 * 50.0 * 0.1 * (0.4 - 0.1), rel=0.02)
+
+
+def test_a_slider_holds_more_along_a_stress_than_against_it() -> None:
+    """Stresses 8 x of either sign become 8 x (1 ± c h); a slider of the opposite direction has both exchanged."""
+    along, against = 0.03, 0.01
+    for sign in (1, -1):
+        growth = [share * np.eye(6)[:1] for share in (along, against)[::sign]]
+        fabric = material(Sliders.checked(sign * np.eye(6)[:1], np.zeros((1, 1)), [50.0], [0.0], *growth))
+        for side in (1.0, -1.0):
+            x = side * np.concatenate([np.linspace(0, 0.4, 801), np.linspace(0.4, 0.2, 401)[1:]])
+            start = MaterialHistory.begin(fabric, np.zeros(6))
+            found = followed(start, np.outer(x, np.eye(6)[0]) * SCALE)
+            for history, share in ((found[800], 50.0 * along), (found[-1], -50.0 * against)):
+                stress = 8.0 * history.strain[0] / SCALE[0]
+                assert history.force[0] * SCALE[0] == pytest.approx((1.0 + share) * stress, rel=0.01)
+            assert min(history.dissipated for history in found) >= -1e-12
 
 
 def test_a_spring_that_sticks_does_not_creep() -> None:
@@ -175,14 +191,16 @@ def test_the_mirror_image_of_a_path_has_the_mirrored_stress() -> None:
     ("change", "field"),
     [
         ({"stiffnesses": [-1.0]}, "stiffnesses"),
-        ({"growth": [[np.nan] * 6]}, "growth"),
+        ({"along": [[np.nan] * 6]}, "along"),
+        ({"against": [[-0.1] * 6]}, "against"),
         ({"directions": [1.0]}, "directions"),
         ({"rest": [-0.1]}, "rest"),
     ],
 )
 def test_sliders_that_do_not_match_are_refused(change: dict, field: str) -> None:
     good = {
-        "directions": [[1.0] * 6], "bends": [[0.0]], "stiffnesses": [1.0], "rest": [0.1], "growth": [[0.0] * 6],
+        "directions": [[1.0] * 6], "bends": [[0.0]], "stiffnesses": [1.0], "rest": [0.1], "along": [[0.0] * 6],
+        "against": [[0.0] * 6],
     }  # fmt: skip
     with pytest.raises(InputError, match=f"friction {field}"):
         Sliders.checked(*(good | change).values())

@@ -48,8 +48,8 @@ class FrictionKernels(NamedTuple):
 class ElementFriction:
     """A material with friction as elements use it: compiled kernels and their parameters (P, 1).
 
-    The memory (..., M, n) of n elements holds the places of all sliders, then their limits; both once more for the
-    mirror image, where the material has one (images: 2). size: M.
+    The memory (..., M, n) of n elements holds the places of all sliders, then their limits on either side; all once
+    more for the mirror image, where the material has one (images: 2). size: M.
     """
 
     kernels: FrictionKernels
@@ -66,7 +66,7 @@ class ElementFriction:
         images = len(images_of(mirrored))
         kernels = _kernels(*material.springs.counts, mirrored, sliders.count)
         parameters = np.concatenate([material.constants, sliders.numbers[:, None]])
-        return cls(kernels, parameters, 2 * sliders.count * images, images)
+        return cls(kernels, parameters, 3 * sliders.count * images, images)
 
     def slack(self, forms: Array) -> Array:
         """Memory of elements with forms (blocks, 6, n) whose springs are slack; n a multiple of LANES."""
@@ -75,9 +75,9 @@ class ElementFriction:
 
     def unlimited(self, memory: Array) -> Array:
         """The memory of springs that hold any extension: with it ψ + w is the energy that is stored."""
-        sliders = memory.shape[-2] // 2 // self.images
-        parts = memory.reshape(*memory.shape[:-2], self.images, 2, sliders, memory.shape[-1]).copy()
-        parts[..., 1, :, :] = _UNLIMITED
+        sliders = memory.shape[-2] // 3 // self.images
+        parts = memory.reshape(*memory.shape[:-2], self.images, 3, sliders, memory.shape[-1]).copy()
+        parts[..., 1:, :, :] = _UNLIMITED
         return parts.reshape(memory.shape)
 
     def after(self, forms: Array, memory: Array) -> tuple[Array, Array]:
@@ -92,7 +92,7 @@ class ElementFriction:
 def _kernels(steps: int, springs: int, walls: int, mirrored: bool, count: int) -> FrictionKernels:
     shapes, images = shapes_of(steps, springs, walls), images_of(mirrored)
     elastic = 7 + sum(int(np.prod(shape)) for shape in shapes)
-    size = elastic + (14 + steps) * count
+    size = elastic + (20 + steps) * count
 
     def slid(strains: ca.SX, numbers: ca.SX, memory: ca.SX) -> tuple[Any, list[Sliding]]:
         """The sliders, and how they slide in each image of the strains."""
@@ -100,7 +100,7 @@ def _kernels(steps: int, springs: int, walls: int, mirrored: bool, count: int) -
         sliders, x = unpacked(numbers[elastic:], count, steps), numbers[1:7] * strains
         return sliders, [
             _image(ca.DM(sign) * x, network, sliders, part)
-            for sign, part in zip(images, ca.vertsplit(memory, 2 * count), strict=True)
+            for sign, part in zip(images, ca.vertsplit(memory, 3 * count), strict=True)
         ]
 
     def energy(forms: ca.SX, numbers: ca.SX, memory: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -114,12 +114,14 @@ def _kernels(steps: int, springs: int, walls: int, mirrored: bool, count: int) -
         return psi, stress, moduli
 
     name = f"friction_{steps}_{springs}_{count}"
-    memory = ca.SX.sym("memory", 2 * count * len(images))
+    memory = ca.SX.sym("memory", 3 * count * len(images))
     forms, numbers = ca.SX.sym("forms", 6), ca.SX.sym("numbers", size)
     strains = strains_of_forms(forms)
     stress = compact_energy(strains, numbers[:elastic], shapes, mirrored=mirrored)[1] / numbers[1:7]
     sliders, parts = slid(strains, numbers, memory)
-    new = [entry for part in parts for entry in (part.places, limits(stress, sliders))]
+    # The memory of an image holds limits by the stress of that image.
+    new = [entry for sign, part in zip(images, parts, strict=True)
+           for entry in (part.places, limits(ca.DM(sign) * stress, sliders))]  # fmt: skip
     outputs = [ca.vertcat(*new), sum(part.stored for part in parts) / len(images)]
     after = ca.Function(f"{name}_after", [forms, numbers, memory], outputs, {"cse": True})
     step_kernels = compile_material(energy, size, name, shared=True, memory_count=memory.numel())
