@@ -254,7 +254,7 @@ def test_ctrl_c_keeps_what_is_finished(runner: Runner, grid: Path, quiet: Sample
 
 
 def test_a_spawned_run_is_silent_on_ctrl_c_and_resumes(grid: Path, tmp_path: Path, quiet: SampleStore) -> None:
-    line = [sys.executable, "-m", "yarnscale", *command(grid, tmp_path / "store")]
+    line = [sys.executable, "-m", "yarnscale", *command(grid, tmp_path / "store", "--workers", "1")]
     with subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True, env=ENVIRONMENT) as run:
         wait_for(tmp_path / "store", 2)
         os.killpg(run.pid, signal.SIGINT)
