@@ -4,6 +4,7 @@ import importlib
 import json
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +14,8 @@ from yarnscale.cli import main
 from yarnscale.cli.arguments import parser
 from yarnscale.files.material_toml import read_yarn_material as read_yarn
 from yarnscale.files.patterns import read_pattern, read_yarns
+from yarnscale.homogenize.compact_fit import CompactOptions
+from yarnscale.laboratory.programme import Programme, run_tests
 from yarnscale.swatches.yarn_fit import FitOptions
 from yarnscale.yarn.material import YarnMaterial
 
@@ -54,6 +57,11 @@ def test_swatch_to_yarn_to_cloth_to_swatch_with_a_report_and_goes_on(
     arguments = ["estimate", str(measured), "--pattern", "stockinette", "--out", str(out), *QUICK]
     # The yarn of so short a search is not fitted again.
     monkeypatch.setattr("yarnscale.cli.estimate.OTHER_CLAMPS", math.inf)
+    # Few tests of the fabric, and a fit of few numbers.
+    programme = Programme(directions=(0.0, 45.0), loads=(1.0, 5.0))
+    monkeypatch.setattr("yarnscale.cli.estimate.run_tests", partial(run_tests, programme=programme))
+    few = partial(CompactOptions, steps=6, springs=16, rounds=10, iterations=40, starts=1)
+    monkeypatch.setattr("yarnscale.homogenize.compact_fit.CompactOptions", few)
     main([*arguments, "--json", "--homogenize", "30"])
     first = json.loads(capsys.readouterr().out)
     assert {"error", "stages", "warnings", "parameters", "bending_error", "solves", "seconds"} <= set(first)
