@@ -53,6 +53,16 @@ def test_all_yarns_are_moved_at_their_borders_and_volumes_as_a_whole(fabric: Spl
     assert 0.5 * amount < found["published"]["extension"] <= amount + 1e-9
 
 
+def test_yarns_of_a_homogenized_volume_do_not_pass_where_they_have_no_slack_left(fabric: SplineFabric) -> None:
+    """Without contact between the yarns of a cell and their copies, they pass through each other ten times."""
+    volume = BoundingVolume.around(fabric.control, (4, 4))
+    shapes = imposed_shapes(fabric, volume, "traction", 1)
+    found = {model: shape.measures(fabric) for model, shape in shapes.items()}
+    taut, full = found["homogenized"], found["splines"]
+    assert taut["passages"] == full["passages"] == 0 and taut["converged"]
+    assert taut["penetration"] < full["penetration"] + 0.1
+
+
 def test_passages_along_shapes_are_counted_unless_they_are_undone(fabric: SplineFabric) -> None:
     """Turned inside out through its own plane, every loop passes through another."""
     squeezed = [fabric.control.reshape(-1, 3) * [1.0, 1.0, share] for share in (0.5, -0.5, -1.0)]

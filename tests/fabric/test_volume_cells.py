@@ -51,10 +51,14 @@ def test_yarns_are_where_they_are_at_rest_and_turn_with_the_surface(
     np.testing.assert_allclose(cells.yarns(turned, still)[0], rest @ turn.T + shift, atol=1e-14)
 
 
-def test_derivatives(cells: VolumeCells) -> None:
-    rng = np.random.default_rng(0)
-    x = cells.at_rest.ravel() + 2e-4 * rng.standard_normal(cells.size)
+@pytest.mark.parametrize("narrow", [1.0, 0.7])
+def test_derivatives(cells: VolumeCells, narrow: float) -> None:
+    """At rest nearly, and where yarns are pressed on each other."""
+    rng, share = np.random.default_rng(0), [narrow, narrow, 1.0]
+    x = (cells.at_rest * share).ravel() + 2e-4 * rng.standard_normal(cells.size)
     direction, step = rng.standard_normal(cells.size), 1e-8
+    pressed = len(cells.touch.hessians(cells._of_cells(cells._placed(x).points))[0])
+    assert pressed > 100 if narrow < 1.0 else pressed < 1000
     value, gradient, model = cells.quadratic(x)
     assert value == pytest.approx(cells.value(x)) and value > 0.0
     ahead, back = x + step * direction, x - step * direction

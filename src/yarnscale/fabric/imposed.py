@@ -160,8 +160,14 @@ def _relaxed_cells(
     places, shapes, converged = np.arange(count, x.size), [], True
     for faces in _followed(volume, path):
         x[:count] = 0.5 * (faces[::2] + faces[1::2]).ravel()
-        objective = MappedObjective(SumOfEnergies(cells, [], moving.force_scale), FreeUnknowns(places, x.copy()))
-        solution = minimise(objective, x[places], NewtonOptions(1e-1, max_iterations=100, shift=_SHIFT))
+        free, still = FreeUnknowns(places, x.copy()), FreeUnknowns(places, np.zeros_like(x))
+        objective = MappedObjective(SumOfEnergies(cells, [], moving.force_scale), free)
+
+        def bound(y: Array, step: Array, free: FreeUnknowns = free, still: FreeUnknowns = still) -> float:
+            return cells.bound(free.expand(y), still.expand(step))
+
+        options = NewtonOptions(1e-1, max_iterations=100, shift=_SHIFT)
+        solution = minimise(objective, x[places], options, bound=bound)
         x[places], converged = solution.x, solution.converged
         shapes.append(cells.yarns(x.reshape(-1, 3), np.zeros((x.size // 3, 3)))[0])
     return ImposedShape(shapes[-1], passages_along(fabric, shapes), converged)

@@ -200,6 +200,8 @@ class SplineMotion(Body[YarnMotion]):
     def renewed(self, state: YarnMotion, duration: float) -> YarnMotion:
         """The same, with contacts listed anew, so that sums are taken in an order that the state alone decides."""
         self.touch.forget()
+        if self.cells is not None:
+            self.cells.touch.forget()
         return state
 
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:
@@ -323,7 +325,7 @@ class SplineMotion(Body[YarnMotion]):
         fallen = fall_energy(float(self.of_yarns.masses.sum()), duration) if rule.rate > 0.0 else 0.0
         options = NewtonOptions(self.tolerance, self.enough * fallen, iterations, _SHIFT, check_minimum=False)
         start, objective = motion.positions.ravel(), self._objective(weight, centre)
-        bound = self.touch.bound if self.volume is None else None
+        bound = self.touch.bound if self.volume is None else self.cells.bound if self.cells is not None else None
         solution = minimise(objective, start, options, linear=self._linear, bound=bound, after_step=after)
         positions = solution.x.reshape(-1, 3)
         before = remembered(self.integrator, motion.positions, motion.velocities, duration)

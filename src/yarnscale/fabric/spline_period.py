@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,6 +74,32 @@ class SplinePeriod:
             np.array(segments), np.array(stitches),
             blending(np.array(along)), blending(np.array(along), 1),
         )  # fmt: skip
+
+    def with_copies(self, tiles: Integers, segments: Integers) -> tuple[SplinePeriod, Integers]:
+        """With the nodes of some segments of copies, numbered tile after tile of (t, 2); and nodes of all (t·s, 4).
+
+        Those of other segments than these are −1.
+        """
+        size, first = np.array([self.width, self.height]), np.unique(self.source, return_index=True)[1]
+        own = np.round((self.reference - self.reference[first[self.source]])[:, :2] / size).astype(np.int64)
+        tile, segment = np.divmod(segments, len(self.segments))
+        nodes = self.segments[segment]
+        wanted = np.concatenate([self.source[nodes][..., None], own[nodes] + tiles[tile][:, None]], axis=2)
+        keys = np.concatenate([np.column_stack([self.source, own]), wanted.reshape(-1, 3)])
+        _, where, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        which, known = which.ravel(), len(self.source)
+        number = np.full(len(where), -1)
+        number[which[:known]] = np.arange(known)
+        new = np.flatnonzero(number < 0)
+        number[new] = known + np.arange(len(new))
+        source, shift = keys[where[new], 0], keys[where[new], 1:] * size
+        places = self.reference[first[source]] + np.column_stack([shift, np.zeros(len(new))])
+        grown = replace(
+            self, source=np.concatenate([self.source, source]), reference=np.concatenate([self.reference, places])
+        )
+        copies = np.full((len(tiles) * len(self.segments), ORDER), -1)
+        copies[segments] = number[which[known:]].reshape(-1, ORDER)
+        return grown, copies
 
     def sources(self, yarns: int, points: int) -> Integers:
         """Which control point of the period each of a fabric's (yarns, points) corresponds to, (yarns · points,)."""

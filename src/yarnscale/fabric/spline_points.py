@@ -17,6 +17,12 @@ _SPACING = 1.2
 """Length of yarn between two points [radii]."""
 
 
+def points_per_segment(fabric: SplineFabric) -> int:
+    """How many points of every segment are close enough to each other."""
+    length = np.linalg.norm(np.diff(fabric.lines(fabric.control, 8), axis=1), axis=2).sum(axis=1).max()
+    return int(np.ceil(length / fabric.segments_per_yarn / (_SPACING * fabric.radius)))
+
+
 class SplinePoints:
     """Points of a fabric's yarns as a linear function of a body's unknowns; lengths in radii, energies in ``unit`` [J].
 
@@ -25,8 +31,7 @@ class SplinePoints:
     """
 
     def __init__(self, fabric: SplineFabric) -> None:
-        length = np.linalg.norm(np.diff(fabric.lines(fabric.control, 8), axis=1), axis=2).sum(axis=1).max()
-        self.per_segment = int(np.ceil(length / fabric.segments_per_yarn / (_SPACING * fabric.radius)))
+        self.per_segment = points_per_segment(fabric)
         lines = fabric.lines(fabric.control, self.per_segment)
         self.sheet = YarnSheet.from_lines([*lines], fabric.radius, name="spline yarns")
         place, yarns = np.arange(lines.shape[1]) / self.per_segment, fabric.yarn_count

@@ -5,10 +5,11 @@ Gauss point are the macroscopic state of one period of the stitches, whose contr
 
     x = m(X; I, II) + R(X; I, II) û
 
-with the same û for every copy (theory §2). The energy is that of the yarns of all cells, weighted by the area that each
-represents; stiff springs keep the stitches (LOD03 §2). It is minimised in α and all û together, so that each cell is in
-equilibrium under the forms of the surface; û has no mass. The sparse factorisation eliminates û cell by cell, and what
-is left for α is a Kirchhoff–Love shell with the homogenized energy of the stitches.
+with the same û for every copy (theory §2). The energy is that of the yarns of all cells and of their contact
+(``CellTouch``), weighted by the area that each represents; stiff springs keep the stitches (LOD03 §2). It is minimised
+in α and all û together, so that each cell is in equilibrium under the forms of the surface; û has no mass. The sparse
+factorisation eliminates û cell by cell, and what is left for α is a Kirchhoff–Love shell with the homogenized energy of
+the stitches.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from scipy.sparse import csr_array, kron
 from yarnscale.arrays import Array, Integers
 from yarnscale.cell.midsurface import midsurface_point
 from yarnscale.errors import InputError
+from yarnscale.fabric.cell_touch import CellTouch
 from yarnscale.fabric.spline_contacts import STITCH_SPRING, kept_values
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, evenly_shifted, spline_parameters
@@ -96,12 +98,13 @@ class VolumeCells:
     """
 
     def __init__(self, yarns: SplineEnergy, volume: BoundingVolume) -> None:
-        self._yarns, fabric, period = yarns, yarns.fabric, period_of(yarns.fabric)
-        self._period = period
+        self._yarns, fabric, area = yarns, yarns.fabric, period_of(yarns.fabric).area
         self._grid = _gauss_points(fabric, volume)
         (x, wide), (y, tall) = self._grid
         self._surface = SurfacePoints(volume, np.repeat(x, len(y)), np.tile(y, len(x)))
-        shares = (wide[:, None] * tall).ravel() / period.area
+        shares = (wide[:, None] * tall).ravel() / area
+        self.touch = CellTouch(fabric, shares)
+        self._period = period = self.touch.period
         self._cells, self._nodes = len(shares), len(period.source)
         self._controls = volume.count // 2
         self.size = 3 * (self._controls + self._cells * period.count)
@@ -185,7 +188,8 @@ class VolumeCells:
         if not np.isfinite(points).all():
             return math.inf
         (stitches,) = run_columns(STITCH_SPRING.value, self._stitched(points), self._springs)
-        return self._segments.value(points.ravel()) + float(stitches.sum()) + self._anchored(x)[0]
+        energy = self._segments.value(points.ravel()) + self.touch.value(self._of_cells(points))
+        return energy + float(stitches.sum()) + self._anchored(x)[0]
 
     def gradient(self, x: Array) -> tuple[float, Array]:
         return self._forces(x, self._placed(x))[:2]
@@ -196,12 +200,18 @@ class VolumeCells:
         cells, count = self._cells, self._period.count
         inner = 3 * count
         local = np.zeros((cells, (inner + _FORMS) ** 2))
-        hessians = self._segments.elements(placed.points.ravel())[2].reshape(cells, -1, 12, 12)
-        self._add(local, self._period.segments, placed.jacobian, hessians, None)
+        hessians = self._segments.elements(placed.points.ravel())[2]
+        self._add(local, self._every(self._period.segments), placed.jacobian, hessians, None)
         _, _, lower = run_columns(STITCH_SPRING.hessian, self._stitched(placed.points), self._springs)
-        self._add(local, self._tied, placed.jacobian, symmetric(lower, 9).reshape(cells, -1, 9, 9), self._ties)
-        (bends,) = run_columns(_node_kernels()[1], *placed.given, force.reshape(-1, 3))
-        _scatter(local, self._places(np.arange(self._nodes)[:, None]), bends.reshape(cells, -1, 9, 9))
+        ties = np.tile(self._ties, (cells, 1, 1))
+        self._add(local, self._every(self._tied), placed.jacobian, symmetric(lower, 9), ties)
+        cell, nodes, ties, touching = self.touch.hessians(self._of_cells(placed.points))
+        self._add(local, (cell, nodes), placed.jacobian, touching, ties)
+        cell, nodes = np.nonzero(force.any(axis=2))
+        pulled = cell * self._nodes + nodes
+        given = (values[pulled] for values in placed.given)
+        (bends,) = run_columns(_node_kernels()[1], *given, force[cell, nodes])
+        _scatter(local, cell, self._places(nodes[:, None]), bends.reshape(-1, 9, 9))
         local = local.reshape(cells, inner + _FORMS, -1)
         for k in range(3):
             local[:, k:inner:3, k:inner:3] += self._anchors[:, None, None] / count**2
@@ -251,34 +261,56 @@ class VolumeCells:
         shares = np.einsum("kij,gkic->kjgc", self._ties, pulls.reshape(self._cells, -1, 3, 3))
         force = flat.reshape(self._cells, self._nodes, 3)
         np.add.at(force.transpose(1, 0, 2), self._tied, shares)
+        pressed, push = self.touch.gradient(self._of_cells(placed.points))
+        force += push
         moved = np.einsum("gmc,gmcv->gmv", force, placed.jacobian)
         anchor, inner = self._anchored(x)
         np.add.at(inner.transpose(1, 0, 2), self._period.source, moved[:, :, :3].transpose(1, 0, 2))
         stress = moved[:, :, 3:].sum(axis=1)
         outer = self._surface.pulled(np.einsum("gk,gkd->gd", stress, placed.slopes))
         gradient = np.concatenate([outer.ravel(), inner.ravel()])
-        return value + float(energies.sum()) + anchor, gradient, force, stress
+        return value + float(energies.sum()) + pressed + anchor, gradient, force, stress
 
     def _places(self, nodes: Integers) -> Integers:
         """Unknowns of a cell (e, 3k + 6) that elements with nodes (e, k) depend on: fluctuations, then forms."""
         forms = np.broadcast_to(3 * self._period.count + np.arange(_FORMS), (len(nodes), _FORMS))
         return np.concatenate([position_variables(self._period.source[nodes]), forms], axis=1)
 
-    def _add(self, local: Array, nodes: Integers, jacobian: Array, hessians: Array, ties: Array | None) -> None:
-        """Add the Hessians of elements with nodes (e, k), by the unknowns of the cell.
+    def _every(self, nodes: Integers) -> tuple[Integers, Integers]:
+        """Elements with the same nodes (e, k) in all cells: the cell of each (g·e,), and its nodes (g·e, k)."""
+        return np.repeat(np.arange(self._cells), len(nodes)), np.tile(nodes, (self._cells, 1))
+
+    def _add(
+        self, local: Array, elements: tuple[Integers, Integers], jacobian: Array, hessians: Array, ties: Array | None
+    ) -> None:
+        """Add the Hessians of elements, cells (e,) and nodes (e, k), by the unknowns of the cell.
 
         hessians: by the nodes' positions, or by what ``ties`` (e, i, k) makes of them.
         """
+        cell, nodes = elements
         e, k = nodes.shape
-        by = jacobian[:, nodes]
-        wide = np.zeros((self._cells, e, k, 3, 3 * k + _FORMS))
+        by = jacobian[cell[:, None], nodes]
+        wide = np.zeros((e, k, 3, 3 * k + _FORMS))
         for node in range(k):
-            wide[:, :, node, :, 3 * node : 3 * node + 3] = by[:, :, node, :, :3]
+            wide[:, node, :, 3 * node : 3 * node + 3] = by[:, node, :, :3]
         wide[..., 3 * k :] = by[..., 3:]
         if ties is not None:
-            wide = np.einsum("eij,gejcv->geicv", ties, wide)
-        flat = wide.reshape(self._cells, e, -1, wide.shape[-1])
-        _scatter(local, self._places(nodes), flat.transpose(0, 1, 3, 2) @ (hessians @ flat))
+            wide = np.einsum("eij,ejcv->eicv", ties, wide)
+        flat = wide.reshape(e, 3 * wide.shape[1], wide.shape[3])
+        _scatter(local, cell, self._places(nodes), flat.transpose(0, 2, 1) @ (hessians @ flat))
+
+    def bound(self, x: Array, step: Array) -> float:
+        """Fraction of a step (n,) [m] in which no yarns of a cell meet, but for what surfaces turn in it."""
+        placed, cells = self._placed(x), self._cells
+        first = 3 * self._controls
+        derivatives = self._surface.derivatives(step[:first].reshape(-1, 3))
+        forms = np.einsum("gfd,gd->gf", placed.slopes, derivatives)
+        moved = step[first:].reshape(cells, -1, 3)[:, self._period.source]
+        by = np.concatenate([moved, np.broadcast_to(forms[:, None], (cells, self._nodes, _FORMS))], axis=2)
+        return self.touch.bound(self._of_cells(placed.points), np.einsum("gmcv,gmv->gmc", placed.jacobian, by))
+
+    def _of_cells(self, points: Array) -> Array:
+        return points.reshape(self._cells, self._nodes, 3)
 
 
 def period_of(fabric: SplineFabric) -> SplinePeriod:
@@ -321,12 +353,11 @@ def _between(points: Array, places: Array) -> tuple[Integers, Array]:
     return before, np.clip(share, 0.0, 1.0)
 
 
-def _scatter(local: Array, places: Integers, blocks: Array) -> None:
-    """Add blocks (g, e, k, k) at places (e, k) of square matrices, each a row of ``local``."""
-    cells, size = local.shape
-    flat = (places[:, :, None] * math.isqrt(size) + places[:, None, :]).ravel()
-    index = (np.arange(cells)[:, None] * size + flat).ravel()
-    local += np.bincount(index, weights=blocks.ravel(), minlength=local.size).reshape(local.shape)
+def _scatter(local: Array, cell: Integers, places: Integers, blocks: Array) -> None:
+    """Add blocks (e, k, k) at places (e, k) of the square matrices of cells (e,), each a row of ``local``."""
+    size = local.shape[1]
+    index = (cell * size)[:, None, None] + places[:, :, None] * math.isqrt(size) + places[:, None, :]
+    local += np.bincount(index.ravel(), weights=blocks.ravel(), minlength=local.size).reshape(local.shape)
 
 
 def spline_counts(fabric: SplineFabric, volume: BoundingVolume | None, reduction: Reduction) -> dict[str, int]:

@@ -89,6 +89,9 @@ class StencilSet:
 
     def elements(self, full: Array) -> tuple[Array, Array, Array]:
         """Energy (N,), gradient (N, n) and Hessian (N, n, n) of every stencil in the full variables."""
+        if self.count == 0:
+            n = self.energy.variable_count
+            return np.empty(0), np.empty((0, n)), np.empty((0, n, n))
         energies, gradients, lower = run_columns(self.energy.hessian, full[self.variables], self.parameters)
         return energies[:, 0], gradients, symmetric(lower, self.energy.variable_count)
 
