@@ -12,6 +12,7 @@ from yarnscale.files.checkpoint_file import CheckpointFile
 from yarnscale.motion.handles import Handle
 from yarnscale.motion.rigid import Motion
 from yarnscale.motion.run import simulate
+from yarnscale.motion.scene import run_scene
 from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver, SolverOptions
@@ -20,6 +21,7 @@ from yarnscale.shell.materials.compact import CompactMaterial, SpringNetwork, sh
 from yarnscale.shell.materials.friction import Sliders
 from yarnscale.shell.materials.history import MaterialHistory
 from yarnscale.shell.mesh import rectangle
+from yarnscale.shell.scenes.sheet_scenes import bagging
 from yarnscale.shell.state import ClothState
 
 SCALE = np.array([0.5, 0.5, 0.5, 100.0, 100.0, 100.0])
@@ -92,3 +94,20 @@ def test_a_resumed_run_remembers(material: CompactMaterial, tmp_path) -> None:
     assert whole.converged and whole.state.memory is not None
     np.testing.assert_array_equal(resumed.state.positions, whole.state.positions)
     np.testing.assert_array_equal(resumed.state.memory, whole.state.memory)
+
+
+@pytest.mark.slow
+def test_a_ball_leaves_a_bag_in_cloth_with_friction_alone(material: CompactMaterial) -> None:
+    none = np.zeros((2, 6))
+    both_ways = Sliders.checked(np.eye(6)[[0, 2]], np.zeros((2, 1)), [30.0, 30.0], [0.02, 0.02], none, none)
+
+    def sag(of: CompactMaterial, depth: float) -> float:
+        scene = bagging(of, size=0.06, spacing=0.012, depth=depth, duration=1.0)
+        schedule = replace(scene.schedule, to_rest=True, frame_interval=None)
+        result = run_scene(replace(scene, schedule=schedule))
+        assert result.converged
+        return result.measures["sag"]
+
+    for sliders, least, most in ((both_ways, 0.5e-3, 0.01), (None, -2e-5, 2e-5)):
+        of = replace(material, sliders=sliders)
+        assert least < sag(of, 0.018) - sag(of, 0.0) < most
