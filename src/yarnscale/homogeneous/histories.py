@@ -69,7 +69,7 @@ def under_loads(loads: Loads, prescribed: Prescribed, *, rough: float | None = N
     def of_cell(cell: PeriodicCell, near: Equilibrium) -> Equilibrium | None:
         fabric = _RareModuli(cell, known)
         start = fabric.response(near.strain.vector, Response.of(near))
-        tolerance = {} if rough is None else {"tolerance": rough}
+        tolerance: dict[str, Any] = {} if rough is None else {"tolerance": rough}
         found = equilibrium_under(fabric, loads, prescribed=prescribed, start=start, **tolerance)
         if not found.converged:
             return None

@@ -223,7 +223,7 @@ def _walked(cell: PeriodicCell, friction: YarnFriction, name: str, corners: Sequ
 def _under_loads(cell: PeriodicCell, friction: YarnFriction, corners: Sequence[Corner]) -> list[Equilibrium]:
     """Equilibria of the cell with friction from corner to corner."""
     here = history_of(cell, friction, corners[0][1])
-    found = [] if here is None else [here]
+    found = [here] if isinstance(here, CellHistory) else []
     for number, ((loads, held), (next_loads, next_held)) in enumerate(pairwise(corners)):
         if len(found) <= number * STEPS:
             break

@@ -83,7 +83,7 @@ def unpacked(numbers: ca.SX, count: int, steps: int) -> Any:
     widths = (6, steps, 1, 1, 6, 6)
     parts = ca.vertsplit(numbers, np.cumsum([0, *(width * count for width in widths)]).tolist())
     # Rows of our arrays lie one behind the other, CasADi's columns do.
-    return Sliders(*(ca.reshape(part, width, count).T for part, width in zip(parts, widths, strict=True)))
+    return Sliders(*(ca.reshape(part, width, count).T for part, width in zip(parts, widths, strict=True)))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
