@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import casadi as ca
 import numba
 import numpy as np
 import pytest
 
+from yarnscale.numerics import kernel, vector_ir
 from yarnscale.numerics.address_call import call_address
 from yarnscale.numerics.kernel import BLOCK, LANES, compile_kernel, run_columns
 
@@ -227,3 +232,31 @@ def test_logarithm_is_exact_to_the_last_place() -> None:
         expected = np.log(values)
     np.testing.assert_array_max_ulp(found[:, :-8], expected[:, :-8], maxulp=2)
     np.testing.assert_allclose(found[:, -8:], expected[:, -8:], rtol=1e-15)
+
+
+KEY = """
+import hashlib, casadi as ca
+from yarnscale.numerics import kernel
+x, y = ca.SX.sym("x", 2), ca.SX.sym("y", 1)
+function = ca.Function("f", [x, y], [ca.sin(x * y) / 0.1 + ca.dot(x, x)], {"cse": True})
+print(hashlib.sha256(kernel._key(function, {1}).encode()).hexdigest())
+"""
+
+
+def test_processes_agree_on_the_key_of_a_kernel() -> None:
+    keys = {
+        subprocess.run(
+            [sys.executable, "-c", KEY], env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, check=True
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(keys) == 1 and keys != {b""}
+
+
+def test_graphs_of_other_code_have_other_keys() -> None:
+    x = ca.SX.sym("x", 2)
+    graphs = [x * 0.1, x * np.nextafter(0.1, 1), x / 0.1, ca.vertcat(x[1], x[0]) * 0.1]
+    functions = [ca.Function("f", [x], [graph]) for graph in graphs]
+    keys = [kernel._key(function, ()) for function in functions] + [kernel._key(functions[0], (0,))]
+    assert len(set(keys)) == len(keys)
+    assert Path(vector_ir.__file__).read_text() in keys[0], "a translator that is changed writes code anew"

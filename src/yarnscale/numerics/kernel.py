@@ -6,6 +6,7 @@ It is compiled through llvmlite: no compiler on the user's machine. Object code 
 from __future__ import annotations
 
 import ctypes
+import inspect
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cache
@@ -16,6 +17,7 @@ import numpy as np
 
 from yarnscale.arrays import Array
 from yarnscale.numerics import object_cache
+from yarnscale.numerics import vector_ir as translator
 from yarnscale.numerics.vector_ir import LANES, vector_ir
 
 BLOCK = 128
@@ -87,16 +89,27 @@ class Kernel:
         self._call(count, stride, table)
 
 
+@cache
+def _compiler() -> str:
+    """All that decides on a kernel's code but its graph: versions, the translator's source and the target."""
+    machine = _machine()
+    versions = [llvm.__name__, str(llvm.llvm_version_info), ca.__version__, inspect.getsource(translator)]
+    return "\n".join([*versions, machine.triple, machine.cpu, machine.features, str(_EFFORT)])
+
+
+def _key(function: ca.Function, shared: Collection[int]) -> str:
+    """Of a kernel in the disk cache. The graph is serialized, a tenth of the time that its IR takes."""
+    return "\n".join([_compiler(), str(sorted(shared)), function.serialize()])
+
+
 def compile_kernel(function: ca.Function, name: str, *, shared: Collection[int] = ()) -> Kernel:
     """Machine code for a CasADi function whose inputs and outputs are dense; from the disk cache where it is there.
 
     shared: places of inputs of which all elements read the same numbers.
     """
-    machine, text = _machine(), vector_ir(function, shared)
-    key = "\n".join(
-        [llvm.__name__, str(llvm.llvm_version_info), machine.triple, machine.cpu, machine.features, str(_EFFORT), text]
-    )
-    address = machine.load(object_cache.fetch(key, lambda: machine.object_code(text)))
+    machine = _machine()
+    code = object_cache.fetch(_key(function, shared), lambda: machine.object_code(vector_ir(function, shared)))
+    address = machine.load(code)
     sizes = [function.numel_in(k) for k in range(function.n_in())]
     sizes += [function.numel_out(k) for k in range(function.n_out())]
     call = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)(address)
