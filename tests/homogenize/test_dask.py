@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.homogeneous.loads import FLAT, Loads
 from yarnscale.homogenize import executors
-from yarnscale.homogenize.executors import reach_workers
+from yarnscale.homogenize.executors import kept_workers, reach_workers
 from yarnscale.homogenize.plan import StrainGrid
 from yarnscale.homogenize.rays import Ray, strains_held
 from yarnscale.homogenize.sample import create_ray_store, create_store, sample
@@ -56,17 +57,26 @@ def local_cluster(workers: int):  # type: ignore[no-untyped-def]
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[tuple[str, list[int]]]:
-    """Address of a scheduler and the processes of its two workers; the nannies start no others in time."""
-    os.environ["PYTHONPATH"], before = ENVIRONMENT["PYTHONPATH"], os.environ.get("PYTHONPATH")
-    with local_cluster(2) as started:
-        with distributed.Client(started.scheduler_address) as client:
-            processes = sorted(client.run(os.getpid).values())
-        yield started.scheduler_address, processes
-    if before is None:
-        del os.environ["PYTHONPATH"]
-    else:
-        os.environ["PYTHONPATH"] = before
+def local() -> Iterator[Any]:
+    """A scheduler with two workers for all tests of this file: each worker takes seconds of a processor to start."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", ENVIRONMENT["PYTHONPATH"])
+        with local_cluster(2) as started:
+            yield started
+
+
+@pytest.fixture(scope="module")
+def cluster(local) -> tuple[str, list[int]]:  # type: ignore[no-untyped-def]
+    """Its address, and the processes of its two workers; the nannies start no others in time."""
+    with distributed.Client(local.scheduler_address) as client:
+        return local.scheduler_address, sorted(client.run(os.getpid).values())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def process_kept() -> Iterator[None]:
+    """One process for all runs without Dask."""
+    with kept_workers():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -117,33 +127,29 @@ def test_a_killed_worker_loses_nothing(cluster: tuple[str, list[int]], cell: Per
         assert abs(store.read(index, "energy_density") - quiet.read(index, "energy_density")) < 1e-9
 
 
-def test_the_command_samples_on_a_cluster(cluster: tuple[str, list[int]], tmp_path: Path) -> None:
-    grid = write_grid(tmp_path / "grid.toml")
-    run = subprocess.run(
-        [sys.executable, "-m", "yarnscale", "sample", "plain", "--grid", grid, "--out", tmp_path / "store",
-         "--dask", cluster[0], "--json"],
-        capture_output=True, text=True, check=False, timeout=120, env=ENVIRONMENT,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    found = json.loads(run.stdout)
+def test_the_command_samples_on_a_cluster(
+    cluster: tuple[str, list[int]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "store"
+    options = ["--grid", str(write_grid(tmp_path / "grid.toml")), "--out", str(out), "--dask", cluster[0], "--json"]
+    assert main(["sample", "plain", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
     run_of = {"states", "converged", "seconds", "workers", "peak_worker_megabytes"}
     assert set(found) == run_of | {"material", "material_from"}
     assert found["workers"] == 2
-    assert (SampleStore(tmp_path / "store").status() == 1).all()
+    assert (SampleStore(out).status() == 1).all()
 
 
-def test_a_wrong_address_is_told_in_time_and_writes_nothing(tmp_path: Path) -> None:
+def test_a_wrong_address_is_told_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(executors, "CONNECT", 1.0)
     grid = write_grid(tmp_path / "grid.toml")
-    began = time.monotonic()
-    run = subprocess.run(
-        [sys.executable, "-m", "yarnscale", "sample", "plain", "--grid", grid, "--out", tmp_path / "store",
-         "--dask", "127.0.0.1:9"],
-        capture_output=True, text=True, check=False, timeout=60, env=ENVIRONMENT,
-    )  # fmt: skip
-    assert run.returncode == 2
-    assert run.stderr.startswith("yarnscale: error: 127.0.0.1:9: no Dask scheduler; expected host:port")
-    assert run.stderr.count("\n") == 1
-    assert time.monotonic() - began < 40  # ten seconds of waiting and a slow start
+    options = ["--grid", str(grid), "--out", str(tmp_path / "store"), "--dask", "127.0.0.1:9"]
+    assert main(["sample", "plain", *options]) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("yarnscale: error: 127.0.0.1:9: no Dask scheduler; expected host:port")
+    assert said.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["grid.toml"]
 
 
@@ -159,19 +165,17 @@ def test_a_cluster_without_workers_is_told_and_given_up(monkeypatch: pytest.Monk
     assert len(said) == 1 and "no workers yet; waiting 0.3 s" in said[0]
 
 
-def test_workers_that_all_leave_end_the_run(
-    cell: PeriodicCell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_all_leave_end_the_run(local, cell: PeriodicCell, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """The last test on the cluster: it has no workers afterwards."""
     monkeypatch.setattr(executors, "PATIENCE", 1.0)
     store = create_store(tmp_path / "store", cell, GRID.axes, scattered=False)
-    with local_cluster(1) as deserted:
 
-        def leave(progress) -> None:  # type: ignore[no-untyped-def]
-            if progress.done:
-                deserted.scale(0)
+    def leave(progress) -> None:  # type: ignore[no-untyped-def]
+        if progress.done:
+            local.scale(0)
 
-        with pytest.raises(ChildProcessError, match=r"no Dask worker for 1 s|is gone"):
-            sample(cell, store, dask=deserted.scheduler_address, progress=leave)
+    with pytest.raises(ChildProcessError, match=r"no Dask worker for 1 s|is gone"):
+        sample(cell, store, dask=local.scheduler_address, progress=leave)
     done = int((store.status() == 1).sum())
     assert 0 < done < STATES
     assert sample(cell, store, workers=1).converged == STATES

@@ -20,11 +20,11 @@ HEADER = "direction,run,force_N,clamp_distance_mm,swatch_width_mm"
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
-    """Address of a scheduler with two workers on this machine."""
+    """Address of a scheduler with one worker on this machine."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(Path(yarnscale.__file__).parents[1]))
         with distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", scheduler_port=0,
+            n_workers=1, threads_per_worker=1, processes=True, host="127.0.0.1", scheduler_port=0,
             dashboard_address=":0", silence_logs="CRITICAL",
         ) as started:  # fmt: skip
             yield started.scheduler_address
@@ -60,8 +60,9 @@ def test_a_cluster_finds_the_same_yarn(
 
 
 def test_without_a_scheduler_nothing_is_touched(
-    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr("yarnscale.homogenize.executors.CONNECT", 1.0)
     assert main([*command, "--out", str(tmp_path / "out"), "--dask", "127.0.0.1:9"]) == 2
     assert "no Dask scheduler" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
