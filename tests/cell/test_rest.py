@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +26,12 @@ from yarnscale.numerics.newton import Status
 from yarnscale.yarn.material import YarnMaterial
 
 WOOL = YarnMaterial.preset("wool")
+
+
+@cache
+def at_rest(name, material="wool"):
+    """A settled pattern of the library, found once for all tests here."""
+    return settled(library.build(name), YarnMaterial.preset(material))
 
 
 def drawn_energy(cell):
@@ -156,7 +163,7 @@ SOFT = [(name, "hylc2020-stockinette") for name in ("stockinette", "garter", "tw
 
 @pytest.mark.parametrize(("name", "material"), [(name, "wool") for name in library.names()] + SOFT)
 def test_every_library_pattern_settles(name, material):
-    shape = settled(library.build(name), YarnMaterial.preset(material))
+    shape = at_rest(name, material)
     assert shape.converged, shape.status.value
     again = rest_stress_ratio(PeriodicCell(shape.pattern, YarnMaterial.preset(material)))
     assert again.relaxed and (again.ratios <= 0.01).all()
@@ -165,7 +172,7 @@ def test_every_library_pattern_settles(name, material):
 
 
 def test_settling_is_deterministic():
-    first, second = (settled(library.build("garter"), WOOL).pattern for _ in range(2))
+    first, second = at_rest("garter").pattern, settled(library.build("garter"), WOOL).pattern
     assert first.content_hash() == second.content_hash()
 
 
@@ -174,7 +181,7 @@ def test_twill_skews_and_is_set_further():
     skewed = shrunk_to_rest(PeriodicCell(drawn, WOOL))
     assert skewed.status is RestStatus.SKEWED and not skewed.converged
     assert skewed.stress.ratios[[0, 2]].max() < 0.01 < skewed.stress.ratios[1]
-    assert settled(drawn, WOOL).converged
+    assert at_rest("twill-2x2").converged
 
 
 def test_a_search_that_is_cut_short_says_so():

@@ -121,25 +121,25 @@ def test_newtons_own_strip_stretches_and_bends_as_its_certificate_says(fit):
     assert strips.bending_length(fit.cloth, length) == pytest.approx(length, rel=0.08)
 
 
-def bent(monkeypatch, change):
-    """Change all tests of bending along 45°."""
+def bent(monkeypatch, fit, change):
+    """Change all tests of bending along 45°; those of the material are known from its fit."""
     tested = style3d.run_tests
 
     def run(material, **options):
-        tests = tested(material, **options)
+        tests = fit.tests if material is WOVEN else tested(material, **options)
         return replace(tests, bending=[change(p) if p.direction == 45 else p for p in tests.bending])
 
     monkeypatch.setattr(style3d, "run_tests", run)
 
 
-def test_a_rigidity_that_is_not_known_is_refused(monkeypatch):
-    bent(monkeypatch, lambda p: replace(p, moment=np.nan, status="stalled"))
+def test_a_rigidity_that_is_not_known_is_refused(monkeypatch, fit):
+    bent(monkeypatch, fit, lambda p: replace(p, moment=np.nan, status="stalled"))
     with pytest.raises(InputError, match="bent along 45°"):
         fit_style3d(WOVEN)
 
 
 def test_a_negative_rigidity_is_said_to_be_lost(monkeypatch, fit):
-    bent(monkeypatch, lambda p: replace(p, moment=-2e-6 * p.curvature))
+    bent(monkeypatch, fit, lambda p: replace(p, moment=-2e-6 * p.curvature))
     (lost,) = set(fit_style3d(WOVEN).lost) - set(fit.lost)
     assert lost.startswith("negative rigidity of bending along 45° (-2e-06 N·m)")
 
