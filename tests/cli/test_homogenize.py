@@ -13,6 +13,7 @@ from yarnscale.cli import main
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
 from yarnscale.files.patterns import read_pattern, write_pattern
+from yarnscale.homogenize.executors import kept_workers
 from yarnscale.yarn.material import PRESETS
 
 SMALL = (
@@ -38,8 +39,9 @@ def _stress(run, folder: Path) -> np.ndarray:  # type: ignore[no-untyped-def]
 
 def test_built_in_patterns_are_settled_first(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     """Fabric at rest carries no stress; the drawing of a plain weave does, and resists --as-drawn."""
-    assert run("homogenize", "plain", "--out", tmp_path / "rest", *SMALL).status == 0
-    assert run("homogenize", "plain", "--as-drawn", "--out", tmp_path / "drawn", *SMALL).status == 0
+    with kept_workers():
+        assert run("homogenize", "plain", "--out", tmp_path / "rest", *SMALL).status == 0
+        assert run("homogenize", "plain", "--as-drawn", "--out", tmp_path / "drawn", *SMALL).status == 0
     rest, drawn = _stress(run, tmp_path / "rest"), _stress(run, tmp_path / "drawn")
     assert np.abs(rest).max() < 0.02 * np.abs(drawn).max()
     kept = read_pattern(tmp_path / "rest" / "pattern.json")

@@ -18,6 +18,9 @@ def test_kept_processes_serve_again_until_they_die() -> None:
     with kept_workers():
         first = process()
         assert process() == first
+        with kept_workers():
+            assert process() == first
+        assert process() == first
         os.kill(first, signal.SIGKILL)
         second = process()
         assert second != first

@@ -17,6 +17,7 @@ from yarnscale.files.cloth_frames import FrameFolder
 from yarnscale.files.material_json import read_material
 from yarnscale.files.visited import visited_strains
 from yarnscale.homogenize.compact_fit import CompactOptions
+from yarnscale.homogenize.executors import kept_workers
 from yarnscale.homogenize.homogenize import errors_at, fit, fit_published
 from yarnscale.homogenize.states import FabricStates
 from yarnscale.homogenize.store import SampleStore
@@ -33,6 +34,13 @@ def small_fit() -> Iterator[None]:
     few = partial(CompactOptions, steps=6, springs=16, rounds=10, iterations=40, starts=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("yarnscale.homogenize.compact_fit.CompactOptions", few)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def processes_kept() -> Iterator[None]:
+    """The same two processes for all runs."""
+    with kept_workers():
         yield
 
 

@@ -66,7 +66,13 @@ def _ending(pools: Collection[ProcessPoolExecutor]) -> Iterator[Collection[Proce
 
 @contextmanager
 def kept_workers() -> Iterator[None]:
-    """Within, processes of ``local_workers`` serve one use of it after the other: each takes seconds to start."""
+    """Within, processes of ``local_workers`` serve one use of it after the other: each takes seconds to start.
+
+    Within another such block, its processes serve.
+    """
+    if _KEPT.get() is not None:
+        yield
+        return
     pools: dict[int, ProcessPoolExecutor] = {}
     token = _KEPT.set(pools)
     try:
