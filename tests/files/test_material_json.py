@@ -73,10 +73,10 @@ def test_friction_comes_back_and_is_refused_where_it_is_broken(tmp_path):
     assert isinstance(back, CompactMaterial) and back.sliders is not None
     for ours, theirs in zip(sliders, back.sliders, strict=True):
         np.testing.assert_allclose(theirs, ours, rtol=1e-8)
-    write_changed(path, material, lambda c: c["friction"].update(along=[[1.0]]))
-    with pytest.raises(InputError, match="along"):
+    write_changed(path, material, lambda c: c["friction"].update(same_sign=[[1.0]]))
+    with pytest.raises(InputError, match="same_sign"):
         read_material(path)
-    write_changed(path, material, lambda c: c["friction"]["units"].update({"along, against": "m/N"}))
+    write_changed(path, material, lambda c: c["friction"]["units"].update({"same_sign, other_sign": "m/N"}))
     with pytest.raises(InputError, match="m\\^2/J"):
         read_material(path)
 

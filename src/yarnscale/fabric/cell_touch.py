@@ -54,7 +54,7 @@ class CellTouch:
         curves, size = [PeriodicCurve(line, (1, 0)) for line in lines], np.array([own.width, own.height])
         pattern = pattern_from_curves(curves, size, CORE * fabric.radius)
         self._stiffness = PatternStiffness.of(pattern, fabric.material)
-        self._unit, self._radius, self._shares = self._stiffness.unit, pattern.radius, shares
+        self._unit, self._radius, self.shares = self._stiffness.unit, pattern.radius, shares
         self._reach = contact_reach(self._stiffness.rule)
         self._strands, points = self._near(pattern)
         # A point k of a segment, at which a chord begins, follows from the segment's control points.
@@ -116,8 +116,8 @@ class CellTouch:
         listed = self._at(points)
         known = listed.first, listed.second
         share = safe_fraction(*(a.reshape(-1, 3) for a in (points, steps)), self._ends, *known, GAP_SHARE)
-        # Pairs that are not listed are at least a skin farther apart than they touch.
-        return min(share, GAP_SHARE * (self._reach + SKIN) / max(2.0 * self._longest(steps), 1e-300))
+        # Pairs that are not listed are at least as far apart as they touch while the list is valid.
+        return min(share, GAP_SHARE * self._reach / max(2.0 * self._longest(steps), 1e-300))
 
     def forget(self) -> None:
         """List pairs anew."""
@@ -153,7 +153,7 @@ class CellTouch:
         cell = np.repeat(np.arange(len(pairs)), [len(first) for first, _ in pairs])
         first, second = (np.concatenate([pair[side] for pair in pairs]) for side in range(2))
         length, edge = self._stiffness.pattern.rest_length / self._radius, second % strands.count
-        measure = 0.5 * self._shares[cell] * length[first] * length[edge]
+        measure = 0.5 * self.shares[cell] * length[first] * length[edge]
         parameters = self._stiffness.pair_parameters(first, edge, measure)
         rule = self._stiffness.rule
         energy = contact_energy(rule.kernel, contact_samples(rule, polyline=False))

@@ -32,7 +32,7 @@ VERSION = 3
 
 COMPACT_UNITS = {"terms": "J/m^2", "scale, samples": "1, 1, 1, 1/m, 1/m, 1/m", "density": "kg/m^2"}
 """Another set of units in a file is refused, not converted."""
-FRICTION_UNITS = {"stiffnesses": "J/m^2", "along, against": "m^2/J"}
+FRICTION_UNITS = {"stiffnesses": "J/m^2", "same_sign, other_sign": "m^2/J"}
 DIRECTIONAL: dict[str, tuple[type[DirectionalMaterial], dict[str, str]]] = {
     "orthotropic": (OrthotropicMaterial, {"stretch, shear, area": "N/m", "bend": "J", "density": "kg/m^2"}),
     "stiffening": (
@@ -145,7 +145,7 @@ def _read_compact(fields: Fields, density: float, provenance: Mapping[str, objec
             count = len(friction.numbers("stiffnesses"))
             shapes = {
                 "directions": (count, 6), "bends": (count, counts[0]), "stiffnesses": (count,), "rest": (count,),
-                "along": (count, 6), "against": (count, 6),
+                "same_sign": (count, 6), "other_sign": (count, 6),
             }  # fmt: skip
             sliders = Sliders.checked(*(_matrix(friction, name, shape) for name, shape in shapes.items()))
         return CompactMaterial(

@@ -62,7 +62,7 @@ def under_loads(loads: Loads, prescribed: Prescribed, *, rough: float | None = N
     """The solve of a step (``step`` of either history) under loads with some strains prescribed.
 
     Iterations of a cell use moduli of earlier responses; whether it ends at a minimum, its own moduli decide. rough:
-    share of the loads that a cell may miss instead, at any equilibrium of its yarns.
+    relative tolerance on the loads, with which a cell may end at any equilibrium, minimum or not.
     """
     known: list[Array] = []
 

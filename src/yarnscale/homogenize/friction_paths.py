@@ -110,6 +110,7 @@ class _PathUnits:
         return {
             "corners": np.array([_numbers(*corner) for corner in self.planned[name]]),
             "friction": np.array(self.friction.coefficient),
+            "walk": np.array([STEPS, _ROUGH]),
         }
 
     def _kept(self, name: str) -> FrictionPath | None:

@@ -76,7 +76,7 @@ def test_random_paths_of_a_thousand_steps_lose_energy_in_every_step_and_stay_bou
     friction = np.array([history.force for history in found]) - fabric.stress(strain)
     pressure = np.abs(fabric.stress(strain) * SCALE).max()
     slopes = np.abs(sliders.directions) + np.abs(sliders.bends) @ np.abs(fabric.springs.steps)
-    limits = sliders.rest + np.maximum(sliders.along, sliders.against).sum(axis=1) * pressure
+    limits = sliders.rest + np.maximum(sliders.same_sign, sliders.other_sign).sum(axis=1) * pressure
     most = sliders.stiffnesses @ (slopes * limits[:, None])
     assert (np.abs(friction * SCALE) <= most).all()
 
@@ -191,16 +191,16 @@ def test_the_mirror_image_of_a_path_has_the_mirrored_stress() -> None:
     ("change", "field"),
     [
         ({"stiffnesses": [-1.0]}, "stiffnesses"),
-        ({"along": [[np.nan] * 6]}, "along"),
-        ({"against": [[-0.1] * 6]}, "against"),
+        ({"same_sign": [[np.nan] * 6]}, "same_sign"),
+        ({"other_sign": [[-0.1] * 6]}, "other_sign"),
         ({"directions": [1.0]}, "directions"),
         ({"rest": [-0.1]}, "rest"),
     ],
 )
 def test_sliders_that_do_not_match_are_refused(change: dict, field: str) -> None:
     good = {
-        "directions": [[1.0] * 6], "bends": [[0.0]], "stiffnesses": [1.0], "rest": [0.1], "along": [[0.0] * 6],
-        "against": [[0.0] * 6],
+        "directions": [[1.0] * 6], "bends": [[0.0]], "stiffnesses": [1.0], "rest": [0.1], "same_sign": [[0.0] * 6],
+        "other_sign": [[0.0] * 6],
     }  # fmt: skip
     with pytest.raises(InputError, match=f"friction {field}"):
         Sliders.checked(*(good | change).values())

@@ -10,15 +10,15 @@ along other strains than those of fabric at rest. S is the extension of a spring
 y⁺ where it is pulled and y⁻ where it is pushed: v up to (1 − δ) y, then a parabola, y from (1 + δ) y on, so that w has
 continuous second derivatives. A step ends with
 
-    p_k ← g_k − S(u_k),    y_k± ← rest_k + Σ_j [along_kj max(0, ±∂ψ/∂x_j) + against_kj max(0, ∓∂ψ/∂x_j)]
+    p_k ← g_k − S(u_k),    y_k± ← rest_k + Σ_j [same_kj max(0, ±∂ψ/∂x_j) + other_kj max(0, ∓∂ψ/∂x_j)]
 
-since yarns press on each other in fabric at rest, and the harder the more it is loaded: more while friction adds to the
-load than while it takes from it, as the tension of a yarn around another grows or falls by a factor. Without the
-parabola w is the least, over the slip q, of ½ c (u − q)² + c y± |q| (a variational update, Ortiz and Stainier 1999).
-Friction takes
-w(u) − ½ c S(u)² ≥ 0 in a step, and ½ c e² − w(e) ≥ 0 at its beginning, of a spring of extension e that is now beyond
-its limit: never less than nothing, whatever the step. A spring of up to (1 − δ) y keeps its force however many steps go
-by. Limits are those of the beginning of a step, as in cells: errors are of first order.
+since yarns press on each other in fabric at rest, and the harder the more it is loaded. ``same_sign`` counts for
+stresses of the sign of the spring's extension, ``other_sign`` for the others: friction that adds to a load and friction
+that takes from it differ, as the tension of a yarn around another grows and falls by a factor. Without the parabola w
+is the least, over the slip q, of ½ c (u − q)² + c y± |q| (a variational update, Ortiz and Stainier 1999). Friction
+takes w(u) − ½ c S(u)² ≥ 0 in a step, and ½ c e² − w(e) ≥ 0 at its beginning, of a spring of extension e that is now
+beyond its limit: never less than nothing, whatever the step. A spring of up to (1 − δ) y keeps its force however many
+steps go by. Limits are those of the beginning of a step, as in cells: errors are of first order.
 
 Where the fabric is its own mirror image, w is the mean over both images of x, each with its own places.
 """
@@ -43,16 +43,16 @@ class Sliders(NamedTuple):
     """Numbers of springs with sliders.
 
     directions a (K, 6) over scaled strains; bends b (K, R) by the steps of the energy; stiffnesses c (K,) [J/m²];
-    rest (K,): limits without load; along, against (K, 6): growth of the limits with each elastic stress over scaled
-    strains [m²/J] that has the sign of the spring's extension, and with one that has the other.
+    rest (K,): limits without load; same_sign, other_sign (K, 6): growth of the limits with each elastic stress over
+    scaled strains [m²/J] that has the sign of the spring's extension, and with one that has the other.
     """
 
     directions: Array
     bends: Array
     stiffnesses: Array
     rest: Array
-    along: Array
-    against: Array
+    same_sign: Array
+    other_sign: Array
 
     @classmethod
     def checked(cls, *arrays: object) -> Sliders:
@@ -120,7 +120,8 @@ def sliding(x: ca.SX, bent: tuple[ca.SX, ca.SX, ca.SX], steps: ca.SX, sliders: A
 def limits(stress: ca.SX, sliders: Any) -> ca.SX:
     """Limits (2K) of pulled and of pushed springs after a step that ends with an elastic stress (6)."""
     up, down = ca.fmax(stress, 0), ca.fmax(-stress, 0)
-    pulled, pushed = sliders.along @ up + sliders.against @ down, sliders.along @ down + sliders.against @ up
+    same, other = sliders.same_sign, sliders.other_sign
+    pulled, pushed = same @ up + other @ down, same @ down + other @ up
     return ca.vertcat(sliders.rest + pulled, sliders.rest + pushed)
 
 
