@@ -123,7 +123,7 @@ def test_three_models_hang_side_by_side(tmp_path: Path, capsys: pytest.CaptureFi
         assert energy[-1] < energy[0] and of["passages"] == 0
         error = np.abs(fall[model] - fall["splines"]).max() / fall["splines"].max()
         assert of["centre_error"] == pytest.approx(error)
-    assert fall["published"][-1] < 0.3 * fall["splines"][-1] < fall["homogenized"][-1]
+    assert 2.0 * fall["published"][-1] < fall["homogenized"][-1] < fall["splines"][-1]
     assert {path.name for path in tmp_path.iterdir()} == {".yarnscale.json", "drops.png", "hanging.png", "index.html"}
     page = (tmp_path / "index.html").read_text()
     assert "all yarns" in page and "centre drop [mm]" in page and page.count("data:image/") == 2

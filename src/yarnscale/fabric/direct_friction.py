@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from yarnscale.arrays import Array
 from yarnscale.fabric.direct_energy import FabricEnergy
 from yarnscale.numerics.assembly import StencilSet
-from yarnscale.yarn.friction import STEADY_FRICTION, YarnFriction
+from yarnscale.yarn.friction import FRICTION, STEADY_FRICTION, YarnFriction
 from yarnscale.yarn.friction_pairs import FrictionPairs
 
 _THIN = 4.0
@@ -93,7 +93,8 @@ class FrictionStep:
     @property
     def stencils(self) -> StencilSet:
         """What resists slip, with springs as they are turned now."""
-        return self.pairs.stencils(self.energy.strands, self.turn.as_matrix(), STEADY_FRICTION)
+        energy = FRICTION if self.follows else STEADY_FRICTION
+        return self.pairs.stencils(self.energy.strands, self.turn.as_matrix(), energy)
 
     def end(self, x: Array) -> FrictionHistory:
         """The history at the state that the step ended in."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
+import traceback
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -197,6 +198,10 @@ def reach_workers(address: str, *, on_notice: Callable[[str], None] | None = Non
 
 def is_loss(error: BaseException) -> bool:
     """Whether a solve failed because its worker, or the connection to it, is gone."""
+    if isinstance(error, ValueError) and error.__traceback__ is not None:
+        # Futures of Dask that are cancelled while they end have no error of their own but one of distributed's code.
+        *_, last = traceback.walk_tb(error.__traceback__)
+        return last[0].f_code.co_filename.endswith("cfexecutor.py")
     return isinstance(error, (BrokenProcessPool, CancelledError)) or type(error).__name__ in (
         "KilledWorker",  # of distributed, which need not be there
         "CommClosedError",

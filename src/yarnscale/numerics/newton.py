@@ -258,7 +258,8 @@ class _Newton(Descent):
             # After a search that failed, steps are short because the model is wrong, not because the end is near.
             last = attempt == 0 and self._feasible(x) and self._gains_little(gradient, model, step)
             whole = self.admissible(x, step)
-            fraction, ratio = self._search(x, value, gradient, step, whole, residual)
+            # The whole last step, and no more: by it what all move in common is exact, however soon it ends.
+            fraction, ratio = self._search(x, value, gradient, step, whole, residual, lengthen=not last)
             if fraction > 0:
                 if not failed and ratio > 0.75:
                     self.shift = self.rule.decayed(self.shift, 0.3 if fraction >= 1.0 else 1.0)
@@ -307,9 +308,9 @@ class _Newton(Descent):
         return curvature > 0.0 and slope**2 < 2.0 * self.options.enough * curvature
 
     def _search(
-        self, x: Array, value: float, gradient: Array, step: Array, whole: float, residual: float
+        self, x: Array, value: float, gradient: Array, step: Array, whole: float, residual: float, *, lengthen: bool
     ) -> tuple[float, float]:
-        """Fraction of the step that is accepted (0: none) and actual over predicted decrease."""
+        """Accepted fraction of a step (0: none; lengthen: above one, too) and actual over predicted decrease."""
         # Projected: round-off of C p against large constraint forces would drown a small slope.
         slope = float(self.project(gradient) @ step)
         infeasible = not self._feasible(x)
@@ -324,7 +325,7 @@ class _Newton(Descent):
                 decrease = value - reached
                 if decrease > 1e-4 * predicted and not infeasible:
                     ratio = decrease / predicted
-                    if fraction == 1.0 and ratio > _WORTH_MORE:
+                    if lengthen and fraction == 1.0 and ratio > _WORTH_MORE:
                         fraction = self._lengthened(x, step, reached)
                     return fraction, ratio
                 if infeasible:

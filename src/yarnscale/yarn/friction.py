@@ -48,7 +48,7 @@ u is the slip across the pressure since ``offset``. It is the least, over the sl
 k = μ N/h, and the force is never more than μ N.
 """
 STEADY_FRICTION = StencilEnergy("steady_yarn_friction", _POINTS, _PAIR, _rubbing(0.6))  # type: ignore[arg-type]
-"""The same with a Hessian for whole fabrics, in which many pairs begin to slide or turn back at once."""
+"""The same with a Hessian for steps of whole fabrics, in which many pairs begin to slide or turn back at once."""
 
 
 @dataclass(frozen=True, eq=False)
