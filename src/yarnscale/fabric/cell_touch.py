@@ -114,8 +114,8 @@ class CellTouch:
         """Fraction of moves (g, m, 3) [m] from nodes in which no yarns meet, at most 1."""
         points, steps = self._points(nodes), self._points(moves)
         listed = self._at(points)
-        known = listed.first, listed.second
-        share = safe_fraction(*(a.reshape(-1, 3) for a in (points, steps)), self._ends, *known, GAP_SHARE)
+        flat, ways = points.reshape(-1, 3), steps.reshape(-1, 3)
+        share = safe_fraction(flat, ways, self._ends, listed.first, listed.second, GAP_SHARE)
         # Pairs that are not listed are at least as far apart as they touch while the list is valid.
         return min(share, GAP_SHARE * self._reach / max(2.0 * self._longest(steps), 1e-300))
 

@@ -93,7 +93,7 @@ class Kernel:
 def _compiler() -> str:
     """All that decides on a kernel's code but its graph: versions, the translator's source and the target."""
     machine = _machine()
-    versions = [llvm.__name__, str(llvm.llvm_version_info), ca.__version__, inspect.getsource(translator)]
+    versions = [llvm.__name__, str(llvm.llvm_version_info), ca.CasadiMeta.version(), inspect.getsource(translator)]
     return "\n".join([*versions, machine.triple, machine.cpu, machine.features, str(_EFFORT)])
 
 
