@@ -97,7 +97,7 @@ def cloth(material: CompactMaterial, ball: Sphere, friction: float, options: arg
     scene = replace(scene, cloth=replace(scene.cloth, obstacles=(ball,), damping=DAMPING))
     states, seconds = swung(scene.body, scene.start, FRAME / 2)
     shapes = [state.positions for state in (scene.start, *states)]
-    return told("cloth", friction, shapes, options.size, seconds, Surface(scene.cloth.mesh.triangles))
+    return measured("cloth", friction, shapes, options.size, seconds, Surface(scene.cloth.mesh.triangles))
 
 
 def yarns(name: str, ball: Sphere, friction: float, size: float) -> Bag:
@@ -115,7 +115,7 @@ def yarns(name: str, ball: Sphere, friction: float, size: float) -> Bag:
     states, seconds = swung(scene.body, scene.start, USUAL_STEP)
     shapes = [scene.points(state) for state in (scene.start, *states)]
     print(f"{len(places)} vertices, passages {scene.energy.passage_count}", file=sys.stderr, flush=True)
-    return told("yarns", friction, shapes, size, seconds, fabric.sheet)
+    return measured("yarns", friction, shapes, size, seconds, fabric.sheet)
 
 
 def swung(body: Body[Any], start: Any, step: float) -> tuple[list[Any], float]:
@@ -131,7 +131,7 @@ def swung(body: Body[Any], start: Any, step: float) -> tuple[list[Any], float]:
     return [run.state for run in (hung, lowest, after)], time.process_time() - began
 
 
-def told(
+def measured(
     name: str, friction: float, shapes: Sequence[Array], size: float, seconds: float, subject: Surface | YarnSheet
 ) -> Bag:
     """The bag of points (n, 3) [m] at the start and in three states; a row of the table."""

@@ -17,7 +17,7 @@ from yarnscale.fabric.bspline import ORDER, blending
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_points import points_per_segment
 from yarnscale.fabric.spline_touch import CORE
-from yarnscale.numerics.assembly import StencilSet
+from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.yarn.close_pairs import close_pairs, pair_gaps, safe_fraction
 from yarnscale.yarn.contact import contact_energy, contact_reach, contact_samples
 from yarnscale.yarn.contact_list import GAP_SHARE, SKIN
@@ -159,8 +159,8 @@ class CellTouch:
         energy = contact_energy(rule.kernel, contact_samples(rule, polyline=False))
         first, second = first + each * cell, second + each * cell
         corners = np.stack([first, self._ends[first], second, self._ends[second]], 1)
-        variables = (3 * corners[:, :, None] + np.arange(3)).reshape(-1, 12)
-        self._listed = _Listed(points.copy(), cell, first, second, StencilSet(energy, variables, parameters, 4))
+        stencils = StencilSet(energy, position_variables(corners), parameters, 4)
+        self._listed = _Listed(points.copy(), cell, first, second, stencils)
         return self._listed
 
     def _longest(self, moves: Array) -> float:

@@ -158,12 +158,13 @@ def _relaxed_cells(
     cells, x, count = moving.cells, moving.start.positions.ravel().copy(), 3 * volume.count // 2
     assert cells is not None
     places, shapes, converged = np.arange(count, x.size), [], True
+    still = FreeUnknowns(places, np.zeros_like(x))
     for faces in _followed(volume, path):
         x[:count] = 0.5 * (faces[::2] + faces[1::2]).ravel()
-        free, still = FreeUnknowns(places, x.copy()), FreeUnknowns(places, np.zeros_like(x))
+        free = FreeUnknowns(places, x.copy())
         objective = MappedObjective(SumOfEnergies(cells, [], moving.force_scale), free)
 
-        def bound(y: Array, step: Array, free: FreeUnknowns = free, still: FreeUnknowns = still) -> float:
+        def bound(y: Array, step: Array, free: FreeUnknowns = free) -> float:
             return cells.bound(free.expand(y), still.expand(step))
 
         options = NewtonOptions(1e-1, max_iterations=100, shift=_SHIFT)

@@ -79,8 +79,9 @@ class SplineMotion(Body[YarnMotion]):
     gravity: [m/s²]; held: points of yarns that stay where they are at rest; loads: handles, by stiff springs, and
     obstacles, both in implicit steps only; displacement: of the fabric at the start from where it is drawn [m];
     damping: rate [1/s] at which free motion decays. Contacts constrain the yarns themselves, and where they touch
-    elsewhere they press on each other (``SplineTouch``); in a volume they have no place and need none. reduction: of a
-    volume; a homogenized one is held by its mid-surface and takes implicit steps only. tolerance: of implicit steps,
+    elsewhere they press on each other (``SplineTouch``); in a volume yarns need no constraints, and only those of the
+    cells of a homogenized one press on each other. reduction: of a volume; a homogenized one is held by its mid-surface
+    and takes implicit steps only. tolerance: of implicit steps,
     forces left over per weight of the fabric; enough: share of ``fall_energy`` that an iteration must gain to go on, by
     default ``ENOUGH`` with loads, whose steps are kept as they are, else 0; iterations: of Newton, the most in a step,
     by default 12 with loads, else 50. method: of steps; integrator: of implicit ones. energy: of the fabric's yarns, if
