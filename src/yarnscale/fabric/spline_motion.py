@@ -81,11 +81,10 @@ class SplineMotion(Body[YarnMotion]):
     damping: rate [1/s] at which free motion decays. Contacts constrain the yarns themselves, and where they touch
     elsewhere they press on each other (``SplineTouch``); in a volume yarns need no constraints, and only those of the
     cells of a homogenized one press on each other. reduction: of a volume; a homogenized one is held by its mid-surface
-    and takes implicit steps only. tolerance: of implicit steps,
-    forces left over per weight of the fabric; enough: share of ``fall_energy`` that an iteration must gain to go on, by
-    default ``ENOUGH`` with loads, whose steps are kept as they are, else 0; iterations: of Newton, the most in a step,
-    by default 12 with loads, else 50. method: of steps; integrator: of implicit ones. energy: of the fabric's yarns, if
-    it is already known. Raises InputError.
+    and takes implicit steps only. tolerance: of implicit steps, forces left over per weight of the fabric; enough:
+    share of ``fall_energy`` that an iteration must gain to go on, by default ``ENOUGH`` with loads, whose steps are
+    kept as they are, else 0; iterations: of Newton, the most in a step, by default 12 with loads, else 50. method: of
+    steps; integrator: of implicit ones. energy: of the fabric's yarns, if it is already known. Raises InputError.
     """
 
     def __init__(
