@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from yarnscale.drawing.library import build, structure
 from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
-from yarnscale.fabric import volume_cells
+from yarnscale.fabric import spline_contacts
 from yarnscale.fabric.adaptive_volume import AdaptiveVolume
 from yarnscale.fabric.spline_knit import SplineFabric, jersey, spline_fabric
 from yarnscale.fabric.spline_model import SplineEnergy
@@ -73,7 +73,7 @@ def test_derivatives(cells: VolumeCells, narrow: float) -> None:
 @pytest.mark.parametrize("name", ["jersey", "rib-1x1"])
 def test_affine_stretch_has_the_energy_of_all_yarns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With fluctuations of 0 and no springs at the stitches, cells are yarns in a published volume."""
-    monkeypatch.setattr(volume_cells, "_STITCH_STIFFNESS", 0.0)
+    monkeypatch.setattr(spline_contacts, "_STIFFNESS", 0.0)
     if name == "jersey":
         fabric = jersey(4, 4, WOOL)
     else:

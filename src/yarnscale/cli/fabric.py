@@ -28,7 +28,7 @@ from yarnscale.fabric.spline_motion import YarnMotion
 from yarnscale.fabric.spline_points import SplinePoints
 from yarnscale.fabric.spline_scene import SplineScene, reduction_for
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.fabric.volume_cells import spline_counts
+from yarnscale.fabric.volume_rows import spline_counts
 from yarnscale.files.animation import read_animation
 from yarnscale.files.fabric_scene import read_fabric_scene
 from yarnscale.files.material_toml import read_yarn_material
@@ -125,7 +125,8 @@ def _splines(options: argparse.Namespace) -> int:
     method = _method(options)
     reduction = reduction_for(options.reduction, method["method"], options.adaptive)
     if options.count:
-        return _counted(options, spline_counts(knitted, volume, reduction))
+        held = knitted.top if options.scene == "hang" else None
+        return _counted(options, spline_counts(knitted, volume, reduction, held))
 
     def scene() -> SplineScene:
         settings = _timed(method, plan) | {"volume": volume, "reduction": reduction, "adaptive": options.adaptive}

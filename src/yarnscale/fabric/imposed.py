@@ -154,7 +154,7 @@ def _all_yarns(fabric: SplineFabric, path: Callable[[Array, float], Array]) -> I
 def _relaxed_cells(
     fabric: SplineFabric, volume: BoundingVolume, path: Callable[[Array, float], Array]
 ) -> ImposedShape:  # fmt: skip
-    moving = SplineMotion(fabric, volume=volume, reduction="homogenized")
+    moving = SplineMotion(fabric.unclosed(), volume=volume, reduction="homogenized")
     cells, x, count = moving.cells, moving.start.positions.ravel().copy(), 3 * volume.count // 2
     assert cells is not None
     places, shapes, converged = np.arange(count, x.size), [], True

@@ -16,11 +16,15 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_array
 
-from yarnscale.arrays import Array
+from yarnscale.arrays import Array, Integers
 from yarnscale.fabric.spline_knit import SplineFabric
-from yarnscale.numerics.assembly import position_variables
+from yarnscale.numerics.assembly import position_variables, symmetric
 from yarnscale.numerics.energy import StencilEnergy, Symbol
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
+
+_STIFFNESS = 0.3
+"""Stiffness of springs in place of constraints, over that of one radius of yarn; moduli then differ by 1 % from those
+with a hundred times as stiff springs."""
 
 
 def _kept(gap: Symbol, first: Symbol, second: Symbol) -> Symbol:
@@ -37,6 +41,50 @@ STITCH_SPRING = StencilEnergy(
     "stitch_spring", {"gap": 3, "first": 3, "second": 3}, {"rest": 3, "stiffness": 1}, _spring
 )  # fmt: skip
 """½ k |v − v̄|² of the distance and both slides v of a contact [m]: a constraint where k [N/m] is large."""
+
+
+def stitch_stiffness(fabric: SplineFabric) -> float:
+    """Stiffness of ``StitchSprings`` of a fabric [N/m]."""
+    return _STIFFNESS * fabric.material.stretch_stiffness(fabric.radius) / fabric.radius
+
+
+class StitchSprings:
+    """Springs in place of contacts, as a function of nodes (g, m, 3) [m]: the same contacts in each of g sets.
+
+    nodes: (k, 8), of both points of every contact. ties: (k, 3, 8) to gap and tangents.
+    """
+
+    def __init__(self, nodes: Integers, weights: Array, slopes: Array, reference: Array, stiffness: Array) -> None:
+        """nodes, weights, slopes: (k, 2, 4) that give both points and their derivatives by the curve parameter.
+
+        reference: nodes at rest (m, 3) [m]; stiffness: of every set (g,) [N/m].
+        """
+        one, other, zero = *np.moveaxis(slopes, 1, 0), np.zeros((len(nodes), 4))
+        rows = [[weights[:, 0], -weights[:, 1]], [one, zero], [zero, other]]
+        self.ties = np.stack([np.concatenate(row, axis=1) for row in rows], axis=1)
+        self.nodes = nodes.reshape(-1, 8)
+        rest = np.einsum("kij,kjc->ikc", self.ties, reference[self.nodes])
+        values, _ = kept_values(*rest)
+        self._springs = np.column_stack([np.tile(values, (len(stiffness), 1)), np.repeat(stiffness, len(values))])
+
+    def value(self, nodes: Array) -> float:
+        """Energy [J]."""
+        return float(run_columns(STITCH_SPRING.value, self._stretched(nodes), self._springs)[0].sum())
+
+    def gradient(self, nodes: Array, force: Array) -> float:
+        """Energy [J]; adds the gradient (g, m, 3) [N]."""
+        energies, pulls = run_columns(STITCH_SPRING.gradient, self._stretched(nodes), self._springs)
+        shares = np.einsum("kij,gkic->kjgc", self.ties, pulls.reshape(len(nodes), -1, 3, 3))
+        np.add.at(force.transpose(1, 0, 2), self.nodes, shares)
+        return float(energies.sum())
+
+    def hessians(self, nodes: Array) -> Array:
+        """Hessians by gap and tangents (g·k, 9, 9) [N/m]."""
+        return symmetric(run_columns(STITCH_SPRING.hessian, self._stretched(nodes), self._springs)[2], 9)
+
+    def _stretched(self, nodes: Array) -> Array:
+        """Gap and both tangents of every contact (g·k, 9)."""
+        return np.einsum("kij,gkjc->gkic", self.ties, nodes[:, self.nodes]).reshape(-1, 9)
 
 
 @cache

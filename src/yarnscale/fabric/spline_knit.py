@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yarnscale.arrays import Array, Integers
+from yarnscale.arrays import Array, Flags, Integers
 from yarnscale.drawing.curves import PeriodicCurve
 from yarnscale.drawing.knit import knit
 from yarnscale.drawing.loop_paths import line_crossings
@@ -47,13 +47,18 @@ class CurvePoints:
     def __len__(self) -> int:
         return len(self.yarn)
 
+    def some(self, kept: Flags) -> CurvePoints:
+        """Those of the points that are kept (k,)."""
+        return CurvePoints(self.yarn[kept], self.place[kept])
+
 
 @dataclass(frozen=True, eq=False)
 class SplineFabric:
     """Yarns of equal length as uniform cubic B-splines, and the contacts between them.
 
     control: control points at rest [m], (yarns, points, 3); radius: of the yarn [m]; first, second: the two points
-    of every contact; top: points by which the fabric can be hung, one a stitch; period: one period of the stitches.
+    of every contact; top: points by which the fabric can be hung, one a stitch; period: one period of the stitches,
+    of which the first yarn is the course ``first_course``.
     """
 
     control: Array
@@ -63,6 +68,7 @@ class SplineFabric:
     second: CurvePoints
     top: CurvePoints
     period: SplinePeriod | None = None
+    first_course: int = 0
     segments: Integers = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -98,8 +104,18 @@ class SplineFabric:
     def unclosed(self) -> SplineFabric:
         """Without the contacts that close the first row's loops with itself, a chain that cannot be extended."""
         kept = self.first.yarn != self.second.yarn
-        first, second = (CurvePoints(p.yarn[kept], p.place[kept]) for p in (self.first, self.second))
-        return replace(self, first=first, second=second)
+        return replace(self, first=self.first.some(kept), second=self.second.some(kept))
+
+    def part(self, begin: int, end: int) -> SplineFabric:
+        """The yarns begin … end − 1, with the contacts between them."""
+        yarns = np.arange(begin, end)
+        kept = np.isin(self.first.yarn, yarns) & np.isin(self.second.yarn, yarns)
+        sides = self.first.some(kept), self.second.some(kept), self.top.some(np.isin(self.top.yarn, yarns))
+        first, second, top = (CurvePoints(points.yarn - begin, points.place) for points in sides)
+        return replace(
+            self, control=self.control[begin:end], first=first, second=second, top=top,
+            first_course=self.first_course + begin,
+        )  # fmt: skip
 
     def rows(self, points: CurvePoints, derivative: int = 0) -> tuple[Integers, Array]:
         """Control points (k, 4) that determine points of the yarns, and their weights (k, 4)."""

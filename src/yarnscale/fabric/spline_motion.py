@@ -2,7 +2,7 @@
 
 Both are the same equations, M q̈ = Q with q = Γ α in the published volume, M_V = Γᵀ M Γ and Q_V = Γᵀ Q (LOD03 §5). A
 step is explicit (symplectic Euler; the constant mass matrix is factored once) or implicit (Newton's method). A
-homogenized volume has the elasticity of ``VolumeCells`` instead of that of yarns fixed in it.
+homogenized volume has the elasticity of ``VolumeCells``, and of full yarns at some borders, in place of theirs.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from yarnscale.fabric.spline_model import SplineEnergy, point_rows
 from yarnscale.fabric.spline_points import PointForces, SplinePoints
 from yarnscale.fabric.spline_touch import SplineTouch, TouchingObjective
 from yarnscale.fabric.volume import BoundingVolume
-from yarnscale.fabric.volume_cells import Reduction, VolumeCells, spline_counts
+from yarnscale.fabric.volume_cells import Reduction
+from yarnscale.fabric.volume_rows import cells_of, spline_counts
 from yarnscale.kinematics import GRAVITY
 from yarnscale.motion.body import Body, Method, Step, checked_method
 from yarnscale.motion.integrator import (
@@ -58,7 +59,7 @@ _SHIFT = ShiftRule(start=0.0, lowest=1e-6, lowest_is_zero=True, least=1e-3)
 class YarnMotion:
     """Where control points are and how fast: of yarns, or of a volume; both (n, 3), [m] and [m/s], at a time [s].
 
-    Of a homogenized volume: control points of the mid-surface, then the fluctuations of its cells.
+    Of a homogenized volume: of its full yarns and mid-surface, then the fluctuations of its cells.
 
     knots: that an adaptive volume has taken in, axis and place [m] of each (k, 2). before: the state one step earlier,
     where the integrator needs it. passages: rows of ``Passages`` of the yarns up to now, but not
@@ -80,11 +81,12 @@ class SplineMotion(Body[YarnMotion]):
     obstacles, both in implicit steps only; displacement: of the fabric at the start from where it is drawn [m];
     damping: rate [1/s] at which free motion decays. Contacts constrain the yarns themselves, and where they touch
     elsewhere they press on each other (``SplineTouch``); in a volume yarns need no constraints, and only those of the
-    cells of a homogenized one press on each other. reduction: of a volume; a homogenized one is held by its mid-surface
-    and takes implicit steps only. tolerance: of implicit steps, forces left over per weight of the fabric; enough:
-    share of ``fall_energy`` that an iteration must gain to go on, by default ``ENOUGH`` with loads, whose steps are
-    kept as they are, else 0; iterations: of Newton, the most in a step, by default 12 with loads, else 50. method: of
-    steps; integrator: of implicit ones. energy: of the fabric's yarns, if it is already known. Raises InputError.
+    cells and full yarns of a homogenized one press on each other. reduction: of a volume; a homogenized one has full
+    yarns where it is held and cast on (``RowsOnCells``), loads at its mid-surface, and implicit steps only. tolerance:
+    of these, forces left over per weight of the fabric; enough: share of ``fall_energy`` that an iteration must gain to
+    go on, by default ``ENOUGH`` with loads, whose steps are kept as they are, and in homogenized volumes, else 0;
+    iterations: of Newton, the most in a step, by default 12 with loads, else 50. method: of steps; integrator: of
+    implicit ones. energy: of the fabric's yarns, if it is known. Raises InputError.
     """
 
     def __init__(
@@ -117,29 +119,27 @@ class SplineMotion(Body[YarnMotion]):
         self.gravity, self.displacement = np.asarray(gravity, dtype=np.float64), displacement
         self.damping = not_negative("damping", damping, "zero or more [1/s]")
         self.tolerance, self.loose = tolerance, loads is not None
-        self.enough = enough if enough is not None else ENOUGH if self.loose else 0.0
+        self.enough = enough if enough is not None else ENOUGH if self.loose or homogenized else 0.0
         self.iterations = iterations if iterations is not None else _LED_ITERATIONS if self.loose else _ITERATIONS
         self.method: Method = method
         self.integrator: Integrator = checked_integrator(integrator)
         self.halvings, self.off_place = 4 if method == "implicit" else 0, fabric.radius
         self.of_yarns = energy if energy is not None else SplineEnergy(fabric)
-        self.cells = VolumeCells(self.of_yarns, volume) if volume is not None and homogenized else None
+        self.cells = cells_of(self.of_yarns, volume, held) if volume is not None and homogenized else None
         self.energy = self.of_yarns if self.cells is None else self.cells
         self.load = self.energy.weight(self.gravity)
         standard = self.energy.weight(np.asarray(STANDARD_GRAVITY))
         self.force_scale = float(np.linalg.norm(self.load if self.load.any() else standard))
         self._mass = self.energy.mass_matrix()
-        rest = fabric.control.reshape(-1, 3)
-        within = volume is not None and not homogenized
+        rest, within = fabric.control.reshape(-1, 3), volume is not None and not homogenized
         self.map = NodeMap(volume.fast_weights(rest), np.zeros(rest.size)) if volume is not None and within else None
-        self.start = self._displaced()
-        self._held = self._held_rows()
+        self.start, self._held = self._displaced(), self._held_rows()
         self._held_at = self._held @ self.expanded(self.start).positions.ravel()
         self._contacts = SplineContacts.of(fabric)
         points = SplinePoints(fabric)
         self.touch, self.forces = SplineTouch(points), None if loads is None else self._forces(points, loads)
-        start = self.start.positions
-        self._constraints = self._tied(start) if volume is None else self._held_volume(start)
+        constrain = self._tied if volume is None else self._held_volume
+        self._constraints = constrain(self.start.positions)
         self._pull = None if self.map is None else KeptPull(self.map)
         self._linear = linear_solver(self._constraints)
         self._mass_solve: LinearSolver | None = None
@@ -173,7 +173,7 @@ class SplineMotion(Body[YarnMotion]):
 
     def counts(self) -> dict[str, int]:
         """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume."""
-        return spline_counts(self.fabric, self.volume, self.reduction)
+        return spline_counts(self.fabric, self.volume, self.reduction, self.held)
 
     def with_volume(self, volume: BoundingVolume) -> SplineMotion:
         """The same fabric under the same conditions in another volume."""
@@ -201,7 +201,7 @@ class SplineMotion(Body[YarnMotion]):
         """The same, with contacts listed anew, so that sums are taken in an order that the state alone decides."""
         self.touch.forget()
         if self.cells is not None:
-            self.cells.touch.forget()
+            self.cells.forget()
         return state
 
     def distances_from_places(self, state: YarnMotion) -> dict[str, float]:

@@ -101,8 +101,8 @@ class SplinePeriod:
         copies[segments] = number[which[known:]].reshape(-1, ORDER)
         return grown, copies
 
-    def sources(self, yarns: int, points: int) -> Integers:
+    def sources(self, yarns: int, points: int, first_course: int) -> Integers:
         """Which control point of the period each of a fabric's (yarns, points) corresponds to, (yarns · points,)."""
         per_course = self.count // self.courses
-        course = np.arange(yarns)[:, None] % self.courses
+        course = (first_course + np.arange(yarns)[:, None]) % self.courses
         return (course * per_course + (np.arange(points) - 1) % per_course).ravel()

@@ -38,18 +38,20 @@ class SplineTouch:
     places for them, and for those nearly within reach, so that its pattern lasts.
     """
 
-    def __init__(self, points: SplinePoints) -> None:
+    def __init__(self, points: SplinePoints, *, own: Integers | None = None) -> None:
+        """own: yarns of which a pair has at least one; None: all."""
         self.points, fabric = points, points.fabric
         core = replace(points.sheet, radius=CORE * points.sheet.radius)  # which touches later
         self._stiffness = PatternStiffness.of(core, fabric.material)
         self._strands, self._unit = self._stiffness.pattern.strands, self._stiffness.unit  # type: ignore[attr-defined]
-        self._list, self._radius = ContactList(self._strands, self._stiffness), CORE * fabric.radius
+        counted = None if own is None else np.isin(self._strands.yarn, own)
+        self._list = ContactList(self._strands, self._stiffness, own=counted)
+        self._radius = CORE * fabric.radius
         per, number = points.per_segment, self._strands.place  # an edge begins at its vertex's place on the yarn
         segment = np.minimum(number // per, fabric.segments_per_yarn - 1)
         self._nodes = fabric.segments[self._strands.yarn * fabric.segments_per_yarn + segment]
         first = (number - segment * per) / per
         self._shares = np.stack([blending(first), blending(first + 1.0 / per)], axis=1)
-        self._segments = position_variables(fabric.segments)
         self._rows = csr_array(points.rows[::3, ::3])
         self._columns = csr_array(self._rows.T)
         self._blocks: BlockPattern | None = None
@@ -64,6 +66,12 @@ class SplineTouch:
         every = listed.stencils
         some = replace(every, variables=every.variables[near], parameters=every.parameters[near])
         return listed.first[near], listed.second[near], some
+
+    def near(self, margin: float) -> Integers:
+        """Control points behind the pairs that are so much farther apart at rest than they touch [r], (p, 8)."""
+        positions = self.points.sheet.vertices / self._radius
+        first, second = self._list.pairs_within(positions, self._list.reach + margin)
+        return np.concatenate([self._nodes[first], self._nodes[second]], axis=1)
 
     def forget(self) -> None:
         """List contacts anew."""
@@ -130,8 +138,9 @@ class SplineTouch:
     def _lay_out(self, positions: Array, inner: SymmetricPattern) -> None:
         """The pattern for pairs that are within reach, or nearly."""
         first, second, _ = self._pressed(positions, _MARGIN)
-        unknowns = position_variables(np.concatenate([self._nodes[first], self._nodes[second]], axis=1))
-        self._blocks = BlockPattern.of(np.full(inner.size // 3, 3), [self._segments, unknowns])
+        pairs = position_variables(np.concatenate([self._nodes[first], self._nodes[second]], axis=1))
+        own = np.column_stack([inner.columns, inner.rows])
+        self._blocks = BlockPattern.of(np.full(inner.size // 3, 3), [own, pairs])
         self._keys = self._blocks.keys
         self._inner = places_among(self._blocks.pattern.keys, inner.keys)
 

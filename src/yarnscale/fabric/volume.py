@@ -76,6 +76,11 @@ class BoundingVolume:
         grid = np.meshgrid(x, y, [self.bottom, self.top], indexing="ij")
         return np.stack(grid, axis=-1).reshape(-1, 3)
 
+    def along_y(self, low: float, high: float) -> BoundingVolume:
+        """The volume with its patches from low to high [m] along y instead."""
+        begin, end = self.y_knots[DEGREE], self.y_knots[-DEGREE - 1]
+        return replace(self, y_knots=low + (self.y_knots - begin) * ((high - low) / (end - begin)))
+
     def weights(self, points: Array) -> csr_array:
         """Γ of points (n, 3) [m] given at rest: (n, count), at most 32 entries a row. Raises InputError outside."""
         x, y = _design(points[:, 0], self.x_knots, "x"), _design(points[:, 1], self.y_knots, "y")

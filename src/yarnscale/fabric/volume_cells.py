@@ -26,23 +26,21 @@ from yarnscale.arrays import Array, Integers
 from yarnscale.cell.midsurface import midsurface_point
 from yarnscale.errors import InputError
 from yarnscale.fabric.cell_touch import CellTouch
-from yarnscale.fabric.spline_contacts import STITCH_SPRING, kept_values
+from yarnscale.fabric.spline_contacts import StitchSprings, stitch_stiffness
 from yarnscale.fabric.spline_knit import SplineFabric
 from yarnscale.fabric.spline_model import SplineEnergy, evenly_shifted, spline_parameters
 from yarnscale.fabric.spline_period import SplinePeriod
 from yarnscale.fabric.spline_yarn import SPLINE_SEGMENT
 from yarnscale.fabric.volume import DEGREE, BoundingVolume
+from yarnscale.fabric.volume_points import VolumePoints
 from yarnscale.fabric.volume_surface import SurfacePoints
-from yarnscale.numerics.assembly import StencilSet, position_variables, symmetric
+from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.kernel import Kernel, compile_kernel, run_columns
 from yarnscale.numerics.regularisation import ShiftedHessian
 
 _GAUSS = 3
 """Gauss points of a patch in each direction."""
-_STITCH_STIFFNESS = 0.3
-"""Stiffness of the springs that keep stitches, over that of one radius of yarn; moduli then differ by 1 % from those
-with a hundred times as stiff springs."""
 _FORMS, _DERIVATIVES = 6, 15
 
 Reduction = Literal["published", "homogenized"]
@@ -109,10 +107,14 @@ class VolumeCells:
         self._controls = volume.count // 2
         self.size = 3 * (self._controls + self._cells * period.count)
         rest = fabric.control.reshape(-1, 3)
-        self._heights, self._sources = rest[:, 2:], period.sources(*fabric.control.shape[:2])
-        self._yarn_points = SurfacePoints(volume, rest[:, 0], rest[:, 1])
-        self._weights = self._yarn_points.weights()
-        self._between = [_between(*pair) for pair in ((x, rest[:, 0]), (y, rest[:, 1]))]
+        surface = SurfacePoints(volume, rest[:, 0], rest[:, 1])
+        self._weights = surface.weights()
+        between = [_between(*pair) for pair in ((x, rest[:, 0]), (y, rest[:, 1]))]
+        sources = period.sources(fabric.yarn_count, fabric.points_per_yarn, fabric.first_course)
+        around, shares_of = _around(between, len(y))
+        nodes = self._controls + around * period.count + sources[:, None]
+        self.points = VolumePoints(surface, nodes, shares_of, rest[:, 2])
+        """All control points of the yarns."""
         control = volume.control_at_rest[::2] * [1.0, 1.0, 0.0]
         self.at_rest = np.concatenate([control, np.zeros((self._cells * period.count, 3))])
         self._make_energies(fabric, shares)
@@ -126,16 +128,9 @@ class VolumeCells:
         begin = self._nodes * np.arange(cells)[:, None, None]
         segments = (begin + period.segments).reshape(-1, 4)
         self._segments = StencilSet(SPLINE_SEGMENT, position_variables(segments), parameters, 4)
-        stiffness = _STITCH_STIFFNESS * fabric.material.stretch_stiffness(fabric.radius) / fabric.radius
-        one, other, zero = *np.moveaxis(period.slopes, 1, 0), np.zeros((len(period.stitches), 4))
-        rows = [[period.weights[:, 0], -period.weights[:, 1]], [one, zero], [zero, other]]
-        self._ties = np.stack([np.concatenate(row, axis=1) for row in rows], axis=1)
-        self._tied = period.stitches.reshape(-1, 8)
-        rest = np.einsum("kij,kjc->ikc", self._ties, period.reference[self._tied])
-        values, _ = kept_values(*rest)
-        springs = stiffness * np.repeat(shares, len(values))
-        self._springs = np.column_stack([np.tile(values, (cells, 1)), springs])
-        self._anchors = stiffness * shares
+        self._anchors = stitch_stiffness(fabric) * shares
+        along = period.stitches, period.weights, period.slopes
+        self._stitches = StitchSprings(*along, period.reference, self._anchors)
         self._reference = np.tile(period.reference, (cells, 1))
 
     def _make_pattern(self) -> None:
@@ -169,27 +164,16 @@ class VolumeCells:
 
     def yarns(self, positions: Array, velocities: Array) -> tuple[Array, Array]:
         """Control points of the yarns (n, 3) [m] with fluctuations, and velocities of the mid-surface there [m/s]."""
-        control = positions[: self._controls]
-        (x, y), count = (len(points) for points, _ in self._grid), self._period.count
-        fluctuation = positions[self._controls :].reshape(x, y, count, 3)
-        (low, right), (below, up) = self._between
-        mixed = np.zeros((len(self._sources), 3))
-        for i, across in ((low, 1.0 - right), (low + 1, right)):
-            for j, along in ((below, 1.0 - up), (below + 1, up)):
-                mixed += (across * along)[:, None] * fluctuation[i, j, self._sources]
-        mixed[:, 2:] += self._heights
-        frames = self._yarn_points.frames(control)
-        points = frames.points + np.einsum("nij,nj->ni", frames.rotations, mixed)
-        return points, np.asarray(self._weights @ velocities[: self._controls])
+        return self.points.at(positions), np.asarray(self._weights @ velocities[: self._controls])
 
     def value(self, x: Array) -> float:
         """Energy [J]; inf where the surface has no area."""
         points = self._placed(x).points
         if not np.isfinite(points).all():
             return math.inf
-        (stitches,) = run_columns(STITCH_SPRING.value, self._stitched(points), self._springs)
-        energy = self._segments.value(points.ravel()) + self.touch.value(self._of_cells(points))
-        return energy + float(stitches.sum()) + self._anchored(x)[0]
+        nodes = self._of_cells(points)
+        energy = self._segments.value(points.ravel()) + self._stitches.value(nodes) + self.touch.value(nodes)
+        return energy + self._anchored(x)[0]
 
     def gradient(self, x: Array) -> tuple[float, Array]:
         return self._forces(x, self._placed(x))[:2]
@@ -202,9 +186,8 @@ class VolumeCells:
         local = np.zeros((cells, (inner + _FORMS) ** 2))
         hessians = self._segments.elements(placed.points.ravel())[2]
         self._add(local, self._every(self._period.segments), placed.jacobian, hessians, None)
-        _, _, lower = run_columns(STITCH_SPRING.hessian, self._stitched(placed.points), self._springs)
-        ties = np.tile(self._ties, (cells, 1, 1))
-        self._add(local, self._every(self._tied), placed.jacobian, symmetric(lower, 9), ties)
+        hessians, ties = self._stitches.hessians(self._of_cells(placed.points)), self._stitches.ties
+        self._add(local, self._every(self._stitches.nodes), placed.jacobian, hessians, np.tile(ties, (cells, 1, 1)))
         cell, nodes, ties, touching = self.touch.hessians(self._of_cells(placed.points))
         self._add(local, (cell, nodes), placed.jacobian, touching, ties)
         cell, nodes = np.nonzero(force.any(axis=2))
@@ -241,11 +224,6 @@ class VolumeCells:
             jacobian.reshape(self._cells, self._nodes, 3, 9), given,
         )  # fmt: skip
 
-    def _stitched(self, points: Array) -> Array:
-        """Gap and both tangents of every stitch (g·k, 9)."""
-        nodes = points.reshape(self._cells, self._nodes, 3)[:, self._tied]
-        return np.einsum("kij,gkjc->gkic", self._ties, nodes).reshape(-1, 9)
-
     def _anchored(self, x: Array) -> tuple[float, Array]:
         """Energy of springs on the mean fluctuation of every cell, as stiff as those of stitches, and its gradient."""
         mean = x[3 * self._controls :].reshape(self._cells, -1, 3).mean(axis=1)
@@ -257,10 +235,8 @@ class VolumeCells:
         """Energy, its gradient, and its derivatives by nodes (g, m, 3) and by forms (g, 6)."""
         flat = np.zeros(placed.points.size)
         value = self._segments.gradient(placed.points.ravel(), flat)
-        energies, pulls = run_columns(STITCH_SPRING.gradient, self._stitched(placed.points), self._springs)
-        shares = np.einsum("kij,gkic->kjgc", self._ties, pulls.reshape(self._cells, -1, 3, 3))
         force = flat.reshape(self._cells, self._nodes, 3)
-        np.add.at(force.transpose(1, 0, 2), self._tied, shares)
+        value += self._stitches.gradient(self._of_cells(placed.points), force)
         pressed, push = self.touch.gradient(self._of_cells(placed.points))
         force += push
         moved = np.einsum("gmc,gmcv->gmv", force, placed.jacobian)
@@ -269,7 +245,7 @@ class VolumeCells:
         stress = moved[:, :, 3:].sum(axis=1)
         outer = self._surface.pulled(np.einsum("gk,gkd->gd", stress, placed.slopes))
         gradient = np.concatenate([outer.ravel(), inner.ravel()])
-        return value + float(energies.sum()) + pressed + anchor, gradient, force, stress
+        return value + pressed + anchor, gradient, force, stress
 
     def _places(self, nodes: Integers) -> Integers:
         """Unknowns of a cell (e, 3k + 6) that elements with nodes (e, k) depend on: fluctuations, then forms."""
@@ -309,6 +285,10 @@ class VolumeCells:
         by = np.concatenate([moved, np.broadcast_to(forms[:, None], (cells, self._nodes, _FORMS))], axis=2)
         return self.touch.bound(self._of_cells(placed.points), np.einsum("gmcv,gmv->gmc", placed.jacobian, by))
 
+    def forget(self) -> None:
+        """List contacts anew."""
+        self.touch.forget()
+
     def _of_cells(self, points: Array) -> Array:
         return points.reshape(self._cells, self._nodes, 3)
 
@@ -320,10 +300,10 @@ def period_of(fabric: SplineFabric) -> SplinePeriod:
     return fabric.period
 
 
-def reduced_counts(fabric: SplineFabric, volume: BoundingVolume) -> dict[str, int]:
-    """Unknowns of the mid-surface, and of the cells that a factorisation eliminates."""
+def cell_unknowns(fabric: SplineFabric, volume: BoundingVolume) -> int:
+    """Unknowns of all cells."""
     (x, _), (y, _) = _gauss_points(fabric, volume)
-    return {"reduced_unknowns": 3 * volume.count // 2, "cell_unknowns": 3 * len(x) * len(y) * period_of(fabric).count}
+    return 3 * len(x) * len(y) * period_of(fabric).count
 
 
 def _gauss_points(fabric: SplineFabric, volume: BoundingVolume) -> list[tuple[Array, Array]]:
@@ -353,17 +333,19 @@ def _between(points: Array, places: Array) -> tuple[Integers, Array]:
     return before, np.clip(share, 0.0, 1.0)
 
 
+def _around(between: list[tuple[Integers, Array]], width: int) -> tuple[Integers, Array]:
+    """The four cells around points (k, 4) and their shares in a bilinear interpolation.
+
+    between: of ``_between`` along x and y; width: cells along y.
+    """
+    (low, right), (below, up) = between
+    cells = [(low + i) * width + below + j for i in (0, 1) for j in (0, 1)]
+    shares = [across * along for across in (1.0 - right, right) for along in (1.0 - up, up)]
+    return np.stack(cells, axis=1), np.stack(shares, axis=1)
+
+
 def _scatter(local: Array, cell: Integers, places: Integers, blocks: Array) -> None:
     """Add blocks (e, k, k) at places (e, k) of the square matrices of cells (e,), each a row of ``local``."""
     size = local.shape[1]
     index = (cell * size)[:, None, None] + places[:, :, None] * math.isqrt(size) + places[:, None, :]
     local += np.bincount(index.ravel(), weights=blocks.ravel(), minlength=local.size).reshape(local.shape)
-
-
-def spline_counts(fabric: SplineFabric, volume: BoundingVolume | None, reduction: Reduction) -> dict[str, int]:
-    """Sizes as LOD03 Figure 9 counts them; ``reduced_unknowns`` with a volume, ``cell_unknowns`` if homogenized."""
-    counts = fabric.counts()
-    if volume is None:
-        return counts
-    reduced = {"reduced_unknowns": 3 * volume.count}
-    return counts | (reduced_counts(fabric, volume) if reduction == "homogenized" else reduced)

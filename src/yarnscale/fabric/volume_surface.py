@@ -1,8 +1,6 @@
-"""The mid-surface of a bounding volume at given points: its derivatives, and the frames that follow it."""
+"""The mid-surface of a bounding volume at given points, and its derivatives."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -14,13 +12,6 @@ from yarnscale.fabric.volume import DEGREE, BoundingVolume
 _ACROSS = 4
 """Control points that act on a point, in each direction."""
 _ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-
-
-class SurfaceFrames(NamedTuple):
-    """Points (k, 3) [m] and rotations (k, 3, 3) of a surface: its tangents are R √I, its normal is R e3."""
-
-    points: Array
-    rotations: Array
 
 
 class SurfacePoints:
@@ -44,6 +35,11 @@ class SurfacePoints:
         self.local = np.einsum("kdi,cv->kdciv", self._rows[:, 1:], np.eye(3)).reshape(len(x), 15, -1)
         """Derivatives by the coordinates of those control points (k, 15, 48)."""
 
+    @property
+    def jets(self) -> Array:
+        """Weights of those control points in φ, φ,x and φ,y (k, 3, 16)."""
+        return self._rows[:, :3]
+
     def weights(self) -> csr_array:
         """The matrix (k, n1·n2) from control points to points."""
         count, width = self.active.shape
@@ -60,15 +56,3 @@ class SurfacePoints:
         total = np.zeros((self._count, 3))
         np.add.at(total, self.active, shares)
         return total
-
-    def frames(self, control: Array) -> SurfaceFrames:
-        """Points, and rotations as those of a cell's midsurface."""
-        jet = self._rows[:, :3] @ control[self.active]
-        tangents = jet[:, 1:]
-        first = tangents @ tangents.transpose(0, 2, 1)
-        root = np.sqrt(np.linalg.det(first))
-        trace = first[:, 0, 0] + first[:, 1, 1]
-        stretch = (first + root[:, None, None] * np.eye(2)) / np.sqrt(trace + 2.0 * root)[:, None, None]
-        normal = np.cross(tangents[:, 0], tangents[:, 1]) / root[:, None]
-        plane = np.linalg.solve(stretch, tangents)
-        return SurfaceFrames(jet[:, 0], np.stack([plane[:, 0], plane[:, 1], normal], axis=2))

@@ -52,9 +52,19 @@ class ContactList:
     """Lists the pairs of yarns, anew only where vertices have moved far enough; positions are those of all nodes."""
 
     def __init__(
-        self, strands: Strands, stiffness: PatternStiffness, *, symmetric: bool = False, turning: Array | None = None
+        self,
+        strands: Strands,
+        stiffness: PatternStiffness,
+        *,
+        symmetric: bool = False,
+        turning: Array | None = None,
+        own: Flags | None = None,
     ) -> None:
-        """symmetric: every pair from both sides, half each. turning: rotation vectors (T·n, 3), None: flat."""
+        """symmetric: every pair from both sides, half each. turning: rotation vectors (T·n, 3), None: flat.
+
+        own: nodes of which a pair has at least one (T·n,); None: all.
+        """
+        self._own = own
         self._strands, self._stiffness = strands, stiffness
         self._symmetric, self._turning = symmetric, turning
         self._length = stiffness.pattern.rest_length / stiffness.pattern.radius
@@ -92,6 +102,9 @@ class ContactList:
         first, second = close_pairs(
             self._strands, positions, reach, neighbours=self._neighbours, ordered=self._symmetric, moves=moves
         )
+        if self._own is not None:
+            kept = self._own[first] | self._own[second]
+            first, second = first[kept], second[kept]
         if self._turning is None:
             return first, second
         turned = self._turning[second] - self._turning[first]
