@@ -1,12 +1,13 @@
 """One scenario, two simulations: every yarn of a sheet, and its homogenized cloth (HYLC20 Fig. 16 and Table 2).
 
 python benchmarks/validation.py [PATTERN ...] --scene stretch|drape --size 0.15 --friction 0.3 0.02 --out DIR
+python benchmarks/validation.py [PATTERN ...] --friction --cloth-friction 0.1 --out DIR
 python benchmarks/validation.py --out DIR --table
 
 stretch: two bars move apart and stand still, gravity through the thickness, at the proportions of the published test.
 drape: the sheet falls on a ball that lies a little aside of its middle, along the courses or the wales: under the
 middle a quarter turn of the sheet would change nothing. The sheet has the whole periods that come nearest to the
-size, the cloth is the square of the same area.
+size, the cloth is the square of the same area. Cloth has no friction inside, or that of the cell (--cloth-friction).
 
 Every run is kept in a folder of its own, DIR/PATTERN/CASE, with its frames and a checkpoint after each: a killed run
 goes on where it was, a finished one is not repeated. DIR/PATTERN holds the pattern at rest, its samples and the
@@ -50,7 +51,10 @@ from yarnscale.files.curve_frames import CurveFolder, CurveSet
 from yarnscale.files.material_json import read_material, write_material
 from yarnscale.files.pattern_json import read_pattern_json, write_pattern_json
 from yarnscale.files.visited import visited_strains
+from yarnscale.homogenize.friction_fit import with_friction
+from yarnscale.homogenize.friction_paths import friction_paths
 from yarnscale.homogenize.homogenize import homogenize
+from yarnscale.homogenize.rays import largest_load
 from yarnscale.motion.body import Body, State
 from yarnscale.motion.handles import Handle
 from yarnscale.motion.obstacles import Sphere
@@ -60,6 +64,7 @@ from yarnscale.motion.schedule import Schedule
 from yarnscale.shell.contact.cloth_contact import ContactSettings
 from yarnscale.shell.dynamics.cloth import Cloth
 from yarnscale.shell.dynamics.solver import ClothSolver
+from yarnscale.shell.materials.compact import CompactMaterial
 from yarnscale.shell.materials.material import ShellMaterial
 from yarnscale.shell.mesh import TriangleMesh, rectangle
 from yarnscale.shell.scenes.scene import BAR_GAP, BAR_TRAVEL, BAR_WIDTH, SHEET, bar_duration, bar_points
@@ -90,7 +95,8 @@ CLOTH_GAP = 0.75
 class Case:
     """One simulation: a pattern, scene, direction of the pull or of the ball, and the size asked for [m].
 
-    friction: of yarns on each other; None: by the homogenized cloth. spacing: of the triangles of cloth [m].
+    friction: of yarns on each other, or of those from which cloth is homogenized. spacing: of the triangles of cloth
+    [m]; None: every yarn.
     """
 
     pattern: str
@@ -102,8 +108,9 @@ class Case:
 
     @property
     def name(self) -> str:
-        kind = f"cloth-{1e3 * self.spacing:g}mm" if self.spacing else f"friction-{self.friction:g}"
-        return f"{self.scene}-{self.direction}-{1e3 * self.size:g}mm-{kind}"
+        kinds = [f"cloth-{1e3 * self.spacing:g}mm"] if self.spacing else []
+        kinds += [f"friction-{self.friction:g}"] if self.friction else []
+        return "-".join([self.scene, self.direction, f"{1e3 * self.size:g}mm", *kinds])
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +308,7 @@ def cloth_of(asked: Scenario, material: ShellMaterial, spacing: float) -> Cloth:
     return Cloth(mesh, material, contact=contact, obstacles=(sphere,), damping=FALL_DAMPING)
 
 
-def material_of(asked: Scenario, folder: Path, *, visit: bool = False) -> ShellMaterial:
+def material_of(asked: Scenario, folder: Path, *, visit: bool = False) -> Path:
     """The homogenized material that a pattern's folder keeps; visit: sampled too where the cloth of its cases went."""
     path = folder / "material.json"
     if visit or not path.exists():
@@ -310,16 +317,34 @@ def material_of(asked: Scenario, folder: Path, *, visit: bool = False) -> ShellM
         found = homogenize(asked.cell, folder, resume=True, visited=visited, workers=1)
         write_material(path, found.material)
         print(f"{folder.name}: {found.summary.states} states, {found.errors}", flush=True)
-    return read_material(path)
+    return path
+
+
+def with_sliders(asked: Scenario, elastic: Path, friction: float) -> Path:
+    """The same with the friction of yarns, which lies beside it; made anew where the elastic one was fitted anew."""
+    folder = elastic.parent
+    path = folder / f"material-friction-{friction:g}.json"
+    if not path.exists() or path.stat().st_mtime < elastic.stat().st_mtime:
+        material = read_material(elastic)
+        assert isinstance(material, CompactMaterial)
+        kept, limit = folder / f"friction-{friction:g}", largest_load(asked.cell)
+        found = with_friction(
+            material, friction_paths(asked.cell, YarnFriction(friction), limit=limit, folder=kept), friction
+        )
+        write_material(path, found)
+        print(f"{folder.name}, friction {friction:g}: {found.provenance['friction']}", flush=True)
+    return path
 
 
 def by_cloth(case: Case, asked: Scenario, folder: Path, options: argparse.Namespace) -> None:
     """The homogenized cloth."""
     assert case.spacing is not None
-    material = material_of(asked, folder.parent)
-    cloth = cloth_of(asked, material, case.spacing)
+    path = material_of(asked, folder.parent)
+    if case.friction:
+        path = with_sliders(asked, path, case.friction)
+    cloth = cloth_of(asked, read_material(path), case.spacing)
     parts = case, asked, folder, ClothState, options.cloth_step
-    text = (folder.parent / "material.json").read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
     try:
         run = KeptRun(*parts, material=text)
     except InputError as error:
@@ -354,6 +379,10 @@ def cases(options: argparse.Namespace) -> list[Case]:
     for pattern, direction in product(options.patterns, options.directions):
         case = Case(pattern, options.scene, direction, options.size)
         found += [replace(case, spacing=spacing) for spacing in options.spacing]
+        found += [
+            replace(case, spacing=spacing, friction=friction)
+            for spacing, friction in product(options.spacing, options.cloth_friction)
+        ]
         found += [replace(case, friction=friction) for friction in options.friction]
     return found
 
@@ -366,6 +395,7 @@ if __name__ == "__main__":
     parser.add_argument("--size", type=float, default=0.15, help="edge of the sheet [m]")
     parser.add_argument("--spacing", type=float, nargs="*", default=[0.004], help="edges of the triangles of cloth [m]")
     parser.add_argument("--friction", type=float, nargs="*", default=[0.3, 0.02], help="of yarns on each other")
+    parser.add_argument("--cloth-friction", type=float, nargs="*", default=[], help="cloth with friction of yarns, too")
     parser.add_argument("--time-step", type=float, default=1 / 60, help="of the yarns [s]")
     parser.add_argument("--cloth-step", type=float, default=1 / 60, help="of the cloth [s]")
     parser.add_argument("--table", action="store_true", help="print what is kept, simulate nothing")

@@ -47,6 +47,7 @@ def chosen_pairs(options: argparse.Namespace) -> dict[tuple[str, str], list[tupl
     for yarns, cloth in pairs(kept_runs(options.folder)):
         case = yarns.case
         asked = case["scene"] == options.scene and case["size"] == options.size
+        asked = asked and cloth is not None and options.cloth_friction == (cloth.case["friction"] is not None)
         if asked and cloth is not None and yarns.outcome and cloth.outcome:
             found.setdefault((case["pattern"], case["direction"]), []).append((yarns, cloth))
     for runs in found.values():
@@ -146,6 +147,7 @@ if __name__ == "__main__":
     parser.add_argument("--scene", choices=tuple(EYES), default="stretch")
     parser.add_argument("--size", type=float, default=0.15)
     parser.add_argument("--friction", type=float, default=0.1)
+    parser.add_argument("--cloth-friction", action="store_true", help="of cloth with the friction of the yarns")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--forces", type=Path)
     chosen = parser.parse_args()

@@ -75,14 +75,19 @@ def kept_runs(out: Path) -> list[Kept]:
 
 
 def pairs(runs: list[Kept]) -> list[tuple[Kept, Kept | None]]:
-    """Every run of yarns, and that of the cloth of the finest mesh."""
+    """Every run of yarns with cloth of the finest mesh: without friction, and with the same where that is kept."""
     found = []
     for run in runs:
-        if run.case["friction"] is None:
+        if run.case["spacing"] is not None:
             continue
         same = ("pattern", "scene", "direction", "size")
         cloths = [r for r in runs if r.case["spacing"] and all(r.case[k] == run.case[k] for k in same)]
-        found.append((run, min(cloths, key=lambda r: r.case["spacing"], default=None)))
+        finest = [
+            min(kept, key=lambda r: r.case["spacing"])
+            for friction in (None, run.case["friction"])
+            if (kept := [r for r in cloths if r.case["friction"] == friction])
+        ]
+        found += [(run, cloth) for cloth in finest or [None]]
     return found
 
 
@@ -156,7 +161,9 @@ def printed(out: Path) -> str:
     for yarns, cloth in pairs(kept_runs(out)):
         case = yarns.case
         size = f"{100 * case['edge']:.1f}, {case['periods'][0]}×{case['periods'][1]}"
-        cells = [case["pattern"], f"{case['scene']}, {case['direction']}", size, f"{case['friction']:g}"]
+        frictions = [case["friction"]] + ([] if cloth is None else [cloth.case["friction"] or 0.0])
+        cells = [case["pattern"], f"{case['scene']}, {case['direction']}", size]
+        cells.append(" / ".join(f"{friction:g}" for friction in frictions))
         cells += _speeds(yarns, cloth) + _errors(yarns, cloth)
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
