@@ -103,7 +103,7 @@ def test_a_cell_goes_through_cycles_of_loads_and_paths_are_kept(monkeypatch, tmp
     names = [path.name for path in found]
     assert sorted(walked) == sorted(names) == sorted(some)
     pulled = found[names.index("tension 0")]
-    assert pulled.complete and len(pulled.strains) == 9
+    assert pulled.complete and len(pulled.strains) == 11
     assert pulled.strains.shape == pulled.stresses.shape == pulled.elastic.shape
     friction = pulled.stresses - pulled.elastic
     assert np.abs(friction[1:]).max() > 0.0 and np.abs(friction[0]).max() == 0.0

@@ -22,7 +22,7 @@ from yarnscale.homogenize.friction_paths import COUNT, STEPS, FrictionPath
 from yarnscale.shell.materials.compact import CompactMaterial, images_of
 from yarnscale.shell.materials.friction import LEAST_LIMIT, ROUNDING, Sliders
 
-STARTS, FIRST, LAST = 6, 40, 150
+STARTS, FIRST, LAST = 3, 40, 150
 """Starts of the search, evaluations of each, and further ones of the best."""
 FLOOR = 0.1
 """Elastic stress over scaled strains that counts as large [J/m²]: 0.2 N/m."""

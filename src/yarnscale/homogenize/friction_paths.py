@@ -29,7 +29,7 @@ from yarnscale.homogenize.worker import peak_megabytes
 from yarnscale.kinematics import ShellStrain
 from yarnscale.yarn.friction import YarnFriction
 
-COUNT = 10
+COUNT = 14
 """Sliders of a fitted material."""
 STEPS = 12
 """Steps between two turns."""
@@ -39,12 +39,12 @@ _FIRST_STEP = 0.005
 """Stretch s_x of a first step."""
 _SMALL = 4e-4
 """Of the largest load: what counts as none where loads grow by shares."""
-_AMPLITUDES = ((0.04, 0.002), (0.1, 0.005), (0.2, 0.01), (1.0, 0.004))
+_AMPLITUDES = ((0.004, 0.0004), (0.04, 0.002), (0.1, 0.005), (0.2, 0.01), (1.0, 0.004))
 """Where loads of tension turn, of the largest: above, and below."""
 _PULLS = (0.02, 0.2)
 """Tension both ways of sheared pieces, and along which bent ones, of the largest load."""
-_SHEARS = (0.0, 0.02, -0.02, 0.06, -0.06, 0.14, -0.14, 0.0)
-_BENDS = (0.0, 0.015, -0.015, 0.035, -0.035, 0.08, -0.08, 0.0)
+_SHEARS = (0.0, 0.004, -0.004, 0.02, -0.02, 0.06, -0.06, 0.14, -0.14, 0.0)
+_BENDS = (0.0, 0.003, -0.003, 0.015, -0.015, 0.035, -0.035, 0.08, -0.08, 0.0)
 """Where shear s_a turns, and curvature times the yarn radius."""
 
 Corner = tuple[Loads, Prescribed]
