@@ -37,7 +37,9 @@ from yarnscale.motion.obstacles import Sphere
 from yarnscale.motion.run import simulate
 from yarnscale.motion.schedule import FRAME, Schedule
 from yarnscale.shell.materials.compact import CompactMaterial
+from yarnscale.shell.mesh import rectangle
 from yarnscale.shell.scenes.sheet_scenes import bagging
+from yarnscale.shell.state import ClothState
 from yarnscale.show.curves import Curve
 from yarnscale.show.run_page import frames_picture
 from yarnscale.show.tubes import yarn_picture
@@ -92,9 +94,15 @@ def main() -> None:
 
 
 def cloth(material: CompactMaterial, ball: Sphere, friction: float, options: argparse.Namespace) -> Bag:
-    """The bag of cloth."""
+    """The bag of cloth, whose rim is held with its slope, as that of yarns."""
     scene = bagging(material, size=options.size, spacing=options.spacing)
-    scene = replace(scene, cloth=replace(scene.cloth, obstacles=(ball,), damping=DAMPING))
+    wide = options.size + 2.0 * options.spacing
+    mesh = rectangle(wide, wide, options.spacing)
+    flat = ClothState.flat(mesh)
+    rim = np.flatnonzero(np.abs(mesh.panel).max(axis=1) > 0.5 * options.size - 0.1 * options.spacing)
+    held = (Handle("rim", rim, flat.positions[rim]),)
+    held_cloth = replace(scene.cloth, mesh=mesh, handles=held, obstacles=(ball,), damping=DAMPING)
+    scene = replace(scene, cloth=held_cloth, start=flat)
     states, seconds = swung(scene.body, scene.start, FRAME / 2)
     shapes = [state.positions for state in (scene.start, *states)]
     return measured("cloth", friction, shapes, options.size, seconds, Surface(scene.cloth.mesh.triangles))
