@@ -6,6 +6,7 @@ sheet: there the stretch in the middle, the width, the height of the curl, outli
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -62,8 +63,8 @@ class MiddleSurface:
 class Shape:
     """Of a middle surface: stretch in its middle along and across the pull; lengths [m].
 
-    width: half way between the bars, across the pull. rise: of what is highest or lowest half way, over the middle.
-    lowest: of everything, over the middle.
+    width: half way between the bars, across the pull. rise: from the lowest to the highest point half way, negative
+    where the highest is nearer to the middle: edges that hang. lowest: of everything, over the middle.
     """
 
     along: float
@@ -82,10 +83,12 @@ def shape_of(surface: Array, size: float, axis: int) -> Shape:
     middle = surface[np.ix_(inner, inner)].reshape(-1, 3)
     slopes = np.linalg.norm(np.linalg.lstsq(design, middle, rcond=None)[0][:2], axis=1)
     half_way = np.take(surface, POINTS // 2, axis=axis)
-    above = half_way[:, 2] - half_way[POINTS // 2, 2]
+    height = half_way[:, 2]
+    highest, lowest = (abs(int(k) - POINTS // 2) for k in (height.argmax(), height.argmin()))
+    rise = math.copysign(float(np.ptp(height)), highest - lowest)
     return Shape(
         float(slopes[axis]), float(slopes[1 - axis]), float(np.ptp(half_way[:, 1 - axis])),
-        float(above[np.abs(above).argmax()]), float((surface[..., 2] - middle[:, 2].mean()).min()),
+        rise, float((surface[..., 2] - middle[:, 2].mean()).min()),
     )  # fmt: skip
 
 
