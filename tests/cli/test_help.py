@@ -14,6 +14,7 @@ import pytest
 
 import yarnscale
 from yarnscale.cli.arguments import parser
+from yarnscale.shell.scenes.ready import READY
 
 COMMANDS = sorted(next(a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)).choices)
 HEAVY = (
@@ -54,6 +55,11 @@ def test_every_command_has_help(run, command: str) -> None:
     assert outcome.status == 0
     assert outcome.out.startswith(f"usage: yarnscale {command}")
     assert outcome.err == ""
+
+
+def test_ready_scenes_are_all_named(run) -> None:
+    words = re.split(r"[\s,]+", run("simulate", "--help").out)
+    assert set(READY) <= set(words)
 
 
 def test_help_loads_nothing_heavy() -> None:

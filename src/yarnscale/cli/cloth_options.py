@@ -40,7 +40,7 @@ def add_cloth_commands(add: Add) -> None:
     option(
         "scene", metavar="SCENE",
         help="scene file (.toml, see yarnscale help scene) or: stretch-course, stretch-wale, drape, drape-on-ball, "
-        "hang, twist, ring, scarf, tshirt, sweater",
+        "hang, bagging, twist, ring, scarf, tshirt, sweater",
     )  # fmt: skip
     option("--shell", metavar="SHELL", help=f"of a ready scene, {SHELL}")
     option("--spacing", type=positive, metavar="H", help="edge length of the triangles of a ready scene [m]")
