@@ -36,7 +36,7 @@ class VolumePoints:
     """Points x = φ + R (û + z e3) as a function of a volume's unknowns (m, 3) [m].
 
     φ and R: the mid-surface and its frame there; û: weighted sum of the fluctuations of cells; z (k,) [m]. nodes:
-    (k, b) the unknowns that are behind each point, threes of numbers.
+    (k, b) the unknowns that are behind each point, threes of numbers, increasing.
     """
 
     def __init__(self, surface: SurfacePoints, nodes: Integers, shares: Array, heights: Array) -> None:
@@ -48,7 +48,7 @@ class VolumePoints:
         self._weights[:, 3, on_surface:] = shares
         self._heights = heights
 
-    def of(self, places: slice) -> VolumePoints:
+    def of(self, places: slice | Integers) -> VolumePoints:
         """Some of the points."""
         part = VolumePoints.__new__(VolumePoints)
         part.nodes, part._weights, part._heights = self.nodes[places], self._weights[places], self._heights[places]
@@ -75,10 +75,16 @@ class VolumePoints:
         return np.einsum("kinj,knb->kbij", self._by_jets(x).reshape(-1, 3, 4, 3), self._weights, optimize=True)
 
     def bend(self, x: Array, forces: Array) -> Array:
-        """Σ force ∇²x by the unknowns behind the points (k, b, b, 3, 3), for forces (k, 3)."""
-        bends = run_columns(_kernels()[1], self._jets_at(x), forces)[0].reshape(-1, 4, 3, 4, 3)
-        half = np.einsum("knimj,kmc->knicj", bends, self._weights, optimize=True)
-        return np.einsum("knicj,knb->kbcij", half, self._weights, optimize=True)
+        """Σ force ∇²x by pairs (b ≥ c) of the unknowns behind the points (p, k, 3, 3), for forces (k, 3).
+
+        Pairs are those of ``np.tril_indices``.
+        """
+        count, _, width = self._weights.shape
+        bends = run_columns(_kernels()[1], self._jets_at(x), forces)[0].reshape(count, 4, 3 * _JET)
+        half = (self._weights.swapaxes(1, 2) @ bends).reshape(count, width, 3, 4, 3).swapaxes(3, 4)
+        whole = (half.reshape(count, 9 * width, 4) @ self._weights).reshape(count, width, 3, 3, width)
+        row, column = np.tril_indices(width)
+        return whole[:, row, :, :, column]
 
     def _by_jets(self, x: Array) -> Array:
         return run_columns(_kernels()[0], self._jets_at(x))[1].reshape(-1, 3, _JET)

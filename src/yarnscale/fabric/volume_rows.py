@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.sparse import block_diag, bsr_array, csc_array, csr_array, hstack, tril
+from scipy.sparse import block_diag, bsr_array, csr_array, hstack, tril
 
 from yarnscale.arrays import Array, Integers
 from yarnscale.errors import InputError
@@ -84,6 +84,7 @@ class _Border:
         lower = tril(meeting.T @ meeting).tocoo()
         self.keys = lower.col.astype(np.int64) * (self._size // 3) + lower.row
         """Threes of unknowns that meet in the Hessian."""
+        self._laid: tuple[SymmetricPattern, tuple[Integers, ...], tuple[Integers, Integers] | None] | None = None
 
     def _joined(self, own: Array, beside: Array) -> Array:
         points = np.empty((len(self._own) + len(self._near), 3))
@@ -111,22 +112,47 @@ class _Border:
         gradient += self._slopes(x).T @ force.ravel()
         return value
 
-    def hessian(self, x: Array, gradient: Array) -> tuple[float, Integers, Array]:
-        """Energy [J]; adds the gradient [N]; keys ``column·groups + row`` of blocks and these (k, 3, 3) [N/m]."""
+    def hessian(self, x: Array, gradient: Array, blocks: BlockPattern, entries: Array) -> float:
+        """Energy [J]; adds the gradient [N] and the Hessian [N/m], which has its places in ``blocks``."""
         value, force, model = self.rows.quadratic(self.control(x))
-        slopes, groups = self._slopes(x), self._size // 3
-        gradient += slopes.T @ force.ravel()
-        lower = csc_array((model.entries, model.pattern.rows, model.pattern.starts))
-        inner = csr_array(lower + tril(lower, -1).T).tobsr((3, 3))
-        whole = slopes.T.tobsr((3, 3)) @ (inner @ slopes)
-        row, column = np.repeat(np.arange(groups), np.diff(whole.indptr)), whole.indices.astype(np.int64)
+        slopes = self._slopes(x)
+        back = slopes.T.tobsr((3, 3))
+        gradient += back @ force.ravel()
+        if self._laid is None or self._laid[0] is not model.pattern:
+            self._laid = model.pattern, _whole(model.pattern), None
+        _, (order, *where), placed = self._laid
+        whole = back @ (csr_array((model.entries[order], *where)).tobsr((3, 3)) @ slopes)
+        if placed is None:
+            row = np.repeat(np.arange(self._size // 3), np.diff(whole.indptr))
+            placed = self._placed(blocks, row, whole.indices)
+            self._laid = model.pattern, (order, *where), placed
+        kept, places = placed
+        blocks.add_blocks(places, whole.data[kept].reshape(-1, 9), entries)
         pulled = np.flatnonzero(force[self._near].any(axis=1))
-        bends = self._beside.bend(x[self._end :], force[self._near])[pulled]
-        behind = np.broadcast_to(self._behind[pulled][:, :, None], bends.shape[:3])
-        rows, columns = np.concatenate([row, behind.ravel()]), np.concatenate([column, behind.swapaxes(1, 2).ravel()])
-        kept = np.flatnonzero(rows >= columns)
-        blocks = np.concatenate([whole.data, bends.reshape(-1, 3, 3)])
-        return value, columns[kept] * groups + rows[kept], blocks[kept]
+        bends = self._beside.of(pulled).bend(x[self._end :], force[self._near[pulled]])
+        b, c = np.tril_indices(self._behind.shape[1])
+        behind = self._behind[pulled].T
+        kept, places = self._placed(blocks, behind[b].ravel(), behind[c].ravel())
+        blocks.add_blocks(places, bends.reshape(-1, 9)[kept], entries)
+        return value
+
+    @staticmethod
+    def _placed(blocks: BlockPattern, row: Integers, column: Integers) -> tuple[Integers, Integers]:
+        """Which blocks below the diagonal are in a pattern, and where: of yarns that are astray only forces count."""
+        known, keys = blocks.keys, column.astype(np.int64) * (len(blocks.starts) - 1) + row
+        places = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+        kept = np.flatnonzero((row >= column) & (known[places] == keys))
+        return kept, places[kept]
+
+
+def _whole(pattern: SymmetricPattern) -> tuple[Integers, Integers, Integers]:
+    """Both triangles of a symmetric matrix by rows: places of the entries in the pattern, columns, begins of rows."""
+    rows, columns, number = pattern.rows, pattern.columns, np.arange(1.0, pattern.entries + 1)
+    below = rows > columns
+    places = np.concatenate([rows, columns[below]]), np.concatenate([columns, rows[below]])
+    marks = csr_array((np.concatenate([number, number[below]]), places), shape=(pattern.size, pattern.size))
+    order, columns, begins = (part.astype(np.int64) for part in (np.rint(marks.data), marks.indices, marks.indptr))
+    return order - 1, columns, begins
 
 
 class RowsOnCells:
@@ -156,7 +182,7 @@ class RowsOnCells:
         self._blocks = BlockPattern.from_keys(
             np.full(groups, 3), np.concatenate([of_cells, *(border.keys for border in self._borders)])
         )
-        self.pattern, self._keys = self._blocks.pattern, self._blocks.keys
+        self.pattern = self._blocks.pattern
         self._of_cells = self._shifted(cells, self._own)
         self.mass_entries = np.zeros(self.pattern.entries)
         self.mass_entries[self._of_cells] = self.cells.mass_entries
@@ -219,11 +245,7 @@ class RowsOnCells:
         gradient, entries = np.concatenate([np.zeros(self._own), of_cells]), np.zeros(self.pattern.entries)
         entries[self._of_cells] = model.entries
         for border in self._borders:
-            more, keys, blocks = border.hessian(x, gradient)
-            places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-            kept = self._keys[places] == keys  # of yarns that are farther astray only forces count
-            self._blocks.add_blocks(places[kept], blocks[kept].reshape(-1, 9), entries)
-            value += more
+            value += border.hessian(x, gradient, self._blocks, entries)
         return value, gradient, evenly_shifted(self.pattern, entries)
 
     def bound(self, x: Array, step: Array) -> float:
