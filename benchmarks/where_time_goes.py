@@ -43,8 +43,7 @@ KINDS = {
     "numerics/assembly._run": "kernels",
     "numerics/assembly.": "assembly",
     "numerics/block_pattern.": "assembly",
-    "shell/elastic/energy._evaluate": "kernels",
-    "shell/elastic/energy.part": "kernels",
+    "shell/elastic/energy.": "kernels",
     "files/": PICTURES,
     "show/": PICTURES,
 }
@@ -117,7 +116,20 @@ def cloth(out: Path) -> None:
 
 def direct(out: Path) -> None:
     """Every yarn of a stretched piece of stockinette with friction."""
-    size = ("--rows", "14", "--columns", "8", "--scene", "stretch", "--duration", "0.1", "--friction", "0.3")
+    size = (
+        "--rows",
+        "14",
+        "--columns",
+        "8",
+        "--scene",
+        "stretch",
+        "--duration",
+        "0.1",
+        "--friction",
+        "0.3",
+        "--method",
+        "direct",
+    )
     command("fabric", "stockinette", "--as-drawn", *size, "--out", str(out))
 
 
@@ -158,13 +170,13 @@ def shares(job: Callable[[Path], None]) -> Sampled:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("jobs", nargs="*", choices=[*JOBS, []], default=list(JOBS))
+    parser.add_argument("jobs", nargs="*", metavar="JOB", help=" ".join(JOBS))
     parser.add_argument("--functions", type=int, default=6, help="of each job, how many are listed")
     options = parser.parse_args()
     heads = [f"{PICTURES} [s]", "the rest [s]", *(f"{kind} [%]" for kind in ORDER), "over factors and kernels"]
     print("| " + " | ".join(["job", *heads]) + " |")
     print("|" + "---|" * (1 + len(heads)))
-    found = {name: shares(JOBS[name]) for name in options.jobs}
+    found = {name: shares(JOBS[name]) for name in options.jobs or JOBS}
     for name, sampled in found.items():
         total = sum(sampled.kinds[kind] for kind in ORDER)
         parts = " | ".join(f"{100 * sampled.kinds[kind] / total:.0f}" for kind in ORDER)

@@ -13,7 +13,7 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from yarnscale.arrays import Integers
@@ -57,10 +57,10 @@ class Fronts:
         columns = np.repeat(np.arange(size), np.diff(starts))
         node = _nodes(size, columns, rows)
         sizes = np.bincount(node)
-        graph = _graph(node, columns, rows)
-        order = _elimination_order(graph)
-        order = order[_postorder(_tree(*_permuted(graph, order)))]
-        graph = _permuted(graph, order)
+        links, count = _links(node, columns, rows), len(sizes)
+        order = _elimination_order(*_by_columns(links, count))
+        order = order[_postorder(_tree(*_by_columns(_inverse(order)[links], count)))]
+        graph = _by_columns(_inverse(order)[links], count)
         sizes = sizes[order]
         above = _tree(*graph)
         heights = _heights(*graph, above, sizes)
@@ -97,32 +97,31 @@ def _nodes(size: int, columns: Integers, rows: Integers) -> Integers:
     return np.cumsum(np.diff(met, prepend=met[:1]) != 0, dtype=np.int64)
 
 
-def _graph(node: Integers, columns: Integers, rows: Integers) -> csc_array:
-    """Symmetric graph of nodes, without its diagonal."""
+def _links(node: Integers, columns: Integers, rows: Integers) -> Integers:
+    """Pairs (2, m) of different nodes that meet, each in both orders."""
     leads = np.diff(node, prepend=-1) > 0
     met = leads[columns] & leads[rows] & (columns != rows)
-    first, second = node[columns[met]], node[rows[met]]
-    count = int(node[-1]) + 1
-    half = coo_array((np.full(len(first), -1.0), (first, second)), shape=(count, count))
-    return csc_array(half + half.T)
+    pairs = node[np.stack([columns[met], rows[met]])]
+    return np.concatenate([pairs, pairs[::-1]], axis=1)
 
 
-def _permuted(graph: csc_array, order: Integers) -> tuple[Integers, Integers]:
-    """Starts and rows of the columns of a graph in another order."""
-    new = graph[order][:, order]
-    return new.indptr.astype(np.int64), new.indices.astype(np.int64)
+def _by_columns(links: Integers, count: int) -> tuple[Integers, Integers]:
+    """Starts and rows of the columns of a graph of so many nodes."""
+    keys = np.sort(links[0] * count + links[1])
+    return np.searchsorted(keys, count * np.arange(count + 1)), keys % count
 
 
-def _elimination_order(graph: csc_array) -> Integers:
+def _elimination_order(starts: Integers, rows: Integers) -> Integers:
     """Nodes in an order that leaves little to fill in: nested dissection; without METIS multiple minimum degree."""
     try:
         from pymetis import CSRAdjacency, nested_dissection
     except ImportError:
-        dominant = csc_array(graph + diags_array(np.diff(graph.indptr) + 2.0))
+        graph = csc_array((np.full(len(rows), -1.0), rows, starts))
+        dominant = csc_array(graph + diags_array(np.diff(starts) + 2.0))
         options = {"SymmetricMode": True}
         return np.argsort(splu(dominant, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).perm_c)
-    links: Any = graph.indptr, graph.indices
-    return np.array(nested_dissection(CSRAdjacency(*links))[0], np.int64)
+    links: Any = CSRAdjacency(starts.astype(np.int32), rows.astype(np.int32))
+    return np.array(nested_dissection(links)[0], np.int64)
 
 
 @numba.njit(**_JIT)
