@@ -44,13 +44,14 @@ KINDS = {
     "numerics/assembly.": "assembly",
     "numerics/block_pattern.": "assembly",
     "shell/elastic/energy.": "kernels",
+    "cell/poisson.": "mid-surface",
     "files/": PICTURES,
     "show/": PICTURES,
 }
 """By how the innermost function of ours begins; of others, by the words below."""
-CONTACT = ("contact", "touch", "poisson", "pair", "friction", "search", "tree")
+CONTACT = ("contact", "touch", "pair", "friction", "search", "tree")
 LIMIT = ("factors, solves", "kernels")
-ORDER = (*LIMIT, "ordering", "assembly", "contact", "other")
+ORDER = (*LIMIT, "ordering", "assembly", "mid-surface", "contact", "other")
 STATES, AMOUNT = 40, 0.04
 """States of the cell, and how large their strains are."""
 
