@@ -120,6 +120,21 @@ def test_order_and_fronts_fill_hardly_more_than_a_general_library(metis: bool, m
     np.testing.assert_allclose(pattern.multiply(values, factor.solve(right)), right, atol=1e-11)
 
 
+@pytest.mark.parametrize("metis", [True, False])
+@pytest.mark.parametrize("links", [[], [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)], [(0, 1), (1, 2)]])
+def test_matrices_without_links_all_linked_and_with_a_last_row_of_its_own_are_solved(
+    links: list[tuple[int, int]], metis: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not metis:
+        monkeypatch.setitem(sys.modules, "pymetis", None)
+    columns, rows = np.array([(k, k) for k in range(4)] + links).T
+    pattern = SymmetricPattern.from_keys(4, np.sort(4 * columns + rows))
+    values = np.where(pattern.columns == pattern.rows, 5.0, 1.0)
+    factor, right = Factorisation(pattern), np.arange(1.0, 5.0)
+    assert factor.factor(values)
+    np.testing.assert_allclose(pattern.multiply(values, factor.solve(right)), right, atol=1e-12)
+
+
 def test_multiply_is_the_symmetric_product() -> None:
     matrix, pattern, values = system(15, 6)
     rng = np.random.default_rng(0)

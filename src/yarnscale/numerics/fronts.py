@@ -116,7 +116,8 @@ def _elimination_order(starts: Integers, rows: Integers) -> Integers:
     try:
         from pymetis import CSRAdjacency, nested_dissection
     except ImportError:
-        graph = csc_array((np.full(len(rows), -1.0), rows, starts))
+        count = len(starts) - 1
+        graph = csc_array((np.full(len(rows), -1.0), rows, starts), shape=(count, count))
         dominant = csc_array(graph + diags_array(np.diff(starts) + 2.0))
         options = {"SymmetricMode": True}
         return np.argsort(splu(dominant, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).perm_c)
