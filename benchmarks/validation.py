@@ -109,7 +109,7 @@ class Case:
     @property
     def name(self) -> str:
         kinds = [f"cloth-{1e3 * self.spacing:g}mm"] if self.spacing else []
-        kinds += [f"friction-{self.friction:g}"] if self.friction else []
+        kinds += [f"friction-{self.friction:g}"] if self.friction is not None else []
         return "-".join([self.scene, self.direction, f"{1e3 * self.size:g}mm", *kinds])
 
 
@@ -308,7 +308,7 @@ def cloth_of(asked: Scenario, material: ShellMaterial, spacing: float) -> Cloth:
     return Cloth(mesh, material, contact=contact, obstacles=(sphere,), damping=FALL_DAMPING)
 
 
-def material_of(asked: Scenario, folder: Path, *, visit: bool = False) -> Path:
+def material_file(asked: Scenario, folder: Path, *, visit: bool = False) -> Path:
     """The homogenized material that a pattern's folder keeps; visit: sampled too where the cloth of its cases went."""
     path = folder / "material.json"
     if visit or not path.exists():
@@ -339,8 +339,8 @@ def with_sliders(asked: Scenario, elastic: Path, friction: float) -> Path:
 def by_cloth(case: Case, asked: Scenario, folder: Path, options: argparse.Namespace) -> None:
     """The homogenized cloth."""
     assert case.spacing is not None
-    path = material_of(asked, folder.parent)
-    if case.friction:
+    path = material_file(asked, folder.parent)
+    if case.friction is not None:
         path = with_sliders(asked, path, case.friction)
     cloth = cloth_of(asked, read_material(path), case.spacing)
     parts = case, asked, folder, ClothState, options.cloth_step
@@ -405,7 +405,7 @@ if __name__ == "__main__":
     asked_for = [] if chosen.table else cases(chosen)
     for one in {one.pattern: one for one in asked_for if chosen.visit}.values():
         place = chosen.out / one.pattern
-        material_of(scenario(one, place), place, visit=True)
+        material_file(scenario(one, place), place, visit=True)
     for one in asked_for:
         place = chosen.out / one.pattern
         began = time.perf_counter()

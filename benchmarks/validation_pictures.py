@@ -46,9 +46,9 @@ def chosen_pairs(options: argparse.Namespace) -> dict[tuple[str, str], list[tupl
     found: dict[tuple[str, str], list[tuple[Kept, Kept]]] = {}
     for yarns, cloth in pairs(kept_runs(options.folder)):
         case = yarns.case
-        asked = case["scene"] == options.scene and case["size"] == options.size
-        asked = asked and cloth is not None and options.cloth_friction == (cloth.case["friction"] is not None)
-        if asked and cloth is not None and yarns.outcome and cloth.outcome:
+        if cloth is None or (case["scene"], case["size"]) != (options.scene, options.size):
+            continue
+        if options.cloth_friction == (cloth.case["friction"] is not None) and yarns.outcome and cloth.outcome:
             found.setdefault((case["pattern"], case["direction"]), []).append((yarns, cloth))
     for runs in found.values():
         runs.sort(key=lambda pair: abs(pair[0].case["friction"] - options.friction))

@@ -102,10 +102,10 @@ def kind_of(function: str) -> str:
 
 def cell(_: Path) -> None:
     """Random strains of stockinette, each from rest."""
-    files = [material_library.file_of("stockinette-wool", k) for k in (material_library.PATTERN,) * 2]
-    yarns = read_yarns(files[1])
+    file = material_library.file_of("stockinette-wool", material_library.PATTERN)
+    yarns = read_yarns(file)
     assert yarns is not None
-    relaxed, rng = PeriodicCell(read_pattern(files[0]), yarns), np.random.default_rng(0)
+    relaxed, rng = PeriodicCell(read_pattern(file), yarns), np.random.default_rng(0)
     for _ in range(STATES):
         relaxed.relax(ShellStrain.from_vector(rng.normal(size=6) * AMOUNT * [1, 1, 1, 500, 500, 500]))
 
@@ -117,21 +117,9 @@ def cloth(out: Path) -> None:
 
 def direct(out: Path) -> None:
     """Every yarn of a stretched piece of stockinette with friction."""
-    size = (
-        "--rows",
-        "14",
-        "--columns",
-        "8",
-        "--scene",
-        "stretch",
-        "--duration",
-        "0.1",
-        "--friction",
-        "0.3",
-        "--method",
-        "direct",
-    )
-    command("fabric", "stockinette", "--as-drawn", *size, "--out", str(out))
+    size = ("--rows", "14", "--columns", "8", "--as-drawn")
+    scene = ("--scene", "stretch", "--duration", "0.1", "--friction", "0.3")
+    command("fabric", "stockinette", "--method", "direct", *size, *scene, "--out", str(out))
 
 
 def volume(out: Path) -> None:

@@ -11,6 +11,7 @@ from yarnscale.drawing.library import build, structure
 from yarnscale.drawing.stitches import StitchChart
 from yarnscale.errors import InputError
 from yarnscale.fabric import spline_contacts
+from yarnscale.fabric.sheet_scene import SheetScene
 from yarnscale.fabric.spline_knit import CurvePoints, SplineFabric, jersey, spline_fabric
 from yarnscale.fabric.spline_model import SplineEnergy
 from yarnscale.fabric.spline_motion import SplineMotion
@@ -46,7 +47,7 @@ def test_which_rows_are_full_yarns(fabric: SplineFabric) -> None:
     assert rows_of_cells(fabric.unclosed(), None) == range(5)
     assert rows_of_cells(jersey(2, 2, WOOL), jersey(2, 2, WOOL).top) == range(1)
     volume = BoundingVolume.around(fabric.control, (4, 4))
-    assert isinstance(cells_of(SplineEnergy(fabric.unclosed()), volume, None), VolumeCells)
+    assert isinstance(cells_of(SplineEnergy(fabric.unclosed()), volume, None, loaded=False), VolumeCells)
     for yarns in ([2], [0, 4], [0, 1, 2, 3, 4]):
         with pytest.raises(InputError, match="held rows"):
             rows_of_cells(fabric, CurvePoints(np.array(yarns), np.full(len(yarns), 3.0)))
@@ -123,3 +124,10 @@ def test_falls_as_all_yarns_do(fabric: SplineFabric) -> None:
         assert moving.distances_from_places(motion)["held row"] < 1e-9 and not moving.touch.lasting(motion.passages)
         drops.append((moving.yarns(moving.start).positions - moving.yarns(motion).positions)[:, 1].mean())
     assert drops[1] == pytest.approx(drops[0], rel=0.1) and drops[0] > 2e-4
+
+
+def test_held_points_are_refused_beside_loads(fabric: SplineFabric) -> None:
+    volume = BoundingVolume.around(fabric.control, (4, 5))
+    loads = SheetScene((0.0, -9.81, 0.0))
+    with pytest.raises(InputError, match="none beside loads"):
+        SplineMotion(fabric, volume=volume, reduction="homogenized", held=fabric.top, loads=loads)

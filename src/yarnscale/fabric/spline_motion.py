@@ -83,7 +83,7 @@ class SplineMotion(Body[YarnMotion]):
     elsewhere they press on each other (``SplineTouch``); in a volume yarns need no constraints, and only those of the
     cells and full yarns of a homogenized one press on each other. reduction: of a volume; a homogenized one has full
     yarns where it is held and cast on (``RowsOnCells``), loads at its mid-surface, and implicit steps only. tolerance:
-    of these, forces left over per weight of the fabric; enough: share of ``fall_energy`` that an iteration must gain to
+    of steps, forces left over per weight of the fabric; enough: share of ``fall_energy`` that an iteration must gain to
     go on, by default ``ENOUGH`` with loads, whose steps are kept as they are, and in homogenized volumes, else 0;
     iterations: of Newton, the most in a step, by default 12 with loads, else 50. method: of steps; integrator: of
     implicit ones. energy: of the fabric's yarns, if it is known. Raises InputError.
@@ -125,7 +125,8 @@ class SplineMotion(Body[YarnMotion]):
         self.integrator: Integrator = checked_integrator(integrator)
         self.halvings, self.off_place = 4 if method == "implicit" else 0, fabric.radius
         self.of_yarns = energy if energy is not None else SplineEnergy(fabric)
-        self.cells = cells_of(self.of_yarns, volume, held) if volume is not None and homogenized else None
+        loaded = loads is not None
+        self.cells = cells_of(self.of_yarns, volume, held, loaded) if volume is not None and homogenized else None
         self.energy = self.of_yarns if self.cells is None else self.cells
         self.load = self.energy.weight(self.gravity)
         standard = self.energy.weight(np.asarray(STANDARD_GRAVITY))
@@ -150,9 +151,8 @@ class SplineMotion(Body[YarnMotion]):
         if self.cells is not None:
             start, moved = self.cells.at_rest.copy(), len(self.load) // 3
         else:
-            start, moved = self.fabric.control.reshape(-1, 3).copy(), None
-            if self.volume is not None:
-                start = self.volume.control_at_rest.copy()
+            rest = self.fabric.control.reshape(-1, 3) if self.volume is None else self.volume.control_at_rest
+            start, moved = rest.copy(), None
         start[:moved] += self.displacement
         return YarnMotion(start, np.zeros_like(start))
 
@@ -213,7 +213,7 @@ class SplineMotion(Body[YarnMotion]):
         return {"held row": float(np.linalg.norm(away.reshape(-1, 3), axis=1).max(initial=0.0))}
 
     def times_mass(self, vector: Array) -> Array:
-        """M v of the points that have mass, (3n,): the yarns' control points, or the first ones of ``VolumeCells``."""
+        """M v of the points that have mass, (3n,): control points of yarns, of full yarns and of mid-surfaces."""
         return (self._mass @ vector[: len(self.load)].reshape(-1, 3)).ravel()
 
     def energies(self, motion: YarnMotion) -> dict[str, float]:

@@ -42,7 +42,7 @@ def rows_of_cells(fabric: SplineFabric, held: CurvePoints | None) -> range:
         last = int(rows[0])
         if last < 1 or len(rows) < yarns - last:
             found = f"rows {rows.tolist()} of {yarns}"
-            wanted = "the last ones, and a row below"
+            wanted = "the last ones, and at least one row that is free"
             raise InputError("held rows of a homogenized volume", expected=wanted, found=found)
         first = min(first, max(last - _BESIDE, 0))
         last -= last - first > _BESIDE
@@ -231,7 +231,8 @@ class RowsOnCells:
         value = self.cells.value(x[self._own :])
         if value == math.inf:
             return value
-        return value + sum(border.rows.value(border.control(x)) for border in self._borders)
+        value += sum(border.rows.value(border.control(x)) for border in self._borders)
+        return value if math.isfinite(value) else math.inf
 
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (size,) [N]."""
@@ -267,8 +268,15 @@ def _within(fabric: SplineFabric, volume: BoundingVolume, rows: range) -> tuple[
     return part, volume.along_y(float(y.min()), float(y.max()))
 
 
-def cells_of(yarns: SplineEnergy, volume: BoundingVolume, held: CurvePoints | None) -> VolumeCells | RowsOnCells:
-    """A fabric in a homogenized volume, outermost rows as full yarns where it has such. Raises InputError."""
+def cells_of(
+    yarns: SplineEnergy, volume: BoundingVolume, held: CurvePoints | None, loaded: bool
+) -> VolumeCells | RowsOnCells:
+    """A fabric in a homogenized volume, outermost rows as full yarns where it has such. Raises InputError.
+
+    loaded: by handles or obstacles, which act on the mid-surface, so that there are no held points.
+    """
+    if loaded and held is not None:
+        raise InputError("held points in a homogenized volume", expected="none beside loads, which have handles")
     inner = rows_of_cells(yarns.fabric, held)
     return VolumeCells(yarns, volume) if len(inner) == yarns.fabric.yarn_count else RowsOnCells(yarns, volume, inner)
 
