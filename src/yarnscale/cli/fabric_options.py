@@ -71,8 +71,8 @@ def add_fabric_options(add: Add) -> None:
     option(
         "--reduction", choices=("homogenized", "published"),
         help="elasticity of a volume of splines: homogenized, that of periodic cells of its stitches on the volume's "
-        "mid-surface, with held and cast-on rows as full yarns; published, that of yarns fixed in the volume (LOD03), which hardly moves. Default: homogenized, "
-        "with --explicit and --adaptive published; rods always are published",
+        "mid-surface, with held and cast-on rows as full yarns; published, that of yarns fixed in the volume (LOD03), "
+        "which hardly moves. Default: homogenized, with --explicit and --adaptive published; rods always are published",
     )  # fmt: skip
     adaptive = "insert knots of a published volume where the motion needs them"
     option("--adaptive", action="store_true", help=adaptive)
