@@ -74,7 +74,8 @@ def rendered(yarns: Kept, cloth: Kept) -> list[NDArray[np.uint8]]:
                 back = {"color": theme.CLOTH_BACK}
                 plotter.add_mesh(surface, color=theme.CLOTH_FRONT, backface_params=back, smooth_shading=True)
             if ball:
-                plotter.add_mesh(pyvista.Sphere(*reversed(ball)), color=theme.OBSTACLE)
+                centre, radius = ball
+                plotter.add_mesh(pyvista.Sphere(center=centre, radius=radius), color=theme.OBSTACLE)
             aim(plotter, whole, camera=EYES[yarns.case["scene"]])
             found.append(plotter.screenshot(return_img=True))
     return found
