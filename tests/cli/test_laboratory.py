@@ -71,6 +71,7 @@ def test_a_cell_with_friction_is_tested_in_cycles(tmp_path, capsys):
     wool = PRESETS["hylc2020-stockinette"]
     write_yarn_material(replace(wool, contact=replace(wool.contact, friction=0.3)), tmp_path / "yarn.toml")
     options += ["--material", str(tmp_path / "yarn.toml")]  # whose friction it takes
+    # The smallest cell: knits take several times as long.
     assert main(["test", "plain", *options, "--cycles", "1", "--out", str(out)]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["friction"] == 0.3
