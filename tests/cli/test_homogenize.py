@@ -2,52 +2,36 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from yarnscale.cell import PeriodicCell
 from yarnscale.cli import main
 from yarnscale.drawing import library
 from yarnscale.errors import InputError
-from yarnscale.files.patterns import read_pattern, write_pattern
-from yarnscale.homogenize.executors import kept_workers
+from yarnscale.files.patterns import write_pattern
 from yarnscale.yarn.material import PRESETS
 
-SMALL = (
-    "--form",
-    "hylc2020",
-    "--solves",
-    12,
-    "--workers",
-    1,
-    "--stretch",
-    "-0.05,0.1",
-    "--shear",
-    0.1,
-    "--curvature",
-    0.01,
-)
 
-
-def _stress(run, folder: Path) -> np.ndarray:  # type: ignore[no-untyped-def]
-    outcome = run("evaluate", folder / "material.json", "--strain", "0,0,0,0,0,0", "--json")
-    return np.array(json.loads(outcome.out)["stress"])[:3]
-
-
-def test_built_in_patterns_are_settled_first(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_built_in_patterns_are_settled_first(monkeypatch, tmp_path: Path) -> None:
     """Fabric at rest carries no stress; the drawing of a plain weave does, and resists --as-drawn."""
-    with kept_workers():
-        assert run("homogenize", "plain", "--out", tmp_path / "rest", *SMALL).status == 0
-        assert run("homogenize", "plain", "--as-drawn", "--out", tmp_path / "drawn", *SMALL).status == 0
-    rest, drawn = _stress(run, tmp_path / "rest"), _stress(run, tmp_path / "drawn")
-    assert np.abs(rest).max() < 0.02 * np.abs(drawn).max()
-    kept = read_pattern(tmp_path / "rest" / "pattern.json")
-    assert not np.allclose(kept.period, library.build("plain").period, rtol=1e-3)
-    drawn = read_pattern(tmp_path / "drawn" / "pattern.json")
-    assert drawn.content_hash() == library.build("plain").content_hash()
+    cells: list[PeriodicCell] = []
+
+    def stopped(cell: PeriodicCell, *_, **__) -> None:
+        cells.append(cell)
+        raise InputError("enough")
+
+    monkeypatch.setattr("yarnscale.cli.materials.homogenize_into", stopped)
+    for name, options in (("rest", []), ("drawn", ["--as-drawn"])):
+        assert main(["homogenize", "plain", "--out", str(tmp_path / name), *options]) == 2
+    rest, drawn = (np.abs(cell.relax().stress[:3]).max() for cell in cells)
+    assert rest < 0.02 * drawn
+    settled, built = cells[0].pattern, library.build("plain")
+    assert not np.allclose(settled.period, built.period, rtol=1e-3)
+    assert cells[1].pattern.content_hash() == built.content_hash()
 
 
 @pytest.mark.parametrize(("options", "expected"), [([], 0.25), (["--friction", "0"], 0.0)])
