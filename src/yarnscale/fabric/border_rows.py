@@ -17,8 +17,8 @@ from yarnscale.numerics.assembly import StencilSet, position_variables
 from yarnscale.numerics.block_pattern import BlockPattern
 from yarnscale.numerics.regularisation import ShiftedHessian
 
-_ASTRAY = 4.0
-"""How much farther than they touch chords may be from each other at rest to touch ever [r]."""
+_MOST_APART = 4.0
+"""How much farther apart than where they touch chords may be at rest to have a place in Hessians of full yarns [r]."""
 
 
 class BorderRows:
@@ -46,8 +46,8 @@ class BorderRows:
         lower = np.tril_indices(tied.shape[1])
         slots = blocks.slots(tied).transpose(0, 2, 1).reshape(-1, len(lower[0]))
         self._stitch_slots, self._lower = slots[: len(tied)].ravel(), lower
-        self.meeting = _incidence([segments, self._stitches.nodes, self.touch.near(_ASTRAY)], len(rest))
-        """Elements (e, n) with the control points that meet in each: segments, stitches, pairs that may ever touch."""
+        self.meeting = _incidence([segments, self._stitches.nodes, self.touch.near(_MOST_APART)], len(rest))
+        """Elements (e, n) with the control points that meet in each: segments, stitches, pairs that may touch."""
 
     def value(self, control: Array) -> float:
         """Energy [J]."""

@@ -35,8 +35,8 @@ def _kernels() -> tuple[Kernel, Kernel]:
 class VolumePoints:
     """Points x = φ + R (û + z e3) as a function of a volume's unknowns (m, 3) [m].
 
-    φ and R: the mid-surface and its frame there; û: weighted sum of the fluctuations of cells; z (k,) [m]. nodes:
-    (k, b) the unknowns that are behind each point, threes of numbers, increasing.
+    φ and R: the mid-surface and its frame there; û: weighted sum of the fluctuations of cells; z: heights at rest
+    (k,) [m]. nodes: (k, b) rows of the unknowns that are behind each point, increasing.
     """
 
     def __init__(self, surface: SurfacePoints, nodes: Integers, shares: Array, heights: Array) -> None:

@@ -22,7 +22,7 @@ from yarnscale.fabric.spline_model import SplineEnergy, evenly_shifted
 from yarnscale.fabric.volume import BoundingVolume
 from yarnscale.fabric.volume_cells import Reduction, VolumeCells, cell_unknowns
 from yarnscale.numerics.block_pattern import BlockPattern
-from yarnscale.numerics.factor import SymmetricPattern, places_among
+from yarnscale.numerics.factor import SymmetricPattern, by_rows, places_among
 from yarnscale.numerics.regularisation import ShiftedHessian
 
 _BESIDE = 2
@@ -83,7 +83,7 @@ class _Border:
         meeting = self.rows.meeting @ groups
         lower = tril(meeting.T @ meeting).tocoo()
         self.keys = lower.col.astype(np.int64) * (self._size // 3) + lower.row
-        """Threes of unknowns that meet in the Hessian."""
+        """Pairs of points of unknowns that meet in the Hessian, as keys."""
         self._laid: tuple[SymmetricPattern, tuple[Integers, ...], tuple[Integers, Integers] | None] | None = None
 
     def _joined(self, own: Array, beside: Array) -> Array:
@@ -138,7 +138,7 @@ class _Border:
 
     @staticmethod
     def _placed(blocks: BlockPattern, row: Integers, column: Integers) -> tuple[Integers, Integers]:
-        """Which blocks below the diagonal are in a pattern, and where: of yarns that are astray only forces count."""
+        """Which blocks below the diagonal are in a pattern, and where; others are of yarns far apart at rest."""
         known, keys = blocks.keys, column.astype(np.int64) * (len(blocks.starts) - 1) + row
         places = np.minimum(np.searchsorted(known, keys), len(known) - 1)
         kept = np.flatnonzero((row >= column) & (known[places] == keys))
@@ -147,12 +147,11 @@ class _Border:
 
 def _whole(pattern: SymmetricPattern) -> tuple[Integers, Integers, Integers]:
     """Both triangles of a symmetric matrix by rows: places of the entries in the pattern, columns, begins of rows."""
-    rows, columns, number = pattern.rows, pattern.columns, np.arange(1.0, pattern.entries + 1)
-    below = rows > columns
-    places = np.concatenate([rows, columns[below]]), np.concatenate([columns, rows[below]])
-    marks = csr_array((np.concatenate([number, number[below]]), places), shape=(pattern.size, pattern.size))
-    order, columns, begins = (part.astype(np.int64) for part in (np.rint(marks.data), marks.indices, marks.indptr))
-    return order - 1, columns, begins
+    rows, columns = pattern.rows, pattern.columns
+    below = np.flatnonzero(rows > columns)
+    both = np.concatenate([rows, columns[below]]), np.concatenate([columns, rows[below]])
+    order, columns, begins = by_rows(*both, pattern.size)
+    return np.concatenate([np.arange(pattern.entries), below])[order], columns, begins
 
 
 class RowsOnCells:

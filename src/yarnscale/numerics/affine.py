@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from yarnscale.arrays import Array, Integers
-from yarnscale.numerics.factor import SymmetricPattern
+from yarnscale.numerics.factor import SymmetricPattern, by_rows
 from yarnscale.numerics.kkt import QuadraticModel
 from yarnscale.numerics.newton import Objective
 
@@ -71,9 +71,8 @@ class _NodePull:
                 source = np.concatenate([own, turned])
                 r = np.concatenate([inner.rows[own], columns[turned]]) // 3
                 c = np.concatenate([columns[own], inner.rows[turned]]) // 3
-                marks = csr_array((np.arange(1.0, len(source) + 1), (r, c)), shape=(nodes, nodes))
-                order = source[np.rint(marks.data).astype(np.int64) - 1]
-                self._blocks.append((k, other, order, marks.indices, marks.indptr))
+                order, indices, begins = by_rows(r, c, nodes)
+                self._blocks.append((k, other, source[order], indices, begins))
 
     def entries(self, values: Array) -> Array:
         nodes, whole = len(self._blocks[0][4]) - 1, np.empty((self._count, 3, self._count, 3))

@@ -86,6 +86,12 @@ def places_among(keys: Integers, wanted: Integers) -> Integers | None:
     return places if np.array_equal(keys[places], wanted) else None
 
 
+def by_rows(rows: Integers, columns: Integers, size: int) -> tuple[Integers, Integers, Integers]:
+    """Entries of a square matrix, row after row: their numbers among those given, columns, where each row begins."""
+    order = np.argsort(rows * size + columns)
+    return order, columns[order], np.searchsorted(rows[order], np.arange(size + 1))
+
+
 @numba.njit(cache=True, error_model="numpy")
 def _multiply(starts, rows, values, x, product):
     for j in range(len(starts) - 1):
